@@ -128,11 +128,12 @@ class Device(ABC, Generic[Sample]):
             raise DeviceTimeoutError(f"{self.name}: gave no sample within {timeout:g} s; its state: {state}.")
         return sample
 
-    def observe(self, max_age: float) -> tuple[Sample | None, float, str]:
+    def observe(self, max_age: float, now: float | None = None) -> tuple[Sample | None, float, str]:
         """What is known now, without waiting.
 
         Args:
             max_age: of a sample that counts, s.
+            now: when its age counts, s since the epoch, as `DeviceBus.keep_up` tells; None: by the bus's clock.
 
         Returns:
             The newest sample (None: there is none, or it is stale), its age in s (infinite before the first), and the
@@ -141,7 +142,7 @@ class Device(ABC, Generic[Sample]):
         sample = self._newest
         if sample is None:
             return None, math.inf, self.status
-        age = self.bus.clock.time() - sample.time
+        age = (self.bus.clock.time() if now is None else now) - sample.time
         # A stamp from the future is no fresher: then two clocks differ, and the age says nothing.
         if abs(age) > max_age:
             return None, age, f"stale: {age:.2f} s" + ("" if self.status == OK else f"; {self.status}")

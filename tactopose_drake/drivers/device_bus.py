@@ -191,16 +191,21 @@ class DeviceBus:
                 raise self._end
             self.pump(left)
 
-    def keep_up(self, elapsed: float) -> None:
+    def keep_up(self, elapsed: float) -> float:
         """Does the bus's work up to `elapsed` s after the origin, unless its thread does it.
 
         For who has a clock of his own, such as a simulator that replays a log. After the log's end only time goes on.
+
+        Returns:
+            What time that is, s since the epoch. Where the caller's clock has gone back, the bus's is ahead of it.
         """
         if self._threaded:
-            return
+            return self.clock.time()
+        now = self.origin + elapsed
         with contextlib.suppress(EndOfLogError):
-            self.run_until(self.origin + elapsed)
-        self.clock.sleep(max(0.0, self.origin + elapsed - self.clock.time()))
+            self.run_until(now)
+        self.clock.sleep(max(0.0, now - self.clock.time()))
+        return now
 
     def pump(self, timeout: float) -> None:
         """One turn of the bus's work: waits for a frame, hands it on, lets the devices send what is due.

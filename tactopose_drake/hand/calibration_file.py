@@ -124,7 +124,7 @@ class HandCalibration:
             positive_number(f"noise.{field.name}", getattr(self.noise, field.name))
 
     def check_names(self, joints: Iterable[str], fingers: Iterable[str]) -> None:
-        """Raises UnknownNameError if it is not of a hand with these joints and fingers."""
+        """Raises UnknownNameError if it is not of a hand with these encoders' joints and these fingers."""
         joints, fingers = list(joints), list(fingers)
         for joint in self.joint_offsets:
             if joint not in joints:

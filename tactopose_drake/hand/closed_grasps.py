@@ -17,10 +17,9 @@ from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_gains import thicker
-from tactopose_drake.hand.encoder_offsets import measured_joints
 from tactopose_drake.hand.felt_grasps import RecordedGrasp
 from tactopose_drake.hand.hand_errors import FingerErrors, HandErrors
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
 from tactopose_drake.hand.joint_matrices import joint_offsets
 from tactopose_drake.hand.kinematics import HandKinematics
 

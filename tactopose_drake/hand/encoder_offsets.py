@@ -8,7 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
 from tactopose_drake.hand.joint_matrices import joint_matrix
 
 SLIDE = 0.001 / math.radians(1.0)  # m of a sliding joint that count as a radian
@@ -38,10 +38,3 @@ def encoder_gains(plant: MultibodyPlant, hand: Hand) -> EncoderGains:
     joints = [plant.GetJointByName(name, hand.model_instance) for name in names]
     units = np.array([SLIDE if isinstance(joint, PrismaticJoint) else 1.0 for joint in joints])
     return EncoderGains(names, joint_matrix(plant, hand, names) * units)
-
-
-def measured_joints(plant: MultibodyPlant, hand: Hand) -> tuple[str, ...]:
-    """The joints that an encoder measures: those that move and follow no other."""
-    followers = {coupling.joint for finger in hand.config.fingers for coupling in finger.couplings}
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    return tuple(joint.name() for joint in joints if joint.num_positions() == 1 and joint.name() not in followers)

@@ -16,9 +16,8 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, finite_array, instance_of
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.contact_gains import contact_gains, thicker
-from tactopose_drake.hand.encoder_offsets import measured_joints
 from tactopose_drake.hand.hand_errors import FingerErrors, HandErrors
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
 from tactopose_drake.hand.joint_paths import JointPaths
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.hand.named_joints import NamedJoints, check_near_limits

@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, Frame, Joint, PrismaticJoint, RevoluteJoint, WeldJoint
+from pydrake.multibody.tree import BodyIndex, Frame, PrismaticJoint, RevoluteJoint, WeldJoint
 
 from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import FingerConfig
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, joints_by_child
 
 
 def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
@@ -44,6 +44,19 @@ def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
     )
 
 
+def checked_limits(finger: FingerConfig, chain: SerialChain) -> str:
+    """The limits of a finger's actuated joints in words.
+
+    Raises:
+        InvalidInputError: if a joint has none, or cannot move between them.
+    """
+    limits = zip(finger.joints, chain.lower, chain.upper, strict=True)
+    text = f"joint limits: {', '.join(f'{name} {low:.3g} to {high:.3g}' for name, low, high in limits)}"
+    if not np.all(np.isfinite([*chain.lower, *chain.upper])) or not np.all(chain.lower < chain.upper):
+        raise InvalidInputError(f"finger {finger.name!r}: {text}; planned grasps need finite ones that differ.")
+    return text
+
+
 @dataclasses.dataclass
 class _Link:
     """A joint that moves, the pose of its frame in what comes before it, and of the child's body in its frame."""
@@ -59,11 +72,12 @@ def _links(plant: MultibodyPlant, hand: Hand, finger: str) -> tuple[list[_Link],
     Raises:
         InvalidInputError: as `finger_chain`.
     """
-    joint_of_child = _joints_by_child(plant, hand)
+    joint_of_child = joints_by_child(plant, hand)
     sensor_frame, body = hand.sensor_frames[finger], hand.sensor_frames[finger].body()
     X_last: RigidTransform = sensor_frame.GetFixedPoseInBodyFrame()
     links: list[_Link] = []
-    while body.index() != hand.palm_frame.body().index():
+    on_palm = welded_bodies(plant, hand.palm_frame)
+    while body.index() not in on_palm:
         if body.index() not in joint_of_child:
             raise InvalidInputError(
                 f"finger {finger!r}: its sensor frame {sensor_frame.name()!r} is not carried by the palm's link "
@@ -89,7 +103,8 @@ def _links(plant: MultibodyPlant, hand: Hand, finger: str) -> tuple[list[_Link],
         body = joint.parent_body()
     if not links:
         raise InvalidInputError(f"finger {finger!r}: no joint moves its sensor frame {sensor_frame.name()!r}.")
-    links[-1].X_parent = hand.palm_frame.GetFixedPoseInBodyFrame().inverse() @ links[-1].X_parent
+    X_PBody = plant.CalcRelativeTransform(plant.CreateDefaultContext(), hand.palm_frame, body.body_frame())
+    links[-1].X_parent = X_PBody @ links[-1].X_parent
     return links[::-1], X_last
 
 
@@ -102,10 +117,10 @@ def joints_towards(plant: MultibodyPlant, hand: Hand, frame: Frame, start: str |
         frame: on the hand.
         start: link from which on joints count; the palm's by default.
     """
-    joint_of_child = _joints_by_child(plant, hand)
-    first = hand.palm_frame.body() if start is None else plant.GetFrameByName(start, hand.model_instance).body()
-    body, names = frame.body(), []
-    while body.index() != first.index() and body.index() in joint_of_child:
+    joint_of_child = joints_by_child(plant, hand)
+    first = hand.palm_frame if start is None else plant.GetFrameByName(start, hand.model_instance)
+    body, names, on_first = frame.body(), [], welded_bodies(plant, first)
+    while body.index() not in on_first and body.index() in joint_of_child:
         joint = joint_of_child[body.index()]
         if joint.num_positions():
             names.append(joint.name())
@@ -113,10 +128,9 @@ def joints_towards(plant: MultibodyPlant, hand: Hand, frame: Frame, start: str |
     return names[::-1]
 
 
-def _joints_by_child(plant: MultibodyPlant, hand: Hand) -> dict[BodyIndex, Joint]:
-    """The hand's joints by the index of the body that each one moves."""
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    return {joint.child_body().index(): joint for joint in joints}
+def welded_bodies(plant: MultibodyPlant, frame: Frame) -> set[BodyIndex]:
+    """The body that a frame is on, and those that no joint moves in it."""
+    return {body.index() for body in plant.GetBodiesWeldedTo(frame.body())}
 
 
 def _axis(joint: RevoluteJoint | PrismaticJoint) -> FloatArray:

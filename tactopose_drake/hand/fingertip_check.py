@@ -6,9 +6,10 @@ from pydrake.geometry import Role, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.hand.findings import Entry, Finding, Verdict
+from tactopose_drake.hand.finger_chain import welded_bodies
 from tactopose_drake.hand.fingertip_fit import fingertip_fit
 from tactopose_drake.hand.fingertip_outline import fit_fingertip
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, joints_by_child
 
 _LIES_ON_IT = 0.95  # share of a fingertip's surface within 1 mm of the shapes from which on no other is sought
 _FAR_BETTER, _GOOD_ENOUGH = 1.5, 5e-4  # of fingertip surfaces: ratio of residuals, and a residual, m
@@ -38,11 +39,9 @@ def _bare(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: st
     """What to name instead of a link without a shape: the nearest one towards the palm that has one."""
     part, tip = f"fingertip {finger}", hand.welds[finger].child_body()
     text = f"the link {tip.name()!r} has no collision shape, which its surface could be compared with"
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    before = {joint.child_body().index(): joint for joint in joints}
-    inspector = scene_graph.model_inspector()
-    body = tip
-    while body.index() in before and body.index() != hand.palm_frame.body().index():
+    inspector, on_palm = scene_graph.model_inspector(), welded_bodies(plant, hand.palm_frame)
+    body, before = tip, joints_by_child(plant, hand)
+    while body.index() in before and body.index() not in on_palm:
         joint = before[body.index()]
         if inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(body.index()), Role.kProximity):
             text += f"; the nearest one that has is {body.name()!r} behind the joint {joint.name()!r}"

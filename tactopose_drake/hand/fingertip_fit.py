@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.geometry import Role, SceneGraphInspector
+from pydrake.geometry import SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.hand.hand_in_plant import Hand
-from tactopose_drake.hand.shape_depth import shape_depth
+from tactopose_drake.hand.shape_depth import body_depths
 
 _POINTS = 400
 _NEAR = 0.001  # m
@@ -43,14 +43,8 @@ def fingertip_fit(
     context = plant.CreateDefaultContext()
     X_TipS = plant.CalcRelativeTransform(context, tip.body_frame(), hand.sensor_frames[finger])
     p_TipQ = X_TipS.multiply(surface.sample(np.random.default_rng(0), _POINTS).T).T
-    depths = []
-    for geometry in inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(tip.index()), Role.kProximity):
-        depth = shape_depth(inspector.GetShape(geometry))
-        if depth is not None:
-            p_GQ = inspector.GetPoseInFrame(geometry).inverse().multiply(p_TipQ.T).T
-            depths.append([depth.at(p) for p in p_GQ])
-    if not depths:
+    deepest = body_depths(plant, inspector, tip, p_TipQ)
+    if deepest is None:
         return None
-    deepest = np.max(depths, axis=0)
     share = float(np.mean(np.abs(deepest) < _NEAR))
     return FingertipFit(share, float(max(0.0, -deepest.min())), float(max(0.0, deepest.max())))

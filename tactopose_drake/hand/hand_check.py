@@ -22,10 +22,10 @@ from tactopose_drake.hand.findings import Entry, Finding, fault
 from tactopose_drake.hand.finger_chain import joints_towards
 from tactopose_drake.hand.fingertip_check import check_fingertips
 from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
-from tactopose_drake.hand.hand_in_plant import Hand, add_hand
+from tactopose_drake.hand.hand_in_plant import Hand, add_hand, make_hand_plant
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.hand.joint_check import check_joints
-from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tactopose_drake.hand.pad_check import check_pads
 from tactopose_drake.resources import complaint_kind
 
 _SLOWEST = 0.5  # s that a joint's damping may take to let the default grasp controller's spring close it
@@ -109,7 +109,8 @@ def _check(config: HandConfig, complaints: list[str]) -> HandCheck:
         *check_fingertips(plant, scene_graph, hand),
         *_contact(plant, scene_graph, hand, context),
         *_dynamics(plant, hand, context),
-        *_pads(config),
+        *check_pads(plant, scene_graph, hand),
+        *_calibration(config),
     )
     if not any(finding.verdict == "fault" and finding.part != "contact" for finding in findings):
         findings += tuple(_reach(config))
@@ -238,7 +239,7 @@ def _reach(config: HandConfig) -> Iterator[Finding]:
     for name, finger in reach.fingers.items():
         low, high = finger.reached.min(axis=0), finger.reached.max(axis=0)
         yield Finding(f"finger {name}", f"its fingertip reaches {_box(low, high)} in the palm frame")
-    source = "its file's" if config.grip_low and config.grip_high else "found, as its file names none"
+    source = "its file's" if config.grip_low else "found, as its file names none"
     yield Finding("grip", f"region where it holds things ({source}): {_box(reach.grip_low, reach.grip_high)}")
 
 
@@ -247,11 +248,12 @@ def _box(low: np.ndarray, high: np.ndarray) -> str:
     return ", ".join(f"{axis} {a:.0f} to {b:.0f}" for axis, a, b in sides) + " mm"
 
 
-def _pads(config: HandConfig) -> Iterator[Finding]:
-    for pad in config.pads:
-        try:
-            cells = len(load_tactile_pad(pad.array).layout.areas)
-        except InvalidInputError as error:
-            yield fault(f"pad {pad.name}", error)
-            continue
-        yield Finding(f"pad {pad.name}", f"{cells} cells of {pad.array} in frame {pad.frame!r}")
+def _calibration(config: HandConfig) -> Iterator[Finding]:
+    if not config.calibration:
+        return
+    try:
+        make_hand_plant(config)
+    except InvalidInputError as error:
+        yield fault("calibration", error)
+    else:
+        yield Finding("calibration", f"{Path(config.calibration).name} is of the hand's joints and fingers")

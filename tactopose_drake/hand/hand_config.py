@@ -4,7 +4,9 @@ import dataclasses
 import os
 from pathlib import Path
 
-from tactopose_drake.core.validation import finite_array, known_name, positive_number
+import numpy as np
+
+from tactopose_drake.core.validation import MOST_ALPHA, finite_array, known_name, points_near, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.calibration_file import load_calibration
 from tactopose_drake.hand.fingertip_surfaces import (
@@ -126,14 +128,51 @@ class HandConfig:
         if "" in pads or len(set(pads)) < len(pads):
             raise InvalidInputError(f"HandConfig.pads: have the names {pads}; allowed are different names.")
         for pad in self.pads:
-            positive_number(f"HandConfig.pads[{pad.name}].alpha", pad.alpha)
+            positive_number(f"HandConfig.pads[{pad.name}].alpha", pad.alpha, most=MOST_ALPHA)
         driven = list(dict.fromkeys(joint for finger in self.fingers for joint in finger.joints))
+        self._check_followers(driven)
         for joint, position in self.rest_positions.items():
             known_name("HandConfig.rest_positions", joint, driven)
             finite_array(f"HandConfig.rest_positions[{joint}]", [position], (1,))
-        for name, corner in (("grip_low", self.grip_low), ("grip_high", self.grip_high)):
-            if corner:
-                finite_array(f"HandConfig.{name}", corner, (3,))
+        self._check_grip()
+
+    def _check_followers(self, driven: list[str]) -> None:
+        """Raises InvalidInputError if a joint that follows another is actuated too, or follows in two ways."""
+        for finger in self.fingers:
+            for coupling in finger.couplings:
+                joint, leader = coupling.joint, coupling.follows
+                where = f"HandConfig.fingers[{finger.name}].couplings: coupling of {joint!r}"
+                if joint in driven:
+                    raise InvalidInputError(
+                        f"{where}: follows {leader!r}, and is among the joints of a finger; allowed there are joints "
+                        f"that follow none. What follows {joint!r} is coupled to {leader!r} too."
+                    )
+                if coupling != self.couplings[joint]:
+                    raise InvalidInputError(
+                        f"{where}: is not the same everywhere; allowed is one coupling of a joint, which fingers that "
+                        "share the joint repeat."
+                    )
+
+    def _check_grip(self) -> None:
+        """Raises InvalidInputError if the grip region is half given, turned inside out, or in millimetres."""
+        if bool(self.grip_low) != bool(self.grip_high):
+            raise InvalidInputError(
+                f"HandConfig: has grip_low {self.grip_low} and grip_high {self.grip_high}; allowed are both or neither."
+            )
+        if not self.grip_low:
+            return
+        low = points_near("HandConfig.grip_low", [self.grip_low], (1, 3))
+        high = points_near("HandConfig.grip_high", [self.grip_high], (1, 3))
+        if not np.all(low < high):
+            raise InvalidInputError(
+                f"HandConfig.grip_low: is {self.grip_low}; allowed is less than grip_high {self.grip_high} along each "
+                "axis."
+            )
+
+    @property
+    def couplings(self) -> dict[str, Coupling]:
+        """All fingers' couplings by the joint that follows; fingers that have it in common share one."""
+        return {coupling.joint: coupling for finger in self.fingers for coupling in finger.couplings}
 
     def finger(self, name: str) -> FingerConfig:
         """The finger of that name.

@@ -14,9 +14,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.encoder_offsets import SLIDE, measured_joints
+from tactopose_drake.hand.encoder_offsets import SLIDE
 from tactopose_drake.hand.hand_config import HandUncertainty
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
 from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.hand.joint_paths import JointPaths
 

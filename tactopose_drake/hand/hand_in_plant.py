@@ -6,11 +6,12 @@ from pathlib import Path
 
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import FixedOffsetFrame, Frame, Joint, ModelInstanceIndex, WeldJoint
+from pydrake.multibody.tree import BodyIndex, FixedOffsetFrame, Frame, Joint, ModelInstanceIndex, WeldJoint
 
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Surface
+from tactopose_drake.core.validation import told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.calibration_file import HandCalibration, load_calibration
 from tactopose_drake.hand.contact_gains import thicker
@@ -58,12 +59,13 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
     Raises:
         UnknownNameError: if the model lacks a name of the configuration.
         InvalidFileError: if Drake cannot read the model.
-        InvalidInputError: if a package of the model is not installed, or a weld is a joint that moves and the sensor is
-            not behind it.
+        InvalidInputError: if a package of the model is not installed, the base link is not the model's root, or a weld
+            is a joint that moves and the sensor is not behind it.
     """
     config.validate()
     model_instance = add_model(make_parser(plant, config.packages), config.model)
     hand = find_hand(plant, config, model_instance)
+    _check_base(plant, hand)
     # Asked for one model's actuators, an unfinished plant says that there is none.
     actuators = (plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices())
     actuated = {actuator.joint().name() for actuator in actuators if actuator.model_instance() == model_instance}
@@ -73,6 +75,32 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
     if X_WBase is not None:
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(config.base_link, model_instance), X_WBase)
     return hand
+
+
+def _check_base(plant: MultibodyPlant, hand: Hand) -> None:
+    """Raises InvalidInputError if a joint of the model moves the base link."""
+    joints, name = joints_by_child(plant, hand), hand.config.base_link
+    base = root = plant.GetFrameByName(name, hand.model_instance).body()
+    while root.index() in joints and joints[root.index()].parent_body().model_instance() == hand.model_instance:
+        root = joints[root.index()].parent_body()
+    if root.index() != base.index():
+        raise InvalidInputError(
+            f"HandConfig.base_link: is {name!r}, which the joint {joints[base.index()].name()!r} carries; allowed is "
+            f"the model's root, {root.name()!r}."
+        )
+
+
+def joints_by_child(plant: MultibodyPlant, hand: Hand) -> dict[BodyIndex, Joint]:
+    """The hand's joints by the index of the body that each one moves."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+    return {joint.child_body().index(): joint for joint in joints}
+
+
+def measured_joints(plant: MultibodyPlant, hand: Hand) -> tuple[str, ...]:
+    """The joints that an encoder measures: those that move and follow no other."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+    followers = hand.config.couplings
+    return tuple(joint.name() for joint in joints if joint.num_positions() == 1 and joint.name() not in followers)
 
 
 def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelInstanceIndex) -> Hand:
@@ -119,22 +147,29 @@ def make_hand_plant(config: HandConfig) -> tuple[MultibodyPlant, Hand]:
     """A finalized plant of the hand alone, its base welded to the world: for kinematics from joint positions.
 
     It is the hand as it is known to be: with its calibration, where the configuration names one.
+
+    Raises:
+        UnknownNameError, InvalidFileError, InvalidInputError: as `add_hand`, and if the calibration does not fit.
     """
     plant = MultibodyPlant(time_step=0.001)
     hand = add_hand(plant, config, RigidTransform())
     if config.calibration:
-        hand = _calibrated(plant, hand, load_calibration(Path(config.calibration)))
+        calibration = load_calibration(Path(config.calibration))
+        try:
+            hand = _calibrated(plant, hand, calibration)
+        except InvalidInputError as error:
+            raise InvalidFileError(f"{config.calibration}: {error}") from None
     plant.Finalize()
     return plant, hand
 
 
 def _calibrated(plant: MultibodyPlant, hand: Hand, calibration: HandCalibration) -> Hand:
-    """The hand in an unfinished plant with its sensors' frames and fingertips where a calibration has found them."""
-    joints = [plant.get_joint(index).name() for index in plant.GetJointIndices(hand.model_instance)]
-    try:
-        calibration.check_names(joints, hand.sensor_frames)
-    except UnknownNameError as error:
-        raise InvalidFileError(f"{hand.config.calibration}: {error}") from None
+    """The hand in an unfinished plant with its sensors' frames and fingertips where a calibration has found them.
+
+    Raises:
+        InvalidInputError: if the calibration is of another hand, or leaves nothing of a fingertip.
+    """
+    calibration.check_names(measured_joints(plant, hand), hand.sensor_frames)
     frames, surfaces = dict(hand.sensor_frames), dict(hand.surfaces)
     for finger, found in calibration.fingers.items():
         turned, moved = found.mounting[:3], found.mounting[3:]
@@ -142,5 +177,6 @@ def _calibrated(plant: MultibodyPlant, hand: Hand, calibration: HandCalibration)
         frames[finger] = plant.AddFrame(
             FixedOffsetFrame(f"{frames[finger].name()}_as_calibrated", frames[finger], X_SM, hand.model_instance)
         )
-        surfaces[finger] = thicker(surfaces[finger], found.radius.value)
+        with told_of(f"fingers.{finger}.radius: the fingertip's "):
+            surfaces[finger] = thicker(surfaces[finger], found.radius.value)
     return dataclasses.replace(hand, sensor_frames=frames, surfaces=surfaces, calibration=calibration)

@@ -18,7 +18,7 @@ from tactopose_drake.core.surfaces import Capsule, Superquadric, Surface
 from tactopose_drake.core.surfaces.surface import random_directions
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.finger_chain import finger_chain
+from tactopose_drake.hand.finger_chain import checked_limits, finger_chain
 from tactopose_drake.hand.geometry import BodySpheres, corner_spheres
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
@@ -46,8 +46,8 @@ def make_hand_reach(config: HandConfig, params: ReachParams) -> HandReach:
         params: what counts as a clean touch.
 
     Raises:
-        InvalidInputError: if fewer than two fingers have a force-torque sensor, by which grasps are closed, or no place
-            is in reach of two.
+        InvalidInputError: if fewer than two fingers have a force-torque sensor, by which grasps are closed, a joint of
+            one has no limits, or no place is in reach of two.
     """
     params.validate()
     sensing = [finger.name for finger in config.fingers if finger.sensor_frame]
@@ -71,7 +71,7 @@ def make_hand_reach(config: HandConfig, params: ReachParams) -> HandReach:
     }
     palm = _palm_spheres(plant, hand, spheres)
     low, high = np.array(config.grip_low), np.array(config.grip_high)
-    if not config.grip_low or not config.grip_high:
+    if not config.grip_low:
         low, high = find_grip_region({name: finger.reached for name, finger in fingers.items()}, palm)
     return HandReach(
         fingers,
@@ -108,7 +108,9 @@ def rest_posture(
 def _finger_geometry(
     plant: MultibodyPlant, inspector: SceneGraphInspector, hand: Hand, finger: str, spheres: BodySpheres
 ) -> FingerGeometry:
-    chain, surface = with_held_joints(finger_chain(plant, hand, finger), hand.config, finger), hand.surfaces[finger]
+    chain, surface = finger_chain(plant, hand, finger), hand.surfaces[finger]
+    checked_limits(hand.config.finger(finger), chain)
+    chain = with_held_joints(chain, hand.config, finger)
     bodies = [int(plant.GetBodyByName(name, hand.model_instance).index()) for name in chain.bodies]
     tip = int(hand.welds[finger].child_body().index())
     corners = corner_spheres(plant, inspector, [body for body in bodies if body != tip])

@@ -2,13 +2,12 @@
 
 from collections.abc import Iterator
 
-import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.coupling_check import lacking_couplings
 from tactopose_drake.hand.findings import Entry, Finding, fault
-from tactopose_drake.hand.finger_chain import finger_chain, joints_towards
+from tactopose_drake.hand.finger_chain import checked_limits, finger_chain, joints_towards
 from tactopose_drake.hand.hand_config import FingerConfig
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.shared_joints import held_joints, shared_joints
@@ -42,15 +41,12 @@ def check_joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
         else:
             text = f"its joints are {', '.join(finger.joints)}; from the palm outwards they are {', '.join(order)}"
             yield Finding(part, text, "note")
-        span = [
-            f"{name} {low:.3g} to {high:.3g}"
-            for name, low, high in zip(finger.joints, chain.lower, chain.upper, strict=True)
-        ]
-        limited = bool(np.all(np.isfinite([*chain.lower, *chain.upper])) and np.all(chain.upper > chain.lower))
-        text = f"joint limits: {', '.join(span)}"
-        yield Finding(
-            part, text if limited else f"{text}; planned grasps need finite ones", "ok" if limited else "fault"
-        )
+        try:
+            limits = checked_limits(finger, chain)
+        except InvalidInputError as error:
+            yield fault(part, error)
+        else:
+            yield Finding(part, limits)
     yield from _rest(plant, hand)
     yield from _shared(hand)
 

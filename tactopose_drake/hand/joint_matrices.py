@@ -73,9 +73,7 @@ def reading_offsets(plant: MultibodyPlant, hand: Hand) -> FloatArray:
 
 def _leader(hand: Hand, joint: str, measured: Sequence[str]) -> tuple[str, float, float]:
     """The measured joint that a joint follows, or is; the ratio of their positions, and the offset."""
-    followed = {coupling.joint: coupling for finger in hand.config.fingers for coupling in finger.couplings}
-    leader, ratio, offset = joint, 1.0, 0.0
-    while leader not in measured and leader in followed:
-        coupling = followed[leader]
-        leader, ratio, offset = coupling.follows, ratio * coupling.ratio, offset + ratio * coupling.offset
-    return leader, ratio, offset
+    coupling = hand.config.couplings.get(joint)
+    if joint in measured or coupling is None:
+        return joint, 1.0, 0.0
+    return coupling.follows, coupling.ratio, coupling.offset

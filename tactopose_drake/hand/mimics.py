@@ -22,8 +22,11 @@ class Mimic:
 def read_mimics(path: Path) -> tuple[Mimic, ...] | None:
     """The mimic entries of a model's file; None where it is neither a URDF nor an SDF.
 
+    Where an entry names a joint that follows another itself, it is as if it named the one at the end of that chain.
+
     Raises:
-        InvalidFileError: if the file cannot be read, or an entry has no number where one belongs.
+        InvalidFileError: if the file cannot be read, an entry has no number where one belongs, or joints follow each
+            other in a circle.
     """
     try:
         content = path.read_bytes()
@@ -41,12 +44,27 @@ def read_mimics(path: Path) -> tuple[Mimic, ...] | None:
         return None
     found = [(joint, mimic) for joint in root.iter("joint") for mimic in joint.iterfind(".//{*}mimic")]
     try:
-        return tuple(
+        entries = [
             _by_attributes(*entry) if "multiplier" in entry[1].attrib or root.tag == "robot" else _by_elements(*entry)
             for entry in found
-        )
+        ]
     except ValueError as error:
         raise InvalidFileError(f"{path}: a mimic entry is no number ({error}).") from None
+    of_joint = {mimic.joint: mimic for mimic in entries}
+    return tuple(_of_leader(path, mimic, of_joint) for mimic in entries)
+
+
+def _of_leader(path: Path, mimic: Mimic, of_joint: dict[str, Mimic]) -> Mimic:
+    """The entry as one of the joint that follows none."""
+    passed = [mimic.joint]
+    while mimic.follows in of_joint:
+        if mimic.follows in passed:
+            raise InvalidFileError(f"{path}: the joints {', '.join(passed)} follow each other; allowed is a leader.")
+        passed.append(mimic.follows)
+        inner = of_joint[mimic.follows]
+        offset = mimic.ratio * inner.offset + mimic.offset
+        mimic = Mimic(mimic.joint, inner.follows, mimic.ratio * inner.ratio, offset)
+    return mimic
 
 
 def _by_attributes(joint: ElementTree.Element, mimic: ElementTree.Element) -> Mimic:

@@ -33,7 +33,7 @@ class NamedJoints:
         self.names = tuple(joint.name() for joint in moving)
         self._size = plant.num_positions()
         self._place = {joint.name(): joint.position_start() for joint in moving}
-        self._couplings = [coupling for finger in hand.config.fingers for coupling in finger.couplings]
+        self._couplings = hand.config.couplings
 
     def positions(self, name: str, values: Mapping[str, float] | ArrayLike) -> FloatArray:
         """Positions in the plant's order, shape (nq,), rad, of prismatic joints m.
@@ -48,9 +48,9 @@ class NamedJoints:
         """
         ordered = self._in_order(name, values)
         if isinstance(values, Mapping):
-            for coupling in self._couplings:
-                if coupling.joint not in values:
-                    ordered[self._place[coupling.joint]] += coupling.offset
+            for joint, coupling in self._couplings.items():
+                if joint not in values:
+                    ordered[self._place[joint]] += coupling.offset
         return ordered
 
     def velocities(self, name: str, values: Mapping[str, float] | ArrayLike) -> FloatArray:
@@ -64,9 +64,9 @@ class NamedJoints:
         for joint, value in values.items():
             known_name(name, joint, self.names)
             ordered[self._place[joint]] = number_array(f"{name}[{joint}]", value, ())
-        for coupling in self._couplings:
-            if coupling.joint not in values:
-                ordered[self._place[coupling.joint]] = coupling.ratio * ordered[self._place[coupling.follows]]
+        for joint, coupling in self._couplings.items():
+            if joint not in values:
+                ordered[self._place[joint]] = coupling.ratio * ordered[self._place[coupling.follows]]
         return ordered
 
 

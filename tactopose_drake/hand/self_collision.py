@@ -41,9 +41,7 @@ class SelfCollision:
                 usually do, and coupled joints follow.
         """
         q = rest_posture(self._plant, self._hand, positions)
-        for finger in self._hand.config.fingers:
-            for coupling in finger.couplings:
-                leader = q[self._place[coupling.follows]]
-                q[self._place[coupling.joint]] = coupling.ratio * leader + coupling.offset
+        for joint, coupling in self._hand.config.couplings.items():
+            q[self._place[joint]] = coupling.ratio * q[self._place[coupling.follows]] + coupling.offset
         self._plant.SetPositions(self._context, self._hand.model_instance, np.asarray(q))
         return bool(self_collisions(self._plant, self._context, self._hand.model_instance))

@@ -1,11 +1,13 @@
-"""How deep a point lies below the surface of one of Drake's convex shapes."""
+"""How deep a point lies below the surface of one of Drake's convex shapes, or of those of a link."""
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Shape, Sphere
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraphInspector, Shape, Sphere
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RigidBody
 
 from tactopose_drake.core.validation import FloatArray
 
@@ -21,6 +23,29 @@ class ShapeDepth:
 
     at: Callable[[FloatArray], float]
     deepest: FloatArray
+
+
+def body_depths(
+    plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody, p_BQ: FloatArray
+) -> FloatArray | None:
+    """The depths of points in the collision shapes of a body, where these are deepest; None where it has none.
+
+    Args:
+        plant: finalized plant that holds the body.
+        inspector: of the geometry.
+        body: B.
+        p_BQ: the points, shape (n, 3), m.
+
+    Returns:
+        Shape (n,), m.
+    """
+    depths = []
+    for geometry in inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(body.index()), Role.kProximity):
+        depth = shape_depth(inspector.GetShape(geometry))
+        if depth is not None:
+            p_GQ = inspector.GetPoseInFrame(geometry).inverse().multiply(p_BQ.T).T
+            depths.append([depth.at(p) for p in p_GQ])
+    return np.max(depths, axis=0) if depths else None
 
 
 def shape_depth(shape: Shape) -> ShapeDepth | None:

@@ -56,11 +56,10 @@ def _positions(scenario: Scenario, where: str, names: list[str], rows: FloatArra
     """Positions of the whole hand, shape (n, nq), from those of some joints (n, k); others follow, or are 0."""
     plant, hand = make_hand_plant(load_hand_config(scenario.hand))
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    followers = {coupling.joint for finger in hand.config.fingers for coupling in finger.couplings}
     resting = [
         joint.name()
         for joint in joints
-        if joint.num_positions() == 1 and joint.name() not in names and joint.name() not in followers
+        if joint.num_positions() == 1 and joint.name() not in names and joint.name() not in hand.config.couplings
     ]
     measured = [*names, *resting]
     values = np.column_stack([rows, np.zeros((len(rows), len(resting)))])

@@ -91,7 +91,6 @@ def _connect_controller(
 def _followed(plant: MultibodyPlant, hand: Hand, q: FloatArray) -> FloatArray:
     """The positions (nq,), with each coupled joint where its leader has it."""
     places, q = HandJoints.of(plant, hand).position, q.copy()
-    for finger in hand.config.fingers:
-        for coupling in finger.couplings:
-            q[places[coupling.joint]] = coupling.ratio * q[places[coupling.follows]] + coupling.offset
+    for joint, coupling in hand.config.couplings.items():
+        q[places[joint]] = coupling.ratio * q[places[coupling.follows]] + coupling.offset
     return q

@@ -38,7 +38,7 @@ def plan_scenario(scenario: Scenario, model: ObjectModel | None = None) -> list[
     plans = plan_grasps(model, reach, load_P, scenario.planner, generator, refusals, touches_itself)
     if not plans:
         raise InvalidInputError(
-            f"Scenario.object: the hand {scenario.hand!r} finds no way to hold {scenario.object!r}, "
+            f"Scenario.object: the hand {scenario.hand!r} finds no way to hold {model.name!r}, "
             f"{refusals.explanation()}; allowed are objects that fit between its fingers."
         )
     return plans

@@ -59,14 +59,11 @@ def _inertias(plant: MultibodyPlant, hand: Hand, names: Sequence[str]) -> FloatA
     places = [plant.GetJointByName(name, hand.model_instance).velocity_start() for name in names]
     follow = np.zeros((plant.num_velocities(), len(names)))
     follow[places, np.arange(len(names))] = 1.0
-    couplings = [coupling for finger in hand.config.fingers for coupling in finger.couplings]
-    for _ in couplings:  # One may follow another that comes later.
-        for coupling in couplings:
-            row, leader = (
-                plant.GetJointByName(name, hand.model_instance).velocity_start()
-                for name in (coupling.joint, coupling.follows)
-            )
-            follow[row] = coupling.ratio * follow[leader]
+    for joint, coupling in hand.config.couplings.items():
+        row, leader = (
+            plant.GetJointByName(name, hand.model_instance).velocity_start() for name in (joint, coupling.follows)
+        )
+        follow[row] = coupling.ratio * follow[leader]
     context = plant.CreateDefaultContext()
     return np.array([follow.T @ inertia @ follow for inertia in _mass_matrices(plant, context)])
 

@@ -20,6 +20,7 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.shape_errors import with_shape_errors
+from tactopose_drake.systems.collision_input import CollisionInput
 from tactopose_drake.systems.ports import eval_optional_input
 
 # Noise moves a reading that is alive within less than this, s.
@@ -60,9 +61,9 @@ class Reading:
 class BeliefInputs:
     """The input ports of a system that keeps a belief; `PoseBeliefEstimator` says what they hold."""
 
-    def __init__(self, system: LeafSystem, model: ObjectModel) -> None:
-        """Declares the ports; keeps a reference to the object's model, whose surface may be off."""
-        self._system, self._model = system, model
+    def __init__(self, system: LeafSystem, model: ObjectModel, clearance: CollisionInput | None) -> None:
+        """Declares the ports; keeps references to the object's model, whose surface may be off, and to `clearance`."""
+        self._system, self._model, self._clearance = system, model, clearance
 
         def declare(name: str, model: Any) -> Any:
             return system.DeclareAbstractInputPort(name, AbstractValue.Make(model))
@@ -114,7 +115,9 @@ class BeliefInputs:
         for port in self._statuses:
             status = eval_optional_input(port, context, str)
             remarks += [] if status in (None, "ok") else [status]
-        return Reading(Frame(now, evidence, sources, velocities, vision, X_WP), tuple(remarks)), before
+        check = None if self._clearance is None else self._clearance.posed(context)
+        depth = None if check is None else check.depth
+        return Reading(Frame(now, evidence, sources, velocities, vision, X_WP, depth), tuple(remarks)), before
 
     def _read_touch(self, context: Context) -> tuple[Contacts, tuple[Patch, ...], tuple[str, ...]]:
         """Contacts, patches, and the names of what touches."""

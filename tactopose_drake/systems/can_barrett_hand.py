@@ -67,8 +67,8 @@ class CanBarrettHand(CollectableSystem):
         self.DeclareStateOutputPort("status", self._status)
 
     def _poll(self, context: Context, state: State) -> EventStatus:
-        self._hand.bus.keep_up(context.get_time())
-        sample, age, status = self._hand.observe(self._max_age)
+        now = self._hand.bus.keep_up(context.get_time())
+        sample, age, status = self._hand.observe(self._max_age, now)
         values = {
             self._positions: np.full(len(JOINTS), np.nan) if sample is None else sample.joint_positions,
             self._torques: np.full(3, np.nan) if sample is None else sample.fingertip_torques,

@@ -51,8 +51,8 @@ class CanForceTorque(CollectableSystem):
         self.DeclareStateOutputPort("status", self._status)
 
     def _poll(self, context: Context, state: State) -> EventStatus:
-        self._sensor.bus.keep_up(context.get_time())
-        sample, age, status = self._sensor.observe(self._max_age)
+        now = self._sensor.bus.keep_up(context.get_time())
+        sample, age, status = self._sensor.observe(self._max_age, now)
         wrench = np.full(6, np.nan) if sample is None else sample.F_S
         state.get_mutable_discrete_state(self._wrench).SetFromVector(wrench)
         state.get_mutable_discrete_state(self._age).SetFromVector([age])

@@ -120,8 +120,8 @@ class GraspController(CollectableSystem):
         self._open = self.DeclareVectorInputPort("open", 1)
         self._rest_positions = self.DeclareVectorInputPort("rest_positions", self._nq)
         # Pushes, then since when all fingers carry their set force (s; NaN: they do not), whether holding, and when the
-        # fingers began to close, s.
-        start = np.append(np.full(len(motions), -self._law.approach_push), [np.nan, 0.0, 0.0])
+        # fingers began to close (s; NaN: they have not).
+        start = np.append(np.full(len(motions), -self._law.approach_push), [np.nan, 0.0, np.nan])
         state = self.discrete_state_ticket(self.DeclareDiscreteState(start))
         self.DeclarePeriodicDiscreteUpdateEvent(self._params.period, 0.0, self._update)
         needs = {state, self._state_port.ticket(), self._rest_positions.ticket()}
@@ -151,6 +151,7 @@ class GraspController(CollectableSystem):
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         time, value = context.get_time(), context.get_discrete_state_vector().value()
         pushes, since, holding, began = value[:-3].copy(), value[-3], bool(value[-2]), value[-1]
+        began = time if np.isnan(began) else began
         if self._open.HasValue(context) and self._open.Eval(context)[0] > 0.0:
             pushes = np.maximum(pushes - self._params.period * self._law.push_rate, -self._law.approach_push)
             discrete_state.set_value(np.append(pushes, [np.nan, 0.0, time]))

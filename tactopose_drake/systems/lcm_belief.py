@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context
 
+from tactopose_drake.core.validation import whole_number
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectBeliefMessage
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem
@@ -36,9 +37,12 @@ class LcmBelief(CollectableSystem):
 
         Args:
             max_modes: that a message has, the most probable ones.
+
+        Raises:
+            InvalidInputError: if they are no integer above 0.
         """
         super().__init__()
-        self._max_modes, self._session = max_modes, time.time_ns()
+        self._max_modes, self._session = whole_number("max_modes", max_modes, least=1), time.time_ns()
         self._hypotheses = self.DeclareAbstractInputPort("hypotheses", AbstractValue.Make(None))
         self._status = self.DeclareAbstractInputPort("status", AbstractValue.Make(""))
         self._senses = self.DeclareAbstractInputPort("senses", AbstractValue.Make(HandSensesMessage()))

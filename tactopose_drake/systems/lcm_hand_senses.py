@@ -106,9 +106,9 @@ class LcmHandSenses(CollectableSystem):
         status = self._fit(message)
         if not np.isfinite(came):
             status = _NO_MESSAGE
-        elif age > self._max_age:
+        elif abs(age) > self._max_age:  # One of the future is no fresher: the clock went back.
             status = f"stale: {age:.2f} s old"
-        received = _Received(message, came, status, is_used=age <= self._max_age)
+        received = _Received(message, came, status, is_used=abs(age) <= self._max_age)
         state.get_mutable_abstract_state(self._received).set_value(received)
         state.get_mutable_discrete_state(self._age).SetFromVector([age])
         return EventStatus.Succeeded()

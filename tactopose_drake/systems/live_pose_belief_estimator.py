@@ -11,6 +11,7 @@ from typing import Self
 from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.systems.belief_inputs import Reading
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams, TimedBelief
 
@@ -56,14 +57,17 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
     when a diagram that nobody uses any more is freed.
     """
 
-    def __init__(self, model: ObjectModel, params: PoseBeliefParams | None = None) -> None:
+    def __init__(
+        self, model: ObjectModel, params: PoseBeliefParams | None = None, collision: HandCollision | None = None
+    ) -> None:
         """Starts the thread; `close` ends it.
 
         Args:
             model: the object.
             params: the period, and what is assumed; the latency is what it is.
+            collision: as of `PoseBeliefEstimator`.
         """
-        super().__init__(model, params)
+        super().__init__(model, params, collision)
         self._exchange = _Exchange(TimedBelief(self._tracker.start()))
         # A thread that held the system would keep its diagram for ever.
         own = weakref.ref(self), self._exchange

@@ -1,7 +1,6 @@
 """From the pressures on a hand's tactile arrays to patches of the object's surface in the palm."""
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -20,6 +19,9 @@ from tactopose_drake.systems.collectable_system import CollectableSystem, declar
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 
 NO_READING = "no reading"
+
+# Share of its range by which a cell may show more and be at the range's end: numbers come rounded.
+_ROUNDING = 1e-3
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -43,6 +45,14 @@ class PatchDescriptorParams:
             )
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Described:
+    """What a pad feels, None where that is not known, and what is to be said of it, if anything."""
+
+    patch: Patch | None
+    remark: str
+
+
 class PatchDescriptor(CollectableSystem):
     """Describes what each tactile pad of a hand feels, in the palm, by the measured joint positions.
 
@@ -60,14 +70,15 @@ class PatchDescriptor(CollectableSystem):
 
     - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
     - pressures_<pad>: one per pad, of its cells, Pa; NaN where a cell is dead or, all of them, where there is no
-      reading. May stay unconnected, which counts as no reading.
+      reading. A cell that shows more than the array's range counts as dead. May stay unconnected, which counts as no
+      reading.
     - age_<pad>: one per pad, of its pressures, s, shape (1,). May stay unconnected where pressures are never old.
     - patches: tuple of `Patch` in P of the pads with a usable reading that is not too old, in the order of the hand's
       description; those that nothing touches have the status "no_contact". Changes with any input.
     - pads: tuple of the names of those pads, one for each patch.
     - status: str, "ok" where every pad feels the object; else each pad that does not, and why: "no contact", "no
-      reading", "stale: " and its age, "unusable: " and which pressure is negative or infinite, or a joint position that
-      is not finite.
+      reading", "stale: " and its age, "unusable: " and which pressure is negative, or a joint position that is not
+      finite; and each pad with cells beyond their range, and which.
     """
 
     def __init__(
@@ -125,57 +136,57 @@ class PatchDescriptor(CollectableSystem):
             )
 
     def _calc_described(self, context: Context, cached: AbstractValue) -> None:
-        """For each pad its patch, or why there is none."""
-        described: dict[str, Patch | str] = {}
+        """What each pad feels."""
+        described: dict[str, _Described] = {}
         kinematics = self._kinematics.Eval(context)
         X_PT = kinematics.poses(self._pad_frames)
         for name, port in self._pressures.items():
             pressure = port.Eval(context) if port.HasValue(context) else np.full(port.size(), np.nan)
             age = float(self._ages[name].Eval(context)[0]) if self._ages[name].HasValue(context) else 0.0
             if name not in X_PT:
-                described[name] = "a joint position is not known"
+                described[name] = _Described(None, "a joint position is not known")
             elif not np.isfinite(age) or (abs(age) <= self._params.max_age and np.all(np.isnan(pressure))):
-                described[name] = NO_READING
+                described[name] = _Described(None, NO_READING)
             elif abs(age) > self._params.max_age:  # One of the future is no fresher: two clocks differ.
-                described[name] = f"stale: {age:.2f} s old"
+                described[name] = _Described(None, f"stale: {age:.2f} s old")
             else:
                 described[name] = self._describe(name, X_PT[name], pressure, kinematics)
         cached.set_value(described)
 
     def _describe(
         self, name: str, X_PT: RigidTransform, pressure: FloatArray, kinematics: HandKinematics
-    ) -> Patch | str:
+    ) -> _Described:
         pad: TactilePad = self._pads[name]
-        errors = self._uncertainty
+        errors, most = self._uncertainty, pad.model.range
+        beyond = pressure > (1.0 + _ROUNDING) * most
+        numbers = ", ".join(map(str, np.flatnonzero(beyond)))
+        remark = f"cells beyond the range, {most:g} Pa: {numbers}" if numbers else ""
+        pressure = np.where(beyond, np.nan, np.minimum(pressure, most))
+        if np.all(np.isnan(pressure)):
+            return _Described(None, remark)
         try:
-            return describe_patch(
+            patch = describe_patch(
                 X_PT.multiply(pad.layout.p_TC.T).T,
                 pressure,
                 alpha=self._alpha[name],
                 n_PT=pad.layout.n_T @ X_PT.rotation().matrix().T,
                 threshold=max(self._params.threshold, self._params.threshold_share * float(np.nanmax(pressure))),
-                saturation=pad.model.range,
+                saturation=most,
                 misplacement=None if errors is None else errors.covariance(name, pad.layout, kinematics),
             )
         except InvalidInputError as error:
-            return f"unusable: {error}"
+            return _Described(None, f"unusable: {error}")
+        return _Described(patch, ", ".join(filter(None, ("" if patch.is_felt else "no contact", remark))))
 
     def _calc_patches(self, context: Context, output: AbstractValue) -> None:
-        described: dict[str, Any] = self._described.Eval(context)
-        output.set_value(tuple(patch for patch in described.values() if isinstance(patch, Patch)))
+        described: dict[str, _Described] = self._described.Eval(context)
+        output.set_value(tuple(pad.patch for pad in described.values() if pad.patch is not None))
 
     def _calc_pads(self, context: Context, output: AbstractValue) -> None:
-        described: dict[str, Any] = self._described.Eval(context)
-        output.set_value(tuple(name for name, patch in described.items() if isinstance(patch, Patch)))
+        described: dict[str, _Described] = self._described.Eval(context)
+        output.set_value(tuple(name for name, pad in described.items() if pad.patch is not None))
 
     def _calc_status(self, context: Context, output: AbstractValue) -> None:
-        described: dict[str, Any] = self._described.Eval(context)
-        reasons = [f"{name}: {_unfelt(patch)}" for name, patch in described.items() if _unfelt(patch)]
-        output.set_value("; ".join(reasons) or "ok")
-
-
-def _unfelt(described: Patch | str) -> str:
-    """Why a pad does not feel the object; empty where it does."""
-    if isinstance(described, str):
-        return described
-    return "" if described.is_felt else "no contact"
+        described: dict[str, _Described] = self._described.Eval(context)
+        remarks = [f"{name}: {pad.remark}" for name, pad in described.items() if pad.remark]
+        output.set_value("; ".join(remarks) or "ok")

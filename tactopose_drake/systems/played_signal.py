@@ -22,7 +22,11 @@ class PlayedVector(CollectableSystem):
     """
 
     def __init__(self, signal: Signal) -> None:
-        """Keeps the signal, whose values are vectors of one length."""
+        """Keeps the signal.
+
+        Raises:
+            InvalidInputError: if its values are not vectors of one length.
+        """
         super().__init__()
         self._signal = signal
         self.DeclareVectorOutputPort("value", signal.size, self._calc, prerequisites_of_calc={self.time_ticket()})

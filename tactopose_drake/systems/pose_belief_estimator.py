@@ -22,8 +22,10 @@ from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray, instance_of, params_of, positive_number
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.systems.belief_inputs import BeliefInputs, Reading, Remembered
 from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.collision_input import CollisionInput
 from tactopose_drake.systems.ports import eval_optional_input
 
 
@@ -73,6 +75,7 @@ class PoseBeliefEstimator(CollectableSystem):
         - planes
         - tip_velocities
         - palm_pose
+        - joint_positions
         output_ports:
         - object_pose
         - object_pose_vector
@@ -99,6 +102,7 @@ class PoseBeliefEstimator(CollectableSystem):
     - tip_velocities: dict of the fingertips' spatial velocities [w, v] in P by finger, or None: the object then moves
       with the palm.
     - palm_pose: `RigidTransform` X_WP; a NaN where it is not known.
+    - joint_positions: of the hand, shape (nq,), rad; there is such a port only where collisions are checked.
     - object_pose: `RigidTransform` X_PO of the best mode; the identity before the first.
     - object_pose_vector: the same, size 7: the quaternion w, x, y, z, and the position, m.
     - object_pose_in_world: `RigidTransform` X_WO, by palm_pose at the time that it is asked for; NaN where that is.
@@ -113,12 +117,16 @@ class PoseBeliefEstimator(CollectableSystem):
     The outputs change once a period, `latency` after the inputs are read.
     """
 
-    def __init__(self, model: ObjectModel, params: PoseBeliefParams | None = None) -> None:
-        """Keeps a reference to the model.
+    def __init__(
+        self, model: ObjectModel, params: PoseBeliefParams | None = None, collision: HandCollision | None = None
+    ) -> None:
+        """Keeps references to the model and to what checks collisions.
 
         Args:
             model: the object.
             params: period, latency, and what is assumed.
+            collision: says, where there are several likely modes, how deep the object reaches into the hand at each, as
+                a search ends; that is not asked without.
         """
         instance_of("model", model, ObjectModel)
         super().__init__()
@@ -126,7 +134,7 @@ class PoseBeliefEstimator(CollectableSystem):
         self._model = model
         self._tracker = PoseTracker(model, self._params.tracker)
         make = AbstractValue.Make
-        self._inputs = BeliefInputs(self, model)
+        self._inputs = BeliefInputs(self, model, None if collision is None else CollisionInput(self, collision))
         start = TimedBelief(self._tracker.start())
         self._pending = self.DeclareAbstractState(make((start,)))  # beliefs, oldest first
         self._shown = self.DeclareAbstractState(make(start))

@@ -29,7 +29,8 @@ from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.estimation.search_methods import METHODS
 from tactopose_drake.hand.collision import HandCollision, keep_clear
-from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
+from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.collision_input import CollisionInput, PosedHandCollision
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
 _SIGMAS = 3.0  # of where the hand is, by which the object may be in it
@@ -149,16 +150,7 @@ class PoseEstimator(CollectableSystem):
             if self._params.balance
             else None
         )
-        self._collision = collision
-        if collision is not None:
-            self._positions = self.DeclareVectorInputPort("joint_positions", collision.num_positions)
-            self._scratch = declare_cache(
-                self,
-                "scratch of the collision check",
-                lambda: AbstractValue.Make(collision.make_scratch()),
-                lambda context, value: None,
-                {self.nothing_ticket()},
-            )
+        self._collision = None if collision is None else CollisionInput(self, collision)
         self._pose = self.DeclareAbstractState(AbstractValue.Make(RigidTransform()))
         self._hypotheses = self.DeclareAbstractState(AbstractValue.Make(None))
         self._status = self.DeclareAbstractState(AbstractValue.Make("held: no estimate yet"))
@@ -193,9 +185,10 @@ class PoseEstimator(CollectableSystem):
         if prior is None and self._prior.HasValue(context):
             return "held", ["no prior yet"]
         estimate = self._estimate(context, contacts, patches, prior)
-        is_clear, unchecked = True, self._collision is not None and not self._joints_are_known(context)
-        if self._collision is not None and not unchecked and estimate.status != "no_solution":
-            estimate, is_clear = self._keep_clear(context, estimate)
+        check = None if self._collision is None else self._collision.posed(context)
+        is_clear, unchecked = True, self._collision is not None and check is None
+        if check is not None and estimate.status != "no_solution":
+            estimate, is_clear = self._keep_clear(context, estimate, check)
         state.get_mutable_abstract_state(self._hypotheses).set_value(estimate)
         if estimate.status == "no_solution":
             return "held", ["no pose explains the touch"]
@@ -236,15 +229,11 @@ class PoseEstimator(CollectableSystem):
         gravity_P: FloatArray = X_WP.rotation().inverse() @ GRAVITY_W
         return ForceBalance(gravity_P)
 
-    def _joints_are_known(self, context: Context) -> bool:
-        return bool(np.all(np.isfinite(self._positions.Eval(context))))
-
-    def _keep_clear(self, context: Context, estimate: PoseEstimate) -> tuple[PoseEstimate, bool]:
+    def _keep_clear(
+        self, context: Context, estimate: PoseEstimate, check: PosedHandCollision
+    ) -> tuple[PoseEstimate, bool]:
         """The estimate without colliding hypotheses, and whether any is left."""
-        assert self._collision is not None
         hand = eval_optional_input(self._hand, context, HandGeometry)
         tolerance = max(self._params.collision_tolerance, 0.0 if hand is None else _SIGMAS * hand.sigma)
         X_PO = np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in estimate.hypotheses])
-        scratch = self._scratch.Eval(context)
-        collisions = self._collision.check(self._positions.Eval(context), X_PO, enough=tolerance, scratch=scratch)
-        return keep_clear(estimate, collisions, tolerance)
+        return keep_clear(estimate, check.check(X_PO, tolerance), tolerance)

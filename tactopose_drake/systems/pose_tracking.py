@@ -8,6 +8,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from tactopose_drake.core.calibration.offset_refinement import OffsetRefinementParams
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, params_of
+from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.systems.belief_inputs import pad_source
@@ -24,6 +25,7 @@ class PoseTrackingParams(TouchParams):
     """The parameters of each part."""
 
     belief: PoseBeliefParams = dataclasses.field(default_factory=PoseBeliefParams)
+    check_collisions: bool = True  # whether modes count the less, the deeper the object would be in the hand
     use_joint_velocities: bool = True  # whether the object is taken to move with the fingertips; else with the palm
     live: bool = False  # whether the belief is computed in a thread of its own, for hardware; not repeatable
     # Refines the encoders' offsets while it runs, by fingertips with a force-torque sensor; None: it does not.
@@ -105,7 +107,8 @@ def MakePoseTracking(hand: HandConfig, model: ObjectModel, params: PoseTrackingP
     params = params_of(PoseTrackingParams, params)
     builder = DiagramBuilder()
     kind = LivePoseBeliefEstimator if params.live else PoseBeliefEstimator
-    belief = builder.AddNamedSystem("pose_belief", kind(model, params.belief))
+    collision = HandCollision(hand, model) if params.check_collisions else None
+    belief = builder.AddNamedSystem("pose_belief", kind(model, params.belief, collision))
     refiner = None if params.refinement is None else _add_refiner(builder, hand, model, params.refinement, belief)
     plant, parts = add_touch(builder, hand, params, belief, refiner)
     if params.use_joint_velocities:

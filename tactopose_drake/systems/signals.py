@@ -16,8 +16,8 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.validation import FloatArray, pose_matrix
-from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.core.validation import FloatArray, number_array, pose_matrix
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.resources.yaml_files import shown
 from tactopose_drake.systems.line_file import LineFile
@@ -33,12 +33,27 @@ class Signal:
     """A value over time, which stays as it is between two changes.
 
     Attributes:
-        times: of the changes, rising, s.
+        times: of the changes, at least one, s; none before the one before it. Of equal ones the last one counts.
         values: as many, from each time on.
+
+    Raises:
+        InvalidInputError: no time, one that falls or is NaN, or another number of values.
     """
 
     times: list[float]
     values: list[Value]
+
+    def __post_init__(self) -> None:
+        times = number_array("times", self.times, (None,))
+        if len(times) != len(self.values):
+            raise InvalidInputError(f"times: are {len(times)}, and values {len(self.values)}; allowed are as many.")
+        if not len(times):
+            raise InvalidInputError("times: are none; allowed is one or more.")
+        wrong = np.isnan(times)
+        wrong[1:] |= times[1:] < times[:-1]
+        if wrong.any():
+            row = int(wrong.argmax())
+            raise InvalidInputError(f"times[{row}]: is {times[row]:g} s; allowed are numbers that do not fall.")
 
     @classmethod
     def constant(cls, value: Value) -> Self:
@@ -52,8 +67,15 @@ class Signal:
 
     @property
     def size(self) -> int:
-        """Length of the vectors."""
-        return len(np.asarray(self.values[0]))
+        """Length of the vectors.
+
+        Raises:
+            InvalidInputError: if the values are not vectors of one length.
+        """
+        size = len(number_array("values[0]", self.values[0], (None,)))
+        for row, value in enumerate(self.values):
+            number_array(f"values[{row}]", value, (size,))
+        return size
 
 
 class SignalRecorder:
@@ -93,9 +115,7 @@ class SignalRecorder:
         if self.file is not None:
             self.file.write(f'{{"time": {time!r}, "name": {json.dumps(name)}, {text[1:]}')
             return
-        signal = self.signals.setdefault(name, Signal([], []))
-        signal.times.append(time)
-        signal.values.append(value.copy() if isinstance(value, np.ndarray) else value)
+        _append(self.signals, name, time, value.copy() if isinstance(value, np.ndarray) else value)
 
 
 def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
@@ -120,14 +140,22 @@ def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
             time, name, value = _read_line(line)
             if time < last:
                 raise ValueError(f"its time is {time:g}, after {last:g}")
-            last, signal = time, signals.setdefault(name, Signal([], []))
-            _check_like(value, signal)
+            last = time
+            _check_like(value, signals[name].values if name in signals else [])
         except (ArithmeticError, LookupError, RecursionError, RuntimeError, TypeError, ValueError) as error:
             reason = shown(" ".join(str(error).split()))[1:-1]
             raise InvalidFileError(f"{path}: line {number} is no signal ({reason}).") from None
-        signal.times.append(time)
-        signal.values.append(value)
+        _append(signals, name, time, value)
     return signals, f"{path}: is cut off after {len(lines)} whole lines." if rest else ""
+
+
+def _append(signals: dict[str, Signal], name: str, time: float, value: Value) -> None:
+    """Adds a value to one of the signals, which may be new."""
+    if name not in signals:
+        signals[name] = Signal([time], [value])
+        return
+    signals[name].times.append(time)
+    signals[name].values.append(value)
 
 
 def _read_line(line: str) -> tuple[float, str, Value]:
@@ -141,9 +169,9 @@ def _read_line(line: str) -> tuple[float, str, Value]:
     return _number(time), name, _decode(entry)
 
 
-def _check_like(value: Value, signal: Signal) -> None:
+def _check_like(value: Value, others: list[Value]) -> None:
     """Raises ValueError if a value is not of the kind and length of its signal's others; None is of any kind."""
-    other = next((known for known in reversed(signal.values) if known is not None), None)
+    other = next((known for known in reversed(others) if known is not None), None)
     if value is not None and other is not None and (type(value), np.shape(value)) != (type(other), np.shape(other)):
         raise ValueError("it is of another kind or length than the signal's others")
 

@@ -94,7 +94,7 @@ class TouchExplorer(CollectableSystem):
       not made.
     - contacts: `Contacts` in P, with forces.
     - fingers_in_contact: tuple of the names of the fingers that make them.
-    - joint_positions: measured, of the hand, shape (nq,), rad.
+    - joint_positions: measured, of the hand, shape (nq,), rad; a finger of which one is NaN comes back.
     - rest_positions: where the hand's joints are to be, shape (nq,), rad; for the port of `GraspController` that is
       called so.
     - touches: `Contacts` in P: those of the fingers that hold the object as they are, and those that were felt by
@@ -172,13 +172,14 @@ class TouchExplorer(CollectableSystem):
         return dataclasses.replace(before, phase="reach", since=context.get_time(), move=move, share=0.0, way=())
 
     def _reach(self, context: Context, before: Exploration) -> Exploration:
-        """Goes on until the fingertip feels the object, the finger is stopped otherwise, or the way is over."""
+        """Goes on until the fingertip feels the object, the finger is stopped or not known, or the way is over."""
         assert before.move is not None
         time, move = context.get_time(), before.move
         if self._felt_row(context, move.finger) is not None:
             return dataclasses.replace(before, phase="press", since=time)
         q = np.asarray(self._positions.Eval(context))[self._places[move.finger]]
-        if np.abs(self._commanded(before) - q).max() > self._params.most_lag:
+        is_near = np.abs(self._commanded(before) - q).max() <= self._params.most_lag  # not so of a NaN
+        if not is_near:
             return dataclasses.replace(before, phase="return", since=time)
         way = (*before.way, q)
         if before.share >= 1.0:

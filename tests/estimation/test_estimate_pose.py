@@ -230,8 +230,10 @@ def test_each_hypothesis_says_whether_it_explains_the_touch(bottle: tp.ObjectMod
     contacts = touch_surface(bottle, random_pose(4), 5, np.random.default_rng(4))
     estimate = tp.estimate_pose(bottle, contacts)
     assert estimate.best.explains_touch
-    degrees_of_freedom = 3 * len(contacts)
-    for hypothesis in estimate.hypotheses:  # without a prior the cost is the touch's alone
-        assert hypothesis.explains_touch == (2 * hypothesis.cost <= chi2.isf(1e-6, degrees_of_freedom))
+    # Without a prior the cost is the touch's alone. What costs more explains it where the surface as it is does, near a
+    # kink of the field, or a contact that may be false.
+    cheap = [h for h in estimate.hypotheses if 2 * h.cost <= chi2.isf(1e-6, 3 * len(contacts))]
+    assert cheap
+    assert all(h.explains_touch for h in cheap)
     apart = tp.Contacts([[0.0, 0, 0], [5.0, 0, 0], [0, 5.0, 0]], np.eye(3))
     assert not any(h.explains_touch for h in tp.estimate_pose(bottle, apart).hypotheses)

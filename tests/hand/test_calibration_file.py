@@ -14,6 +14,7 @@ from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.hand.calibration_file import HandCalibration, load_calibration, save_calibration
 from tactopose_drake.hand.calibration_report import calibration_of
 from tactopose_drake.hand.closed_grasps import ClosedGrasp
+from tactopose_drake.hand.hand_check import check_hand
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.joint_matrices import reading_offsets
@@ -93,6 +94,30 @@ def test_names_that_the_hand_has_not_are_refused(tmp_path: Path) -> None:
     config = load_hand_config(hand_with(tmp_path, EXAMPLE.replace("first:", "sixth:")))
     with pytest.raises(InvalidFileError, match=r"calibration\.yaml: fingers: 'sixth' is unknown; valid names: first"):
         make_hand_plant(config)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("FFJ4", "FFJ1", "joint_offsets: 'FFJ1' is unknown; valid names: "),  # It follows FFJ2.
+        ("FFJ4", "first_tip_weld", "joint_offsets: 'first_tip_weld' is unknown; valid names: "),  # It is fixed.
+        ("radius: {value: 0.001", "radius: {value: -0.02", "fingers.first.radius: the fingertip's "),
+    ],
+)
+def test_what_does_not_fit_the_hand_is_said_by_all_that_load_it(tmp_path: Path, old: str, new: str, said: str) -> None:
+    path = hand_with(tmp_path, EXAMPLE.replace(old, new))
+    with pytest.raises(InvalidFileError) as caught:
+        make_hand_plant(load_hand_config(path))
+    assert str(caught.value).startswith(f"{tmp_path / 'calibration.yaml'}: {said}")
+    (fault,) = check_hand(path).faults
+    assert fault.part == "calibration"
+    assert said in fault.text
+
+
+def test_a_check_says_that_a_calibration_fits(tmp_path: Path) -> None:
+    check = check_hand(hand_with(tmp_path))
+    assert not check.faults
+    assert "calibration.yaml is of the hand's joints and fingers" in {finding.text for finding in check.findings}
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:

@@ -88,6 +88,53 @@ def test_couplings_are_compared_with_the_model(tmp_path: Path) -> None:
     assert "the model has no mimic for it" in dangling.faults[0].text
 
 
+def write_chain(folder: Path, first: str, second: str, yaml: str = YAML) -> Path:
+    """The gripper with a link more behind the right finger, whose own joint slides too.
+
+    Args:
+        folder: receives the files.
+        first: the mimic entry of the right finger's joint.
+        second: of the joint behind it.
+        yaml: of the hand.
+    """
+    path = write_gripper(folder, mimic=first, yaml=yaml)
+    model = folder / "two_finger.urdf"
+    weld = '<parent link="right_finger"/><child link="right_tip"/>'
+    assert weld in model.read_text()
+    behind = (
+        '<link name="right_end"/><joint name="right_second" type="prismatic"><parent link="right_finger"/>'
+        '<child link="right_end"/><axis xyz="-1 0 0"/><limit lower="0" upper="0.02" effort="40" velocity="1"/>'
+        f"{second}</joint></robot>"
+    )
+    text = model.read_text().replace(weld, weld.replace("right_finger", "right_end"))
+    model.write_text(text.replace("</robot>", behind))
+    return path
+
+
+def test_joints_that_follow_in_a_chain_are_coupled_to_the_one_that_leads(tmp_path: Path) -> None:
+    chain = (
+        '<mimic joint="left_slide" multiplier="0.5" offset="0.01"/>',
+        '<mimic joint="right_slide" multiplier="0.4" offset="0.002"/>',
+    )
+    lines = (
+        "  joints: [left_slide]\n"
+        "  couplings:\n"
+        "  - {joint: right_slide, follows: left_slide, ratio: 0.5, offset: 0.01}\n"
+        "  - {joint: right_second, follows: left_slide, ratio: 0.2, offset: 0.006}\n"
+    )
+    check = check_hand(write_chain(tmp_path, *chain))
+    assert fingers_yaml(check.entries) == f"- name: right\n{lines}".removesuffix("\n")
+    right = check_hand(write_chain(tmp_path, *chain, YAML.replace("  joints: [right_slide]\n", lines)))
+    assert not right.faults
+    assert ("ok", "right_second = 0.2 left_slide + 0.006, as the model has it") in verdicts(right, "couplings")
+
+
+def test_joints_that_follow_each_other_are_told(tmp_path: Path) -> None:
+    circle = '<mimic joint="right_second"/>', '<mimic joint="right_slide"/>'
+    (fault,) = (fault for fault in check_hand(write_chain(tmp_path, *circle)).faults if fault.part == "couplings")
+    assert "two_finger.urdf: the joints right_slide, right_second follow each other" in fault.text
+
+
 def test_rigid_shapes_are_named(tmp_path: Path) -> None:
     hint = '<drake:mesh_resolution_hint value="0.003"/>'
     rigid = f"<drake:proximity_properties><drake:rigid_hydroelastic/>{hint}</drake:proximity_properties>"
@@ -168,6 +215,23 @@ def test_a_tip_without_a_shape_gives_way_to_the_link_before_it_and_all_that_foll
     assert check_hand(path).entries == ()
 
 
+def test_nothing_on_the_palm_is_named_for_a_fingertip(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path, yaml=YAML.replace("palm_frame: base", "palm_frame: palm_link"))
+    model = tmp_path / "two_finger.urdf"
+    palm = (
+        '<link name="root"/><link name="palm_link"/>'
+        '<joint name="root_weld" type="fixed"><parent link="root"/><child link="base"/></joint>'
+        '<joint name="palm_weld" type="fixed"><parent link="base"/><child link="palm_link"/></joint></robot>'
+    )
+    bare = re.sub(r"<collision[^>]*><origin[^>]*/><geometry><box size=.0.008.*?</collision>", "", model.read_text())
+    bare = re.sub(r"<collision name.*?</collision>", "", bare)
+    model.write_text(bare.replace("</robot>", palm))
+    path.write_text(path.read_text().replace("base_link: base", "base_link: root"))
+    check = check_hand(path)
+    assert [fault.part for fault in check.faults] == ["fingertip left", "fingertip right"]
+    assert check.entries == ()
+
+
 def test_wrong_joints_are_named_with_the_right_ones(tmp_path: Path) -> None:
     wrong = YAML.replace("joints: [left_slide]", "joints: [right_slide]")
     assert check_hand(write_gripper(tmp_path, yaml=wrong)).entries == (Entry("left", "joints", ("left_slide",)),)
@@ -229,3 +293,49 @@ def test_what_drake_says_is_told_to_its_end(tmp_path: Path) -> None:
     (note,) = (text for verdict, text in verdicts(check_hand(path), "model") if verdict == "note")
     assert note.startswith("Drake says: two_finger.urdf:")
     assert note.endswith("do not satisfy the triangle inequality")
+
+
+GRID = [[x, y, 0.012] for x in (-0.003, 0.0, 0.003) for y in (-0.003, 0.0, 0.003)]
+
+
+def check_pad(folder: Path, points: list[list[float]], normal: tuple[int, int, int] = (0, 0, 1)) -> HandCheck:
+    """Of the gripper with a tactile array on the left ball, whose top is at z = 12 mm."""
+    pattern = f"{{points: {points}, normals: [{list(normal)}], cell: 0.003}}"
+    (folder / "pad.yaml").write_text(f"pattern: !PointPattern {pattern}\n")
+    pads = "pads: [{name: tip, frame: left_tip, array: pad.yaml, alpha: 1e-8}]\n"
+    return check_hand(write_gripper(folder, yaml=YAML + pads))
+
+
+def test_a_pad_on_its_link_has_no_fault(tmp_path: Path) -> None:
+    check = check_pad(tmp_path, GRID)
+    assert not check.faults
+    text = "100% of its cells lie within 5 mm of the collision shapes of link 'left_tip'; the rest is up to "
+    assert [finding.text.startswith(text) for finding in check.findings if finding.part == "pad tip"] == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("points", "normal", "text"),
+    [
+        ([[1e3 * x for x in point] for point in GRID], (0, 0, 1), "0% of its cells lie within 5 mm"),
+        ([[x, y, z + 0.5] for x, y, z in GRID], (0, 0, 1), "is up to 500.0 mm outside of them and 0.0 mm inside"),
+        (GRID, (0, 0, -1), "the normals of 100% of its cells point into the link 'left_tip'"),
+        ([*GRID, GRID[4]], (0, 0, 1), "pad.yaml: corners[9]: the cell is where cell 4 is; allowed is a place each"),
+    ],
+)
+def test_a_pad_that_cannot_be_where_it_is_told_is_named(
+    tmp_path: Path, points: list[list[float]], normal: tuple[int, int, int], text: str
+) -> None:
+    (fault,) = check_pad(tmp_path, points, normal).faults
+    assert fault.part == "pad tip"
+    assert text in fault.text
+
+
+def test_a_pad_on_a_link_without_a_shape_is_noted(tmp_path: Path) -> None:
+    check_pad(tmp_path, GRID)
+    model, path = tmp_path / "two_finger.urdf", tmp_path / "two_finger.hand.yaml"
+    mark = '<link name="mark"/><joint name="mark_weld" type="fixed"><parent link="base"/><child link="mark"/></joint>'
+    model.write_text(model.read_text().replace("</robot>", mark + "</robot>"))
+    path.write_text(path.read_text().replace("frame: left_tip, array", "frame: mark, array"))
+    assert ("note", "the link 'mark' has no collision shape, which its cells could be compared with") in verdicts(
+        check_hand(path), "pad tip"
+    )

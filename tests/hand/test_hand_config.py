@@ -12,8 +12,8 @@ from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Superquadric
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
-from tactopose_drake.hand.finger_chain import finger_chain
-from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.finger_chain import finger_chain, joints_towards
+from tactopose_drake.hand.hand_config import Coupling, load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand, find_hand, make_hand_plant
 from tactopose_drake.resources import model_path
 
@@ -187,6 +187,23 @@ def test_another_hand_fits_the_same_description(tmp_path):
     assert isinstance(hand.surfaces["left"], Sphere)
 
 
+def test_a_palm_may_be_a_link_that_is_fixed_to_the_base(tmp_path):
+    path = write_gripper(tmp_path)
+    path.write_text(path.read_text().replace("palm_frame: base", "palm_frame: palm_link"))
+    palm = (
+        '<link name="palm_link"><pose>0.01 0.02 0.03 0 0 0.5</pose></link>'
+        '<joint name="palm_weld" type="fixed"><parent>base</parent><child>palm_link</child></joint></model>'
+    )
+    (tmp_path / "gripper.sdf").write_text(GRIPPER_SDF.replace("</model>", palm))
+    plant, hand = make_hand_plant(load_hand_config(path))
+    chain, context = finger_chain(plant, hand, "left"), plant.CreateDefaultContext()
+    plant.GetJointByName("left_hinge").set_angle(context, 0.3)
+    X_PS = plant.CalcRelativeTransform(context, hand.palm_frame, hand.sensor_frames["left"])
+    np.testing.assert_allclose(chain.sensor_poses(np.array([[0.3]]))[0], X_PS.GetAsMatrix34(), atol=1e-12)
+    assert joints_towards(plant, hand, hand.sensor_frames["left"], "palm_link") == ["left_hinge"]
+    assert joints_towards(plant, hand, hand.palm_frame, "base") == []
+
+
 @pytest.mark.parametrize(
     ("text", "kind"),
     [
@@ -229,6 +246,12 @@ def test_bad_descriptors_are_refused(tmp_path):
             InvalidInputError,
             r"'left_hinge' moves; .* fixed \(left_weld",
         ),
+        (
+            "base_link: base",
+            "base_link: left",
+            InvalidInputError,
+            "base_link: is 'left', which the joint 'left_hinge' carries; allowed is the model's root, 'base'",
+        ),
         ("gripper.sdf", "griper.sdf", InvalidFileError, r"griper\.sdf: is no model that Drake can read"),
     ],
 )
@@ -236,6 +259,16 @@ def test_what_the_model_does_not_hold_is_refused(tmp_path, right, wrong, error, 
     path = write_gripper(tmp_path)
     path.write_text(path.read_text().replace(right, wrong))
     with pytest.raises(error, match=message):
+        make_hand_plant(load_hand_config(path))
+
+
+def test_a_model_that_drake_would_end_the_process_for_is_named(tmp_path):
+    path = write_gripper(tmp_path)
+    swapped = '<robot name="a"><link name="base"/><link name="left"/><joint name="left_hinge" type="revolute">'
+    swapped += '<parent link="base"/><child link="left"/><limit lower="1" upper="-1" effort="1" velocity="1"/></joint>'
+    (tmp_path / "gripper.urdf").write_text(swapped + "</robot>")
+    path.write_text(path.read_text().replace("gripper.sdf", "gripper.urdf"))
+    with pytest.raises(InvalidFileError, match=r"gripper\.urdf: is no model that Drake can read .*lower_limits"):
         make_hand_plant(load_hand_config(path))
 
 
@@ -265,6 +298,7 @@ def test_a_finger_may_have_no_sensor_and_a_hand_pads(tmp_path):
     ("pads", "message"),
     [
         ("- {name: a, frame: left_tip, alpha: 0}", r"pads\[a\].alpha: is 0"),
+        ("- {name: a, frame: left_tip, alpha: 2}", r"pads\[a\].alpha: is 2; allowed are numbers from 0 to 1"),
         ("- {name: a, frame: base, alpha: 1}\n- {name: a, frame: left, alpha: 1}", "pads: have the names"),
         ("- {frame: left_tip, alpha: 1}", "pads: have the names"),
         ("- {name: a, frame: thumb, alpha: 1}", "'thumb' is unknown; valid names: .*left_tip"),
@@ -282,6 +316,46 @@ def test_half_a_sensor_is_refused(tmp_path):
     path.write_text(path.read_text().replace("weld: left_weld, ", ""))
     with pytest.raises(InvalidInputError, match=r"fingers\[left\]: has sensor_frame 'left_tip' and weld ''"):
         load_hand_config(path)
+
+
+@pytest.mark.parametrize(
+    ("finger", "joint", "follows", "message"),
+    [
+        ("first", "FFJ1", "FFJ3", r"fingers\[first\].couplings: coupling of 'FFJ1': is not the same everywhere"),
+        ("first", "MFJ1", "FFJ2", r"coupling of 'MFJ1': is not the same everywhere"),
+        ("first", "FFJ3", "FFJ2", r"coupling of 'FFJ3': follows 'FFJ2', and is among the joints of a finger"),
+        ("ring", "FFJ3", "RFJ2", r"fingers\[ring\].couplings: coupling of 'FFJ3': follows 'RFJ2', and is among"),
+    ],
+)
+def test_a_joint_follows_in_one_way_and_has_no_actuator(finger, joint, follows, message):
+    config = load_hand_config("shadow_like")
+    config.finger(finger).couplings.append(Coupling(joint=joint, follows=follows))
+    with pytest.raises(InvalidInputError, match=message):
+        config.validate()
+
+
+def test_fingers_that_share_a_coupled_joint_repeat_its_coupling():
+    config = load_hand_config("shadow_like")
+    config.finger("first").couplings *= 2
+    config.validate()
+    assert len(config.couplings) == 4
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "message"),
+    [
+        ([0.0, 0.0, 0.0], [], r"has grip_low \[0.0, 0.0, 0.0\] and grip_high \[\]; allowed are both or neither"),
+        ([], [0.0, 0.0, 0.0], "allowed are both or neither"),
+        ([0.1, 0.0, 0.1], [0.2, 0.0, 0.2], r"grip_low: is \[0.1, 0.0, 0.1\]; allowed is less than grip_high"),
+        ([0.0, 0.0, 50.0], [20.0, 20.0, 80.0], "grip_low.*in metres; allowed are coordinates up to 10 m"),
+        ([0.0, 0.0], [0.1, 0.1, 0.1], "grip_low: has shape"),
+    ],
+)
+def test_a_grip_region_has_two_corners_in_metres(low, high, message):
+    config = load_hand_config("barrett_like")
+    config.grip_low, config.grip_high = low, high
+    with pytest.raises(InvalidInputError, match=message):
+        config.validate()
 
 
 def test_unknown_finger_is_named(config):

@@ -1,6 +1,7 @@
 """What the grasp planner takes from a hand's model: of fingers that slide, of thick ones, and of sensors anywhere."""
 
 import dataclasses
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.finger_chain import finger_chain
+from tactopose_drake.hand.hand_check import check_hand
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_reach import make_hand_reach, rest_posture
@@ -100,6 +102,19 @@ def test_a_coupling_with_an_offset_is_followed(tmp_path: Path) -> None:
 def test_a_hand_whose_fingers_feel_no_forces_cannot_be_planned_for() -> None:
     with pytest.raises(InvalidInputError, match=r"0 of them have a force-torque sensor.*Scenario\.grip"):
         make_hand_reach(load_hand_config("barrett_like"), ReachParams())
+
+
+@pytest.mark.parametrize("limit", ["", '<limit lower="0.01" upper="0.01" effort="40" velocity="1"/>'])
+def test_joints_without_limits_are_told_as_the_check_tells_them(tmp_path: Path, limit: str) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(re.sub("<limit.*?/>", limit, model.read_text(), count=1))
+    with pytest.raises(InvalidInputError) as told:
+        make_hand_reach(load_hand_config(path), ReachParams())
+    assert re.search(
+        "'left': joint limits: left_slide .*; planned grasps need finite ones that differ", str(told.value)
+    )
+    assert [fault.text for fault in check_hand(path).faults] == [str(told.value).removesuffix(".")]
 
 
 def test_fingertips_touch_with_their_straight_parts_where_round_ends_hold_nothing(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.hand.named_joints import NamedJoints, check_near_limits
-from tests.hand.grippers import write_gripper
+from tests.hand.grippers import YAML, write_gripper
 
 HANDS = ["shadow_like", "barrett_like"]
 
@@ -56,6 +56,13 @@ def test_a_coupling_with_an_offset_shifts_positions_and_not_velocities() -> None
     assert shifted.velocities("joints", leader)[place] == pytest.approx(expected)
     assert shifted.positions("joints", leader)[place] == pytest.approx(expected + 0.2)
     assert shifted.positions("joints", leader | {coupling.joint: 0.1})[place] == 0.1
+
+
+def test_the_offset_of_a_coupling_that_fingers_share_counts_once(tmp_path: Path) -> None:
+    coupled = "joints: [left_slide]\n  couplings: [{joint: right_slide, follows: left_slide, ratio: 0.5, offset: 0.01}]"
+    yaml = YAML.replace("joints: [left_slide]", coupled).replace("joints: [right_slide]", coupled)
+    plant, hand = make_hand_plant(load_hand_config(write_gripper(tmp_path, yaml=yaml)))
+    np.testing.assert_allclose(NamedJoints(plant, hand).positions("joints", {"left_slide": 0.02}), [0.02, 0.02])
 
 
 def test_mistakes_are_named() -> None:

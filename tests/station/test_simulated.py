@@ -14,6 +14,7 @@ from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.resources import resource_root
 from tactopose_drake.runs.grasp_simulation import run_grasp, simulate_grasp
 from tactopose_drake.station.grasp_planning import plan_scenario
+from tactopose_drake.station.own_object import write_simulated_object
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.simulated import make_station
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
@@ -153,18 +154,19 @@ def test_every_scenario_runs_a_moment(path):
         assert np.all(np.isfinite(station.diagram.GetOutputPort(name).Eval(simulator.get_context()))), name
 
 
-def test_an_object_too_large_for_the_hand_is_refused(scenario, result):
-    narrow = dataclasses.replace(
-        scenario, planner=dataclasses.replace(scenario.planner, palm_clearance=0.2, most_poses=3)
-    )
-    with pytest.raises(InvalidInputError, match="finds no way to hold 'cube'"):
-        plan_scenario(narrow, result.station.model)
+def test_an_object_too_large_for_the_hand_is_refused_by_its_name_wherever_its_files_are(scenario, result, tmp_path):
+    planner = dataclasses.replace(scenario.planner, palm_clearance=0.2, most_poses=3)
+    elsewhere = str(write_simulated_object(result.station.model, tmp_path))
+    for object_named in ("cube", elsewhere):
+        narrow = dataclasses.replace(scenario, object=object_named, planner=planner)
+        with pytest.raises(InvalidInputError, match="finds no way to hold 'cube'"):
+            plan_scenario(narrow, result.station.model)
 
 
 def test_a_hand_without_grip_region_gets_one_between_its_fingers(scenario):
     config = load_hand_config("shadow_like")
     low, high = np.array(config.grip_low), np.array(config.grip_high)
-    config.grip_low = []
+    config.grip_low, config.grip_high = [], []
     found = make_hand_reach(config, scenario.reach)
     middle = 0.5 * (found.grip_low + found.grip_high)
     assert np.all(middle > low - 0.02)

@@ -97,6 +97,19 @@ def test_a_stamp_from_the_future_is_not_fresh() -> None:
     assert status.startswith("stale")
 
 
+def test_what_was_sampled_before_the_clock_went_back_is_not_fresh() -> None:
+    with virtual_bus(make_board()) as bus, NetCanOemForceTorque(bus, calibration_slot=SLOT) as sensor:
+        simulator = start(CanForceTorque(sensor))
+        simulator.AdvanceTo(1.0)
+        simulator.get_mutable_context().SetTime(0.2)
+        simulator.Initialize()
+        simulator.AdvanceTo(0.5)
+        assert read(simulator, "status").startswith("stale: -0.5")
+        assert np.isnan(read(simulator, "wrench")).all()
+        simulator.AdvanceTo(1.1)
+        assert read(simulator, "status") == "ok"
+
+
 def test_gives_all_of_the_hand() -> None:
     simulated = make_hand(awake=False)
     with virtual_bus(simulated) as bus, BarrettHand(bus) as hand:

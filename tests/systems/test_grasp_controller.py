@@ -79,6 +79,15 @@ def test_closes_while_nothing_is_felt_and_gives_up_in_time(hand_plant):
     assert bench.status() == "holding; not carrying: first, thumb"
 
 
+def test_the_time_to_close_counts_from_when_it_begins(hand_plant):
+    bench = Bench(hand_plant)
+    bench.context.SetTime(50.0)
+    bench.run(0.9)
+    assert not bench.holding()
+    bench.run(0.2)
+    assert bench.holding()
+
+
 def test_holds_once_all_fingers_carry_their_force(hand_plant):
     bench = Bench(hand_plant)
     bench.set_forces(SET_FORCE, 0.0)

@@ -12,7 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem, LcmSubscriberSystem
 
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectBeliefMessage
-from tactopose_drake.errors import ProtocolError
+from tactopose_drake.errors import InvalidInputError, ProtocolError
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.systems.lcm_belief import LcmBelief
@@ -74,6 +74,20 @@ def test_senses_come_to_their_ports_and_grow_old() -> None:
     assert np.all(np.isnan(wired.value("wrench_first")))
 
 
+def test_a_message_of_before_the_clock_went_back_is_not_fresh() -> None:
+    wired = Wired("shadow_like")
+    wired.run(2.0)
+    wired.run(0.02, HandSensesMessage(utime=5, sequence=1, wrenches=dict(held_cube.WRENCHES)))
+    assert wired.value("status") == "ok"
+    wired.simulator.get_mutable_context().SetTime(0.5)
+    wired.simulator.Initialize()
+    wired.run(0.1)
+    assert wired.value("status") == "stale: -1.40 s old"
+    assert np.all(np.isnan(wired.value("wrench_thumb")))
+    wired.run(0.02, HandSensesMessage(utime=6, sequence=2, wrenches=dict(held_cube.WRENCHES)))
+    assert wired.value("status") == "ok"
+
+
 def test_pads_too_and_what_does_not_fit_is_said() -> None:
     wired = Wired("barrett_like")
     message = HandSensesMessage(
@@ -110,6 +124,12 @@ def test_a_belief_goes_out_with_the_time_of_its_senses() -> None:
     np.testing.assert_array_equal(belief.quaternion_wxyz, [[1, 0, 0, 0]] * 2)
     assert belief.session == wired.got[0].session > 0
     assert math.isfinite(belief.covariance.sum())
+
+
+@pytest.mark.parametrize("most", [0, -1, 2.5])
+def test_a_belief_of_no_modes_is_refused(most: int) -> None:
+    with pytest.raises(InvalidInputError, match="max_modes: is "):
+        LcmBelief(most)
 
 
 def test_a_damaged_message_ends_the_simulation_with_an_error() -> None:

@@ -117,6 +117,16 @@ def test_a_finger_without_a_reading_is_named_and_the_others_go_on(tracker: Objec
     assert belief.has_pose
 
 
+@pytest.mark.parametrize("strength", [1e6, 2e6, 1e20, 1e150, 1e300])
+def test_a_force_beyond_all_reason_is_named_and_the_others_go_on(tracker: ObjectTracker, strength: float) -> None:
+    tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior())
+    thumb = held_cube.WRENCHES["thumb"] * strength / np.linalg.norm(held_cube.WRENCHES["thumb"][3:])
+    belief = tracker.update({**noisy(1), "thumb": thumb}, held_cube.Q, 0.01)
+    assert "thumb: the force is beyond 1e+06 N" in belief.message
+    assert "thumb" not in tracker.diagram.GetOutputPort("fingers_in_contact").Eval(tracker.context)
+    assert belief.has_pose
+
+
 @pytest.mark.parametrize("value", [1e5, 1e20, 1e300, -1e300, np.inf, np.nan])
 @pytest.mark.parametrize("sensor", ["wrenches", "joints", "joint_velocities"])
 def test_whatever_a_sensor_says_there_is_a_belief_and_the_next_reading_counts(

@@ -152,7 +152,44 @@ def test_zero_frames_are_no_contact(hand_plant: tuple[MultibodyPlant, Hand]) -> 
     assert system.GetOutputPort("status").Eval(context) == "; ".join(f"{name}: no contact" for name in PADS)
 
 
-@pytest.mark.parametrize("value", [-1.0, np.inf])
+@pytest.mark.parametrize("value", [1.8e5, 5e6, 1e15, np.inf])
+def test_a_cell_beyond_its_range_is_not_known_and_is_named(
+    hand_plant: tuple[MultibodyPlant, Hand], value: float
+) -> None:
+    stuck, dead = some_pressures(), some_pressures()
+    stuck["palm"][[3, 20]], dead["palm"][[3, 20]] = value, np.nan
+    system, context = fixed(hand_plant, np.zeros(8), stuck)
+    assert system.GetOutputPort("status").Eval(context) == "palm: cells beyond the range, 159961 Pa: 3, 20"
+    patch, expected = patches_of(system, context)[3], patches_of(*fixed(hand_plant, np.zeros(8), dead))[3]
+    np.testing.assert_array_equal(patch.pressure, expected.pressure)
+    np.testing.assert_array_equal(patch.centroid, expected.centroid)
+    assert patch.threshold == expected.threshold
+
+
+def test_where_only_cells_beyond_their_range_are_left_a_pad_feels_nothing(
+    hand_plant: tuple[MultibodyPlant, Hand],
+) -> None:
+    pressure = np.zeros(24)
+    pressure[3] = 1e6
+    system, context = fixed(hand_plant, np.zeros(8), dict.fromkeys(PADS, pressure))
+    assert [patch.status for patch in patches_of(system, context)] == ["no_contact"] * 4
+    assert "palm: no contact, cells beyond the range, 159961 Pa: 3" in system.GetOutputPort("status").Eval(context)
+    system.GetInputPort("pressures_palm").FixValue(context, np.full(24, 1e6))
+    assert system.GetOutputPort("pads").Eval(context) == PADS[:3]
+    assert "palm: cells beyond the range, 159961 Pa: 0, 1, 2" in system.GetOutputPort("status").Eval(context)
+
+
+def test_a_cell_at_the_end_of_its_range_is_saturated_however_it_is_rounded(
+    hand_plant: tuple[MultibodyPlant, Hand],
+) -> None:
+    pressure = np.zeros(24)
+    pressure[[3, 4, 5]] = 159_960.9375, 159_961.0, 150_000.0
+    system, context = fixed(hand_plant, np.zeros(8), dict.fromkeys(PADS, pressure))
+    assert system.GetOutputPort("status").Eval(context) == "ok"
+    np.testing.assert_array_equal(np.flatnonzero(patches_of(system, context)[0].saturated), [3, 4])
+
+
+@pytest.mark.parametrize("value", [-1.0, -np.inf])
 def test_an_impossible_pressure_makes_its_pad_no_patch_and_is_named(
     hand_plant: tuple[MultibodyPlant, Hand], value: float
 ) -> None:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.systems.played_signal import PlayedVector
 from tactopose_drake.systems.signals import Signal, SignalRecorder, read_signals
 
 POSE = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.01, 0.02, 1 / 3])
@@ -50,6 +51,41 @@ def test_a_value_stays_until_the_next() -> None:
     signal = Signal([1.0, 2.0], ["first", "second"])
     assert [signal.at(time) for time in (0.9, 1.0, 1.9, 2.0, 9.0)] == [None, "first", "first", "second", "second"]
     assert Signal.constant("always").at(-1e9) == "always"
+
+
+@pytest.mark.parametrize(
+    ("times", "values", "message"),
+    [
+        ([], [], "times: are none"),
+        ([0.0, 1.0], [np.zeros(2)], "times: are 2, and values 1"),
+        ([0.0], [np.zeros(2)] * 2, "times: are 1, and values 2"),
+        ([0.0, 2.0, 1.0], [np.zeros(2)] * 3, r"times\[2\]: is 1 s; allowed are numbers that do not fall"),
+        ([np.nan], [np.zeros(2)], r"times\[0\]: is nan s"),
+        ([0.0, np.nan, 1.0], [np.zeros(2)] * 3, r"times\[1\]: is nan s"),
+        (["now"], [np.zeros(2)], "times: not an array of numbers"),
+    ],
+)
+def test_a_signal_that_cannot_be_played_is_refused(times: list, values: list, message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        Signal(times, values)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([np.zeros(2), np.zeros(3)], r"values\[1\]: has shape \(3,\); allowed is \(2,\)"),
+        ([np.zeros(2), None], r"values\[1\]: not an array of numbers"),
+        ([1.0, 2.0], r"values\[0\]: has shape \(\); allowed is \(n,\)"),
+    ],
+)
+def test_a_vector_is_played_only_of_vectors_of_one_length(values: list, message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        PlayedVector(Signal([0.0, 1.0], values))
+
+
+def test_of_two_values_of_one_time_the_last_one_counts() -> None:
+    player = PlayedVector(Signal([0.0, 0.0], [np.zeros(2), np.ones(2)]))
+    np.testing.assert_array_equal(player.get_output_port().Eval(player.CreateDefaultContext()), np.ones(2))
 
 
 def test_what_is_kept_does_not_follow_the_original() -> None:

@@ -177,6 +177,19 @@ def test_a_finger_that_is_stopped_unfelt_comes_back_with_nothing(bench: Bench) -
     assert bench.count() == 1.0
 
 
+def test_a_finger_whose_joints_are_not_known_comes_back(bench: Bench) -> None:
+    begin(bench)
+    bench.run(0.1)
+    q = bench.commanded()
+    q[bench.places[1]] = np.nan
+    bench.set("joint_positions", q)
+    bench.run(PARAMS.period)
+    assert bench.phase() == "return"
+    bench.run_until("settle")
+    assert bench.untouched() is None
+    assert bench.count() == 1.0
+
+
 def test_it_rests_after_the_most_touches(bench: Bench) -> None:
     begin(bench)
     bench.run_until("done", 5.0)

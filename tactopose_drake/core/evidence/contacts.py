@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactopose_drake.core.evidence.contact_variance_kernels import fill_variances
 from tactopose_drake.core.plain_values import PlainValue, copied
 from tactopose_drake.core.validation import (
+    MOST_FORCE,
     FloatArray,
     in_steps,
     limited,
@@ -27,7 +28,6 @@ MOST_SIGMA_POSITION = 0.1
 """What is told of the positions' standard deviation at the most, m: more tells nothing, and must be millimetres."""
 # Estimates of so many take a second; a scan's points are best thinned to fewer.
 _MOST_CONTACTS = 5000
-_MOST_FORCE = 1e6
 _MOST_COVARIANCE = 1e12
 _ROUNDING = 1e-9  # of a matrix's largest entry, by which it may be off its transpose
 
@@ -93,7 +93,7 @@ class Contacts(PlainValue):
         values: dict[str, FloatArray | None] = {
             "p_PC": p_PC,
             "n_PC": n_PC,
-            "f_PC": None if self.f_PC is None else limited("f_PC", self.f_PC, shape, most=_MOST_FORCE),
+            "f_PC": None if self.f_PC is None else limited("f_PC", self.f_PC, shape, most=MOST_FORCE),
             **{name: _sigmas(name, sigmas[name], count, *limits[name]) for name in _SIGMAS},
             "covariance": covariance,
         }

@@ -74,3 +74,14 @@ class Penetration(LeastSquaresObjective):
             self._grid, self._spheres, self._allowed, np.ascontiguousarray(X_PO), depths
         )
         return depths
+
+
+def overlap_slope(grid: DistanceGrid, hand: HandGeometry, X_PO: FloatArray) -> FloatArray:
+    """The derivative of the deepest overlap by the increment, at poses (B, 3, 4), shape (B, 6), m by rad and m."""
+    slope = np.empty((len(X_PO), 6))
+    for row, X in zip(slope, X_PO, strict=True):
+        q = (hand.p_PH - X[:, 3]) @ X[:, :3]
+        deepest = int(np.argmax(hand.radius - grid.distance(q)))
+        normal = grid.distance_and_normal(q[deepest : deepest + 1])[1][0]
+        row[:3], row[3:] = np.cross(q[deepest], normal), X[:, :3] @ normal
+    return slope

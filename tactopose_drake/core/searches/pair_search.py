@@ -208,10 +208,14 @@ class PairSearch(Search):
         return self._distinct(found, stage.kept)
 
     def _with_images(self, X_PO: FloatArray) -> FloatArray:
-        """Poses (n, 3, 4), and the first ones by those of the object's symmetries that the touch may tell apart."""
+        """Poses (n, 3, 4), and images of the first by half turns, which many objects nearly stand, and by symmetries.
+
+        Of the symmetries those are taken that the touch may tell apart.
+        """
         misfits = self.model.symmetry_misfits
-        turns = self.model.symmetry_poses[misfits > _NOTICED * np.min(self.contacts.sigma_position)]
-        return np.concatenate([X_PO, compose(X_PO[:_IMAGED, None], turns[None]).reshape(-1, 3, 4)])
+        noticed = self.model.symmetry_poses[misfits > _NOTICED * np.min(self.contacts.sigma_position)]
+        turns = np.concatenate([noticed, self.model.half_turns])
+        return np.concatenate([X_PO, compose(X_PO[:_IMAGED, None], turns).reshape(-1, 3, 4)])
 
     def _distinct(self, found: SearchResult, count: int) -> FloatArray:
         """The best poses (count, 3, 4), or fewer, of those that are further apart than the samples blur them."""

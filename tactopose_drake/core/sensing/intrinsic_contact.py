@@ -32,6 +32,7 @@ from tactopose_drake.core.sensing import contact_kernels
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces.surface import Surface
 from tactopose_drake.core.validation import (
+    MOST_FORCE,
     FloatArray,
     finite_array,
     instance_of,
@@ -55,6 +56,7 @@ _REASONS: Final[dict[int, str]] = {
     contact_kernels.FRICTION: "the friction force exceeds what friction_coefficient allows",
     contact_kernels.TORQUE: "the local torque exceeds what friction on a patch of the fingertip's size can give",
     contact_kernels.LAYER: "the soft layer is pressed in by more than its thickness or the surface's radius",
+    contact_kernels.TOO_STRONG: f"the force is beyond {MOST_FORCE:g} N",
 }
 _REASON_TABLE: Final = np.array([_REASONS[code] for code in range(len(_REASONS))], dtype=object)
 
@@ -176,7 +178,7 @@ def solve_contacts(
 ) -> ContactSolutions:
     """Finds the contacts that explain wrenches on one fingertip, each on its own; as `solve_contact`.
 
-    A wrench with a NaN or infinite number is not an error here but a row that is not valid.
+    A wrench with a NaN or infinite number is not an error here but a row that is not valid, as is one beyond 1e6 N.
 
     Args:
         F_S: wrenches on the fingertip about S's origin, shape (B, 6), N m and N.

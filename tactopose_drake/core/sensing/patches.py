@@ -16,6 +16,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.validation import (
+    MOST_ALPHA,
     FloatArray,
     instance_of,
     limited,
@@ -29,8 +30,7 @@ from tactopose_drake.errors import InvalidInputError
 _Array = TypeVar("_Array", bound="np.ndarray[Any, Any]")
 PatchStatus = Literal["area", "narrow", "row", "point", "no_contact"]
 
-# Pressures, Pa, and their depths, m/Pa, are not above these.
-_MOST_PRESSURE, _MOST_ALPHA = 1e12, 1.0
+_MOST_PRESSURE = 1e12  # Pa
 _MOST_MISPLACEMENT = 1e2  # of where a pad is, m^2 and rad^2
 _ROUNDING = 1e-9  # of a covariance's largest entry
 _LEAST_EXTENT = 1e-9  # m; cells nearer to each other than that are at one place
@@ -172,7 +172,7 @@ def describe_patch(
     if len(p_PT) == 0:
         raise InvalidInputError("p_PT: has no cells; a pad has at least 1.")
     pressure = _pressures(pressure, len(p_PT))
-    alpha = float(limited("alpha", alpha, (), most=_MOST_ALPHA))
+    alpha = float(limited("alpha", alpha, (), most=MOST_ALPHA))
     if n_PT is None:
         n_PT = np.tile(-math.copysign(1.0, alpha) * _flat_normal(p_PT, params), (len(p_PT), 1))
     elif alpha < 0:

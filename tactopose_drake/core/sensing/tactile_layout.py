@@ -9,6 +9,7 @@ from tactopose_drake.errors import InvalidInputError
 
 # A cell's corners may leave their common plane by this share of its longest edge.
 _FLATNESS = 1e-3
+_SAME = 1e-6  # distance of cells that are at one place, m
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -28,8 +29,8 @@ class TactileLayout:
         planes: of the wedges, shape (m, 4, 4): a point q is inside where planes[..., :3] @ q + planes[..., 3] >= 0.
 
     Raises:
-        InvalidInputError: numbers that are not finite, no cell, a cell that is not flat, not convex or has no area, or
-            a ray that does not point out of its cell.
+        InvalidInputError: numbers that are not finite, no cell, a cell that is not flat, not convex or has no area, two
+            cells at one place, or a ray that does not point out of its cell.
     """
 
     corners: FloatArray
@@ -45,6 +46,7 @@ class TactileLayout:
             raise InvalidInputError("corners: hold no cell; allowed is a cell or more.")
         rays = np.array(finite_array("rays", self.rays, (len(corners), 4, 3)))
         p_TC, n_T, areas = _measures(corners)
+        _check_places(p_TC)
         rays = _unit_rays(rays, n_T)
         planes = _planes(corners, rays)
         fields = {"corners": corners, "rays": rays, "p_TC": p_TC, "n_T": n_T, "areas": areas, "planes": planes}
@@ -78,6 +80,15 @@ def _measures(corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     )
     p_TC = np.einsum("mt,mti->mi", weights, halves.mean(axis=2)) / weights.sum(axis=1, keepdims=True)
     return p_TC, n_T, areas
+
+
+def _check_places(p_TC: FloatArray) -> None:
+    """Raises InvalidInputError if two of the cells' centres (m, 3) are one."""
+    _, firsts, place = np.unique(np.round(p_TC / _SAME), axis=0, return_index=True, return_inverse=True)
+    first = firsts[place.ravel()]
+    again = int(np.argmax(first != np.arange(len(p_TC))))
+    if again:  # The first cell is nowhere again.
+        raise InvalidInputError(f"corners[{again}]: the cell is where cell {first[again]} is; allowed is a place each.")
 
 
 def _unit_rays(rays: FloatArray, n_T: FloatArray) -> FloatArray:

@@ -132,6 +132,15 @@ class ObjectModel(SimpleBodies):
         )
 
     @cached_property
+    def half_turns(self) -> FloatArray:
+        """Half turns about the principal axes of inertia through the box's middle, poses X_OO' of shape (3, 3, 4).
+
+        Few objects are symmetric so, but many are nearly: a touch may fit a mug upside down.
+        """
+        R = 2.0 * np.einsum("ik,jk->kij", *(np.linalg.eigh(self.inertia)[1],) * 2) - np.eye(3)
+        return np.concatenate([R, (self.middle - R @ self.middle)[:, :, None]], axis=2)
+
+    @cached_property
     def growth(self) -> tuple[float, float]:
         """By how much the surface moves along its normal and along each tangent where the object grows by 1, rms, m."""
         arms = self.samples.points - self.center_of_mass

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -112,6 +112,7 @@ class Frame:
     tip_velocity: Mapping[str, FloatArray] | None = None
     vision: PoseMeasurement | None = None
     X_WP: FloatArray | None = None
+    depth_in_hand: Callable[[FloatArray], FloatArray] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", float(limited("time", self.time, (), most=LATEST)))

@@ -8,6 +8,7 @@ moved since, and a touch of the time when the fingers were still closing counts 
 import dataclasses
 import functools
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -188,12 +189,14 @@ class Touch(NamedTuple):
         reading: its contacts by sources.
         window: the touches of now and of the past.
         standing: what vision said, as of now.
+        depth_in_hand: how deep poses would reach into the hand, of `Frame`.
     """
 
     evidence: Evidence
     reading: ContactReading
     window: TouchWindow
     standing: PoseMeasurement | None
+    depth_in_hand: Callable[[FloatArray], FloatArray] | None = None
 
     def averaged(self, params: PoseTrackerParams) -> Evidence:
         """The evidence with the mean of the contacts while they stay, as sure as that is, and with what vision said."""

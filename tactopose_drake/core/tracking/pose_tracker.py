@@ -215,7 +215,9 @@ class PoseTracker:
                 return belief
             search = search._replace(time=frame.time)
         assert frame.sources is not None
-        touch = Touch(frame.evidence, reading, make_window(belief.keyframes, params.window), belief.standing)
+        touch = Touch(
+            frame.evidence, reading, make_window(belief.keyframes, params.window), belief.standing, frame.depth_in_hand
+        )
         search, weighed = search_on(self._model, params, touch, belief.modes, search)
         belief = copied(belief, search=search)
         if weighed is None:

@@ -16,13 +16,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
+import scipy.special
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.objectives.penetration import overlap_slope
 from tactopose_drake.core.poses import compose, increments_between
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.importance_sampling import Cover, cover_modes, weigh_covered
@@ -64,6 +66,29 @@ class WeighedModes(NamedTuple):
     def moved(self, X_PP: FloatArray) -> WeighedModes:
         """The same after a motion (3, 4) of the object, which acts from the left."""
         mixture = dataclasses.replace(self.modes.mixture, X_PO=compose(X_PP, self.modes.mixture.X_PO))
+        return self._replace(modes=dataclasses.replace(self.modes, mixture=mixture))
+
+    def clear(self, model: ObjectModel, touch: Touch, params: RelocalisationParams) -> Self:
+        """The same where each mode counts by the probability that the object does not reach into the hand at it.
+
+        How deep it does is as unsure as the mode's pose is, to first order, and as the hand's surface. Asked is only of
+        the likely modes, and where there are several: the check is slow.
+        """
+        mixture = self.modes.mixture
+        likely = np.flatnonzero(mixture.weights > params.least_checked_share * mixture.weights.max())
+        if touch.depth_in_hand is None or len(likely) < 2:
+            return self
+        X_PO = mixture.X_PO[likely]
+        variance = np.full(len(likely), params.depth_sigma**2)
+        if touch.evidence.hand is not None:
+            slope = overlap_slope(model.grid, touch.evidence.hand, X_PO)
+            variance = touch.evidence.hand.sigma**2 + np.einsum(
+                "ni,nij,nj->n", slope, mixture.covariance[likely], slope
+            )
+        log_clear = scipy.special.log_ndtr((params.allowed_depth - touch.depth_in_hand(X_PO)) / np.sqrt(variance))
+        weights = mixture.weights.copy()
+        weights[likely] *= np.exp(log_clear - log_clear.max())
+        mixture = dataclasses.replace(mixture, weights=weights / weights.sum())
         return self._replace(modes=dataclasses.replace(self.modes, mixture=mixture))
 
 
@@ -130,7 +155,7 @@ def _next_slice(
         return search._replace(covered=None, weighed=weighed), None
     search = search.as_of_now()
     if search.weighed is not None:
-        return search.ended(), search.weighed
+        return search.ended(), search.weighed.clear(model, touch, params.relocalisation)
     evidence, settings = touch.averaged(params), params.relocalisation
     generator = np.random.default_rng([params.seed, search.searches])
     if search.X_PO is None:

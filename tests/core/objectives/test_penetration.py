@@ -3,8 +3,16 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
-from tactopose_drake.core.objectives.penetration import Penetration
-from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations, retract, transform_points
+from tactopose_drake.core.objectives.penetration import Penetration, overlap_slope
+from tactopose_drake.core.poses import (
+    compose,
+    exp_so3,
+    inverse,
+    make_poses,
+    random_rotations,
+    retract,
+    transform_points,
+)
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.resources import model_path
 from tests.core.objectives.laws import check_derivatives
@@ -113,3 +121,15 @@ def test_the_derivatives_are_exact(blob: ObjectModel, angle: float) -> None:
     penetration = Penetration(blob.grid, fist(12), allowed=0.001)
     assert np.all(penetration.cost(X_PO) > 1.0)
     check_derivatives(penetration, X_PO)
+
+
+def test_the_slope_of_the_deepest_overlap_is_its_derivative(ball: ObjectModel) -> None:
+    hand, step = HandGeometry([[0.047, 0, 0], [0, 0.049, 0], [0, 0, -0.051]], np.full(3, 0.01)), 1e-4
+
+    def deepest(X_PO: np.ndarray) -> float:
+        return float((hand.radius - ball.grid.distance(transform_points(inverse(X_PO), hand.p_PH))).max())
+
+    X_PO = poses_near(4, 20, 0.003)
+    for X, slope in zip(X_PO, overlap_slope(ball.grid, hand, X_PO), strict=True):
+        changes = [deepest(retract(X, step * row)) - deepest(retract(X, -step * row)) for row in np.eye(6)]
+        assert np.array(changes) / (2.0 * step) == pytest.approx(slope, abs=0.05)

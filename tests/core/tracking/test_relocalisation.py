@@ -7,15 +7,17 @@ import pytest
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.poses import compose, increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking import relocalisation
 from tactopose_drake.core.tracking.contact_errors import follow_doubt
-from tactopose_drake.core.tracking.frame import PoseMeasurement
+from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, make_window
 from tactopose_drake.core.tracking.motion_prediction import Motion
+from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.relocalisation import SearchState, relocalise, search_on
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
@@ -185,3 +187,60 @@ def test_of_a_touch_that_is_as_told_little_is_doubted(box: ObjectModel) -> None:
     doubt = follow_doubt({}, weighed.inlier_probability, weighed.noise_scale, NAMES, 1.0)
     assert set(doubt) == set(NAMES)
     assert all(1.0 <= factor < 2.0 for factor in doubt.values())
+
+
+def weighed_modes(*sigmas: float) -> relocalisation.WeighedModes:
+    """Equally probable modes, each known to so much, m and rad."""
+    n = len(sigmas)
+    X = retract(np.repeat(X_PO[None], n, axis=0), np.linspace(0.0, 0.05, n)[:, None] * np.eye(6)[3])
+    mixture = GaussianMixture(X, np.full(n, 1.0 / n), np.square(sigmas)[:, None, None] * np.eye(6))
+    return relocalisation.WeighedModes(Modes(mixture, np.zeros(n), (np.zeros((0, 6)),) * n, 0.0), np.ones(4), 1.0)
+
+
+def deep(*depths: float) -> Touch:
+    """A touch by which poses are so deep in the hand, m."""
+    return touch_of(touch(X_PO, np.random.default_rng(1)))._replace(depth_in_hand=lambda X: np.array(depths[: len(X)]))
+
+
+def test_a_mode_in_the_hand_counts_the_less_the_deeper_it_is(box: ObjectModel) -> None:
+    settings = PARAMS.relocalisation
+    for depth, most in ((0.0005, 0.5), (0.003, 0.2), (0.006, 1e-3)):
+        weights = weighed_modes(0.0, 0.0).clear(box, deep(0.0005, depth), settings).modes.mixture.weights
+        assert weights.sum() == pytest.approx(1.0)
+        assert weights[1] <= most + 1e-9
+    # Where both are as deep, neither is; and a single mode is not asked for.
+    assert np.allclose(weighed_modes(0.0, 0.0).clear(box, deep(0.01, 0.01), settings).modes.mixture.weights, 0.5)
+    alone, nobody = weighed_modes(0.0), deep()
+    assert alone.clear(box, nobody, settings) is alone
+
+
+def test_a_mode_that_may_slide_out_of_the_hand_is_not_dropped(box: ObjectModel) -> None:
+    touched = deep(0.0, 0.006)
+    center = X_PO[:, 3] + [0.05, 0.0, 0.0]
+    hand = HandGeometry(center[None], [0.03], sigma=0.001)
+    touched = touched._replace(evidence=dataclasses.replace(touched.evidence, hand=hand))
+    narrow, wide = (
+        weighed_modes(0.0001, sigma).clear(box, touched, PARAMS.relocalisation).modes.mixture.weights[1]
+        for sigma in (0.0001, 0.05)
+    )
+    assert narrow < 1e-4
+    assert wide > 0.2
+
+
+def test_the_belief_drops_flips_that_lie_in_the_hand(box: ObjectModel) -> None:
+    # Told that it has no symmetries, a box may lie in four ways; the hand is where it would be in three of them.
+    contacts, tracker = touch(X_PO, np.random.default_rng(1)), PoseTracker(box)
+
+    def depth(X: np.ndarray) -> np.ndarray:
+        return np.where(np.linalg.norm(X[:, :, :3] - X_PO[:, :3], axis=(1, 2)) > 1.0, 0.01, 0.0)
+
+    found = []
+    for depth_in_hand in (None, depth):
+        belief = tracker.start()
+        for step in range(30):
+            frame = Frame(0.02 * step, Evidence(contacts), NAMES[: len(contacts)], depth_in_hand=depth_in_hand)
+            belief = tracker.step(belief, frame)
+        right = np.linalg.norm(belief.X_PO[:, :, :3] - X_PO[:, :3], axis=(1, 2)) < 0.5
+        found.append(float(belief.probability[right].sum()))
+    assert found[0] < 0.6
+    assert found[1] > 0.95
