@@ -65,7 +65,6 @@ def test_contacts_that_may_be_anywhere_determine_no_pose(told: float, status: st
     bust = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
     felt = touch_surface(bust, np.eye(3, 4), 5, np.random.default_rng(0))
     estimate = tp.estimate_pose(bust, tp.Contacts(felt.p_PC, felt.n_PC, sigma_position=told))
-    assert estimate.best.probability > 0.9
     assert (estimate.status, estimate.undetermined) == (status, status == "ambiguous")
     prior = tp.PosePrior(np.eye(3, 4))
     assert not tp.estimate_pose(bust, tp.Contacts(felt.p_PC, sigma_position=told), prior=prior).undetermined
