@@ -141,6 +141,20 @@ def test_an_uncertainty_below_zero_is_refused(name: str) -> None:
         ContactUncertainty(plant, hand, HandUncertainty(**NONE | {name: -1.0}))
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        ("mounting", 0.3, "0.3; allowed are numbers from 0 to 0.05 m"),
+        ("fingertip_radius", 0.1, "0.1; allowed are numbers from 0 to 0.05 m"),
+        ("encoder_offset_deg", 720.0, "720; allowed are numbers from 0 to 45 deg"),
+        ("mounting_deg", 90.0, "90; allowed are numbers from 0 to 45 deg"),
+    ],
+)
+def test_an_uncertainty_of_another_unit_is_refused(name: str, value: float, allowed: str) -> None:
+    with pytest.raises(InvalidInputError, match=rf"HandUncertainty\.{name}: is {allowed}"):
+        HandUncertainty(**NONE | {name: value}).validate()
+
+
 def test_a_pose_is_used_as_given() -> None:
     plant, hand = make_hand_plant(load_hand_config("shadow_like"))
     kinematics = HandKinematics(plant, hand.palm_frame)
