@@ -17,7 +17,7 @@ from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.hand.calibration_file import HandCalibration
 from tactopose_drake.hand.felt_grasps import RecordedGrasp
 from tactopose_drake.hand.grasp_files import GRASP_ENDINGS, load_grasps
-from tactopose_drake.hand.hand_calibration import CalibrationParams, CalibrationResult, calibrate_hand
+from tactopose_drake.hand.hand_calibration import USED, CalibrationParams, CalibrationResult, calibrate_hand
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.runs.manifest import MANIFEST
 from tactopose_drake.runs.quiet_instant import quiet_grasp
@@ -105,13 +105,17 @@ def calibration_lines(result: CalibrationResult, names: list[str]) -> list[str]:
     lines = [
         f"What remains of a contact: {1e3 * noise.position:.2f} mm along its normal, {noise.normal_deg:.1f} deg of it."
     ]
-    left_out = [name for name, weight in zip(names, result.grasp_weights, strict=True) if weight < 0.5]
+    lines += [
+        f"No wrench of {finger} makes a contact, so that nothing is known of it: {reason}."
+        for finger, reason in result.without_contact.items()
+    ]
+    left_out = [name for name, weight in zip(names, result.grasp_weights, strict=True) if weight < USED]
     if left_out:
         lines.append(f"Left out, because no pose of the object explains them with the others: {', '.join(left_out)}.")
     doubtful = [
         name
         for name, weight, probability in zip(names, result.grasp_weights, result.pose_probability, strict=True)
-        if weight >= 0.5 and probability < _SURE
+        if weight >= USED and probability < _SURE
     ]
     if doubtful:
         lines.append(f"Another pose explains these, too, which is counted: {', '.join(doubtful)}.")

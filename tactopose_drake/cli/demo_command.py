@@ -95,7 +95,8 @@ def demo(**given: Any) -> None:
         OUT.print(pads_table(result.pads))
     OUT.print(poses_table((result.vision, result.touch)))
     OUT.print(free_line(result.estimate.best))
-    OUT.print(sigma_line(result.estimate.best, result.grasp.station.model.size))
+    if widths := sigma_line(result.estimate.best, result.grasp.station.model.size):
+        OUT.print(widths)
     OUT.print(status_line(result.estimate))
     if options.track:
         OUT.print(_belief_line(result.grasp))

@@ -24,10 +24,11 @@ def export(log: Path, kind: str, out: Path | None) -> None:
         # Of `.` and `..`, the folder that is meant has the name.
         out = log.resolve().parent / f"{log.resolve().name}.{kind}"
     check_outputs((out,), inputs=(log,))
+    done = "Replaced" if out.is_file() else "Written"
     with ERRORS.status("reading the recording") as status:
         run = read_recording(log)
         status.update("writing")
         _WRITERS[kind](run, out)
     for problem in run.problems:
         ERRORS.print(problem, style="yellow")
-    OUT.print(f"Written: {out}", soft_wrap=True)
+    OUT.print(f"{done}: {out}", soft_wrap=True)

@@ -10,7 +10,7 @@ from rich import box
 from rich.table import Table
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.estimation.descriptions import determined_sigmas
+from tactopose_drake.estimation.descriptions import sigma_cells
 from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.estimation.results import PoseEstimate
 
@@ -31,13 +31,11 @@ def hypotheses_table(estimate: PoseEstimate, model: ObjectModel) -> Table:
     for heading in ("mass", "translation, mm", "quaternion wxyz", "\u00b1 mm", "\u00b1 deg", "cost"):
         table.add_column(heading, justify="right", no_wrap=True)
     for hypothesis in estimate.hypotheses[:_MOST_ROWS]:
-        rotation, translation = determined_sigmas(about_middle(hypothesis, model), model.size)
         table.add_row(
             f"{hypothesis.probability:.1%}",
             " ".join(f"{1e3 * x:.1f}" for x in hypothesis.X_PO.translation()),
             " ".join(f"{x:.3f}" for x in hypothesis.X_PO.rotation().ToQuaternion().wxyz()),
-            f"{1e3 * translation:.1f}",
-            f"{np.degrees(rotation):.1f}",
+            *sigma_cells(about_middle(hypothesis, model), model.size),
             f"{hypothesis.cost:.4g}",
         )
     hidden = len(estimate.hypotheses) - _MOST_ROWS

@@ -134,7 +134,7 @@ def _is_between(array: FloatArray, least: float, most: float) -> bool:
 
 
 def positive_number(
-    name: str, value: float, *, allow_zero: bool = False, least: float = 0.0, most: float = np.inf
+    name: str, value: float, *, allow_zero: bool = False, least: float = 0.0, most: float = np.inf, unit: str = ""
 ) -> float:
     """Returns `value` as a float if it is finite, above zero (or zero, where allowed), and between two limits.
 
@@ -143,7 +143,7 @@ def positive_number(
     """
     if type(value) is float and 0.0 < value < np.inf and least <= value <= most:
         return value  # Ten times as fast as what says what is wrong.
-    return float(positive_numbers(name, value, (), allow_zero=allow_zero, least=least, most=most))
+    return float(positive_numbers(name, value, (), allow_zero=allow_zero, least=least, most=most, unit=unit))
 
 
 def positive_numbers(
@@ -153,8 +153,11 @@ def positive_numbers(
     allow_zero: bool = False,
     least: float = 0.0,
     most: float = np.inf,
+    unit: str = "",
 ) -> FloatArray:
     """Returns an array of finite numbers above zero (or zero, where allowed), and between two limits.
+
+    A unit stands in messages about limits, where a number may be one of another unit.
 
     Raises:
         InvalidInputError: if it is not one, or of another shape.
@@ -167,7 +170,7 @@ def positive_numbers(
     outside = ((array < least) & (array > 0.0)) | (array > most)
     for wrong, allowed in (
         (low, f"{'>=' if allow_zero else '>'} 0"),
-        (outside, f"from {least:g} to {most:g}{', and 0' if allow_zero and least > 0.0 else ''}"),
+        (outside, f"from {least:g} to {most:g}{unit and f' {unit}'}{', and 0' if allow_zero and least > 0.0 else ''}"),
     ):
         if wrong.any():
             raise InvalidInputError(f"{name}: is {array[wrong][0]:g}; allowed are numbers {allowed}.")

@@ -106,7 +106,7 @@ class BarrettHand(Device[HandSample]):
     def _command(self, *commands: tuple[can.Message, float]) -> None:
         # A command that waited until the hand is back could move it when nobody expects that.
         if not self._sampling:
-            raise DeviceError(f"{self.name}: cannot be commanded; its state: {self.status}.")
+            raise DeviceError(f"{self.name}: cannot be commanded; its state: {self.status.removesuffix('.')}.")
         self._commands.extend(commands)
 
     def _converse(self) -> Conversation:

@@ -1,6 +1,6 @@
 """Checks of what a YAML file holds: every fault is one `InvalidFileError` that says file, place and what is allowed."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,21 @@ def read_data(path: Path) -> Any:
         return plain_data(root)
     except InvalidFileError as error:
         raise InvalidFileError(f"{path}: {error}") from None
+
+
+def fault_in(path: Path, where: str, error: InvalidInputError, places: Mapping[str, str]) -> InvalidFileError:
+    """An error of what a file's numbers were made into, with the place where these stand in the file.
+
+    Args:
+        path: of the file.
+        where: the mapping in it that the numbers are of; empty for all of it.
+        error: whose message begins with the name of a value, maybe with a row in brackets.
+        places: in that mapping, by such names, where they differ; `{}` in one stands for the row.
+    """
+    name, _, fault = str(error).partition(": ")
+    value, _, row = name.partition("[")
+    place = places[value].format(row.rstrip("]").split(",")[0]).replace("[]", "") if value in places else name
+    return InvalidFileError(f"{path}: {f'{where}.{place}'.lstrip('.')}: {fault}")
 
 
 def check_mapping(

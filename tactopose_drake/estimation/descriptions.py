@@ -1,12 +1,15 @@
 """Estimates in words: what is determined, what is not, and which contacts do not belong to the object."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.posterior.hypotheses import determined_rows
+from tactopose_drake.core.posterior.hypotheses import determined_part, determined_rows
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
 
+_LEAST_DETERMINED = 0.5  # of a direction, below which there is nothing whose standard deviation would say something
 _MEANINGS = {
     "ok": "the most probable pose carries most of the probability",
     "ambiguous": "several poses explain the touch; none carries most of the probability",
@@ -16,6 +19,8 @@ _MEANINGS = {
 
 def meaning(estimate: PoseEstimate) -> str:
     """What the status means."""
+    if estimate.status == "ambiguous" and estimate.undetermined:
+        return "the touch says too little for a pose; whole families of poses explain it"
     return _MEANINGS[estimate.status]
 
 
@@ -40,16 +45,35 @@ def free_line(hypothesis: PoseHypothesis) -> str:
 
 
 def sigma_line(hypothesis: PoseHypothesis, size: float) -> str:
-    """How far a hypothesis of an object of this size, m, says that it is off where determined, in a sentence."""
+    """How far a hypothesis of an object of this size, m, says that it is off where determined; empty if nowhere."""
     rotation, translation = determined_sigmas(hypothesis, size)
-    sigmas = f"\u00b1 {1e3 * translation:.1f} mm, \u00b1 {np.degrees(rotation):.1f} deg"
-    return f"Where determined, by its own account: {sigmas}."
+    known = [(1e3 * translation, "mm"), (math.degrees(rotation), "deg")]
+    sigmas = ", ".join(f"\u00b1 {value:.1f} {unit}" for value, unit in known if not math.isnan(value))
+    return f"Where determined, by its own account: {sigmas}." if sigmas else ""
+
+
+def sigma_cells(hypothesis: PoseHypothesis, size: float) -> tuple[str, str]:
+    """Of a table: standard deviations of the translation (mm) and rotation (deg) where determined, or a dash."""
+    rotation, translation = determined_sigmas(hypothesis, size)
+    millimetres, degrees = (
+        "\u2013" if math.isnan(value) else f"{value:.1f}" for value in (1e3 * translation, math.degrees(rotation))
+    )
+    return millimetres, degrees
 
 
 def determined_sigmas(hypothesis: PoseHypothesis, size: float) -> tuple[float, float]:
-    """Root mean square standard deviations of rotation (rad) and translation (m) along what the touch determines."""
-    determined = determined_rows(hypothesis.covariance, hypothesis.free_directions, size)
-    return float(np.linalg.norm(determined[:, :3])), float(np.linalg.norm(determined[:, 3:]))
+    """Root mean square standard deviations of rotation (rad) and translation (m) along what the touch determines.
+
+    NaN where it determines nothing, or hardly anything, of one of them.
+    """
+    free = hypothesis.free_directions
+    determined, share = determined_rows(hypothesis.covariance, free, size), determined_part(np.eye(6), free, size)
+    parts = slice(0, 3), slice(3, 6)
+    rotation, translation = (
+        float(np.linalg.norm(determined[:, part])) if np.trace(share[part, part]) >= _LEAST_DETERMINED else math.nan
+        for part in parts
+    )
+    return rotation, translation
 
 
 def direction_names(hypothesis: PoseHypothesis) -> list[str]:

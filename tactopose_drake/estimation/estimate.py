@@ -178,7 +178,7 @@ def weigh_poses(
         modes = join_alike(modes, model, params.modes)
     judged, explains = _judge(model, evidence, problem, modes, params)
     hypotheses = _hypotheses(modes, _inlier_probability(problem, evidence, modes, judged), explains)
-    undetermined = _is_undetermined(model, evidence, params.modes.fewest_contacts)
+    undetermined = _is_undetermined(model, evidence, params.modes.fewest_contacts, hypotheses[0])
     estimate = PoseEstimate(
         hypotheses,
         status_of(hypotheses, undetermined),
@@ -192,11 +192,15 @@ def weigh_poses(
     return estimate.first(max_hypotheses)
 
 
-def _is_undetermined(model: ObjectModel, evidence: Evidence, fewest: int) -> bool:
-    """Whether whole families of poses are left: by fewer contacts, or by distances alone that are too few for six."""
+def _is_undetermined(model: ObjectModel, evidence: Evidence, fewest: int, best: PoseHypothesis) -> bool:
+    """Whether whole families of poses are left.
+
+    By fewer contacts, by distances alone that are too few for six, by contacts that determine nothing, or that are not
+    believed themselves.
+    """
     if evidence.prior is not None:
         return False
-    if len(evidence.touch) < fewest:
+    if len(evidence.touch) < fewest or len(best.free_directions) == 6 or np.all(best.inlier_probability < 0.5):
         return True
     only_distances = evidence.contacts.n_PC is None and not evidence.felt
     told = len(evidence.contacts) + len(evidence.planes) + len(model.continuous_symmetries)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.data_checks import (
     check_column,
     check_list,
@@ -19,6 +19,7 @@ from tactopose_drake.estimation.data_checks import (
     check_number,
     check_pose,
     check_vector,
+    fault_in,
     read_data,
 )
 from tactopose_drake.estimation.identities import Identification
@@ -28,6 +29,14 @@ from tactopose_drake.estimation.results import PoseEstimate
 
 SIGMA_KEYS = ("sigma_position", "sigma_normal_deg")
 """What contacts.yaml says of all contacts."""
+# Where numbers stand in the files, by the names that messages have for them.
+_OF_CONTACTS = {
+    "p_PC": "contacts[{}].position",
+    "n_PC": "contacts[{}].normal",
+    "f_PC": "contacts[{}].force",
+    "sigma_normal": "sigma_normal_deg, in rad",
+}
+_OF_PRIOR = {"mean": "X_PO.translation", "sigma_rotation": "sigma_rotation_deg, in rad"}
 
 
 def load_contacts(path: Path) -> Contacts:
@@ -64,7 +73,7 @@ def contacts_in(path: Path, data: dict[str, Any]) -> Contacts:
     try:
         return Contacts(np.stack(position), normal, force, **sigmas)
     except InvalidInputError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
+        raise fault_in(path, "", error, _OF_CONTACTS) from None
 
 
 def load_prior(path: Path) -> PosePrior:
@@ -85,7 +94,7 @@ def load_prior(path: Path) -> PosePrior:
     try:
         return PosePrior(X_PO, **sigmas)
     except InvalidInputError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
+        raise fault_in(path, "", error, _OF_PRIOR) from None
 
 
 def save_result(path: Path, estimate: PoseEstimate) -> None:

@@ -20,7 +20,7 @@ MANIFEST = "library.yaml"
 """The manifest of a folder."""
 
 _MESHES = frozenset({".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl"})
-_KEYS = ("mesh", "mass", "symmetry")
+_KEYS = ("mesh", "scale", "mass", "symmetry")
 _SYMMETRY_KEYS = ("axis", "point", "order")
 _HIGHEST_ORDER = 60  # as many poses as a group of symmetries may have
 
@@ -33,15 +33,17 @@ class LibraryEntry(NamedTuple):
 
     Attributes:
         name: what it is called.
-        mesh: its file, in metres.
+        mesh: its file.
         mass: kg; None where it is not given.
         symmetry: "auto", "none", or the axes.
+        scale: how many metres the mesh's unit has.
     """
 
     name: str
     mesh: Path
     mass: float | None = None
     symmetry: Literal["auto", "none"] | tuple[Axis, ...] = "auto"
+    scale: float = 1.0
 
 
 class SkippedObject(NamedTuple):
@@ -67,8 +69,9 @@ def read_library(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
         mug: {mesh: mug.obj, mass: 0.32}
         nut: {mesh: hardware/nut.stl, symmetry: [{axis: [0, 0, 1], point: [0, 0, 0], order: 6}]}
 
-    Meshes are relative to its folder. `mass` (kg) and `symmetry` ("auto", "none", or axes; order 0 is a solid of
-    revolution) may be absent. Without a manifest, all meshes in the folder are objects by their files' names.
+    Meshes are relative to its folder. `scale` (metres in the mesh's unit), `mass` (kg) and `symmetry` ("auto", "none",
+    or axes, whose points are in metres; order 0 is a solid of revolution) may be absent. Without a manifest, all meshes
+    in the folder are objects by their files' names.
 
     Raises:
         InvalidFileError: no such folder or file, or a manifest that is no mapping.
@@ -112,7 +115,8 @@ def _entry(folder: Path, name: str, value: Any) -> LibraryEntry:
     if not isinstance(known["mesh"], str):
         raise InvalidInputError(f"{name}.mesh: is {shown(known['mesh'])}; allowed is the path of a file.")
     mass = None if known.get("mass") is None else positive_number(f"{name}.mass", known["mass"])
-    return LibraryEntry(name, folder / known["mesh"], mass, _symmetry(name, known.get("symmetry", "auto")))
+    scale = positive_number(f"{name}.scale", known.get("scale", 1.0))
+    return LibraryEntry(name, folder / known["mesh"], mass, _symmetry(name, known.get("symmetry", "auto")), scale)
 
 
 def _symmetry(name: str, value: Any) -> Literal["auto", "none"] | tuple[Axis, ...]:

@@ -13,7 +13,9 @@ import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, as_completed
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
 
 from tactopose_drake.core.identification.library_index import SAMPLES, LibraryIndex, PairCounts, count_pairs
 from tactopose_drake.core.mesh.loading import load_mesh
@@ -45,7 +47,7 @@ class LibraryObject:
 
     Attributes:
         entry: its name and file, and what is given of it.
-        content: a hash of the mesh, 32 hexadecimal digits.
+        content: a hash of the mesh and its scale, 32 hexadecimal digits.
     """
 
     entry: LibraryEntry
@@ -168,11 +170,11 @@ def _index(entry: LibraryEntry) -> _Indexed | str:
 
 
 def _content(entry: LibraryEntry) -> str:
-    content = file_content(entry.mesh)
+    content: tuple[bytes | NDArray[Any] | str, ...] | None = file_content(entry.mesh)
     if content is None:
         raw = load_mesh(entry.mesh)
-        return model_cache.content_key(raw.vertices, raw.faces)
-    return model_cache.content_key(*content)
+        content = raw.vertices, raw.faces
+    return model_cache.content_key(*content, *([] if entry.scale == 1.0 else [f"{entry.scale!r}"]))
 
 
 def _key(content: str) -> str:
@@ -198,6 +200,7 @@ def _build(known: LibraryObject) -> ObjectModel:
         return ObjectModel.from_mesh(
             known.entry.mesh,
             name=known.name,
+            scale=known.entry.scale,
             mass=known.entry.mass,
             symmetry=symmetry if isinstance(symmetry, str) else make_symmetries(symmetry),
             samples=SAMPLES,

@@ -135,8 +135,9 @@ class PoseEstimate(PlainValue, Presentable):
             told.
         standard_error: the largest that is left of a hypothesis' probability by sampling; infinite where the time limit
             left no time for it.
-        undetermined: whether too few contacts stand against no prior, and leave whole families of poses: fewer than
-            three, or without normals than six, less one for each continuous symmetry.
+        undetermined: whether without a prior the touch says too little for a pose: contacts are fewer than three, or
+            without normals than six, less one for each continuous symmetry; or of the best hypothesis all directions
+            are free, or all contacts more probably false than not.
         kept_share: the probability, from 0 to 1, of the hypotheses together; the rest is that of those beyond
             `max_hypotheses`.
         question: what `estimate_pose` was asked, by which the estimate can show itself; None where it is not known.

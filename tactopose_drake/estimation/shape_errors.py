@@ -1,7 +1,5 @@
 """What an object's mesh may be off, and how it bends, counts among the errors of its contacts."""
 
-import dataclasses
-
 import numpy as np
 
 from tactopose_drake.core.evidence.contact_variance_kernels import fill_tangential, widen
@@ -28,7 +26,7 @@ def with_shape_errors(model: ObjectModel, contacts: Contacts) -> Contacts:
     outward, tangential = (model.scale_sigma * lever for lever in model.growth)
     variance = model.surface_sigma**2 + outward**2
     if contacts.covariance is None:
-        return dataclasses.replace(contacts, sigma_position=np.sqrt(np.square(contacts.sigma_position) + variance))
+        return contacts.with_arrays(sigma_position=np.sqrt(np.square(contacts.sigma_position) + variance))
     n_PC = np.zeros((0, 3)) if contacts.n_PC is None else contacts.n_PC
     covariance, along = contacts.covariance.copy(), np.empty(len(contacts))
     fill_tangential(covariance, n_PC, along)

@@ -6,6 +6,7 @@ the other links may pass through the object, and the forces are drawn at random 
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -118,7 +119,7 @@ class GraspCloser:
             X_PO = np.column_stack([R_PO, middle + shift - R_PO @ model.middle])
             positions, contacts = self._close(model, X_PO, generator)
             if len(contacts) >= self._least:
-                wrenches = {f: self._wrench(f, *contact, time or 0.0, generator) for f, contact in contacts.items()}
+                wrenches = {f: self._wrench(f, contact, time or 0.0, generator) for f, contact in contacts.items()}
                 noise = math.radians(self._params.noise_joint_deg) * generator.normal(size=len(positions))
                 readings = positions + self._errors.offsets(self._vector) + noise
                 named = dict(zip(self._errors.joints, readings.tolist(), strict=True))
@@ -127,10 +128,10 @@ class GraspCloser:
 
     def _close(
         self, model: ObjectModel, X_PO: FloatArray, generator: np.random.Generator
-    ) -> tuple[FloatArray, dict[str, tuple[FloatArray, FloatArray]]]:
-        """The measured joints' true positions, and each finger's contact point and normal in S."""
+    ) -> tuple[FloatArray, dict[str, "_Contact"]]:
+        """The measured joints' true positions, and each finger's contact."""
         positions, fingers = np.zeros(len(self._low)), self._errors.fingers
-        contacts: dict[str, tuple[FloatArray, FloatArray]] = {}
+        contacts: dict[str, _Contact] = {}
         for left, finger in zip(range(len(fingers), 0, -1), fingers, strict=True):
             if len(contacts) + left < self._least:
                 break
@@ -144,8 +145,8 @@ class GraspCloser:
                 start = p_SQ[int(np.argmin(gaps[k]))]
                 found = self._contact(finger, surface, of_finger[k], start, model, X_PO, generator)
                 if found is not None:
-                    positions = positions + found[0]
-                    contacts[finger] = found[1], found[2]
+                    positions = positions + found.positions
+                    contacts[finger] = found
                     break
         return positions, contacts
 
@@ -158,18 +159,20 @@ class GraspCloser:
         model: ObjectModel,
         X_PO: FloatArray,
         generator: np.random.Generator,
-    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Where a finger near the object touches it: positions of its joints, and the point and normal in S."""
+    ) -> "_Contact | None":
+        """Where a finger near the object touches it."""
         way = np.where(near != 0.0, generator.uniform(0.3, 1.0, len(near)), 0.0)
-
+        layer = self._hand.layers.get(finger)
+        depth = 0.0 if layer is None else self._push(generator) / layer.stiffness
         gap = self._params.noise_surface * generator.normal()
         turn = exp_so3(math.radians(self._params.noise_normal_deg) * generator.normal(size=3))
         X_OP, x = inverse(X_PO), np.concatenate([[0.0], start / _LENGTH])
 
         def residuals(share: float, points: FloatArray) -> FloatArray:
             X_OM, p = compose(X_OP, self._X_PM(finger, near + share * way)), _LENGTH * points
-            phi, n_O = model.grid.distance_and_normal(transform_points(X_OM, p))
-            facing = n_O @ turn.T + surface.normal(p) @ X_OM[:, :3].T
+            n = surface.normal(p)
+            phi, n_O = model.grid.distance_and_normal(transform_points(X_OM, p - depth * n))
+            facing = n_O @ turn.T + n @ X_OM[:, :3].T
             return np.column_stack([surface.value(p), (phi - gap) / _LENGTH, facing])
 
         for _ in range(_ITERATIONS):
@@ -183,12 +186,13 @@ class GraspCloser:
             x += step * min(1.0, _LONGEST / np.abs(step).max())
         else:
             return None
-        positions, p_SC = near + x[0] * way, _LENGTH * x[1:]
+        positions, p_SQ = near + x[0] * way, _LENGTH * x[1:]
         if np.any((positions < self._low) | (positions > self._high)):
             return None
-        if (surface.X_SF[:, :3].T @ (p_SC - surface.X_SF[:, 3]))[2] < surface.shape[5]:  # below what can be touched
+        if (surface.X_SF[:, :3].T @ (p_SQ - surface.X_SF[:, 3]))[2] < surface.shape[5]:  # below what can be touched
             return None
-        return positions, p_SC, surface.normal(p_SC[None])[0]
+        n_S = surface.normal(p_SQ[None])[0]
+        return _Contact(positions, p_SQ - depth * n_S, n_S, None if layer is None else depth * layer.stiffness)
 
     def _X_PM(self, finger: str, positions: FloatArray) -> FloatArray:
         """Where the sensor is truly, with its fingertip, shape (3, 4)."""
@@ -197,12 +201,14 @@ class GraspCloser:
         mounting = self._own(finger).mounting
         return compose(X_PS, make_poses(exp_so3(mounting[:3]), mounting[3:]))
 
-    def _wrench(
-        self, finger: str, p: FloatArray, n: FloatArray, time: float, generator: np.random.Generator
-    ) -> FloatArray:
+    def _push(self, generator: np.random.Generator) -> float:
+        """A contact's normal force, N."""
+        return generator.uniform(self._params.least_force, self._params.most_force)
+
+    def _wrench(self, finger: str, contact: "_Contact", time: float, generator: np.random.Generator) -> FloatArray:
         """What the sensor reads."""
-        params, own = self._params, self._own(finger)
-        push = generator.uniform(params.least_force, params.most_force)
+        params, own, p, n = self._params, self._own(finger), contact.p_SC, contact.n_S
+        push = self._push(generator) if contact.push is None else contact.push
         across = np.cross(n, generator.normal(size=3))
         across *= generator.uniform(0.0, params.friction) * push / np.linalg.norm(across)
         force = across - push * n
@@ -213,3 +219,19 @@ class GraspCloser:
 
     def _own(self, finger: str) -> FingerErrors:
         return self._errors.of_finger(self._vector, finger)
+
+
+class _Contact(NamedTuple):
+    """Where a finger touches.
+
+    Attributes:
+        positions: of the finger's joints, of all others 0, shape (k,).
+        p_SC: the point, where a soft layer has given way.
+        n_S: the fingertip's outward normal there.
+        push: the normal force, N; None where the place does not depend on it, for there is no soft layer.
+    """
+
+    positions: FloatArray
+    p_SC: FloatArray
+    n_S: FloatArray
+    push: float | None

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, ContactSolutions, solve_contacts
+from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Ellipsoid, Superquadric, Surface
 from tactopose_drake.core.validation import FloatArray
 
@@ -28,18 +29,19 @@ class ContactGains(NamedTuple):
     turn: FloatArray
 
 
-def contact_gains(F_S: FloatArray, surface: Surface) -> ContactGains:
+def contact_gains(F_S: FloatArray, surface: Surface, layer: SoftLayer | None) -> ContactGains:
     """The contacts of wrenches (k, 6) and how they move; by differences, zero where a difference is no contact.
 
     Args:
         F_S: wrenches [m, f], N m and N.
         surface: of the fingertip.
+        layer: its soft layer, if there is one.
     """
     steps = np.concatenate([np.zeros((1, 6)), np.diag(_STEPS), -np.diag(_STEPS)])
-    solved = solve_contacts((F_S[:, None] + steps).reshape(-1, 6), surface)
+    solved = solve_contacts((F_S[:, None] + steps).reshape(-1, 6), surface, layer=layer)
     p, n = (rows.reshape(len(F_S), 13, 3) for rows in (solved.p_SC, solved.n_S))
     by_wrench = [np.swapaxes(rows[:, 1:7] - rows[:, 7:], 1, 2) / (2.0 * _STEPS) for rows in (p, n)]
-    sides = [solve_contacts(F_S, thicker(surface, step)) for step in (_RADIUS_STEP, -_RADIUS_STEP)]
+    sides = [solve_contacts(F_S, thicker(surface, step), layer=layer) for step in (_RADIUS_STEP, -_RADIUS_STEP)]
     by_radius = [
         (getattr(sides[0], name) - getattr(sides[1], name))[..., None] / (2.0 * _RADIUS_STEP)
         for name in ("p_SC", "n_S")

@@ -107,7 +107,7 @@ class ContactUncertainty:
     ) -> FloatArray:
         calibrated, noise, R = self._calibrated[finger], self._noise, X_PS.rotation().matrix()
         by_joints = kinematics.jacobian(self._frames[finger], solution.p_SC) @ calibrated.gains
-        gains = contact_gains(wrench_of(solution)[None], self._surfaces[finger])
+        gains = contact_gains(wrench_of(solution)[None], self._surfaces[finger], self._layers.get(finger))
         by_contact = np.concatenate([R @ gains.point[0], R @ gains.turn[0]])
         by_mounting = np.block([[-R @ skew(solution.p_SC), R], [R, np.zeros((3, 3))]])
         # What readings are too large by is taken off them, so that an error of it moves the contact the other way.

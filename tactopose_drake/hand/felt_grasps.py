@@ -1,6 +1,7 @@
 """The contacts of recorded grasps, for any errors of the hand, and how they move with these errors."""
 
 import dataclasses
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -10,11 +11,12 @@ from pydrake.multibody.plant import MultibodyPlant
 from tactopose_drake.core.calibration.surface_residuals import Noise, Touches
 from tactopose_drake.core.poses import exp_so3, skew
 from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT, contact_covariance
+from tactopose_drake.core.sensing.intrinsic_contact import solve_contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, finite_array, instance_of
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.contact_gains import contact_gains, thicker
-from tactopose_drake.hand.hand_errors import HandErrors
+from tactopose_drake.hand.hand_errors import FingerErrors, HandErrors
 from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
 from tactopose_drake.hand.joint_paths import JointPaths
 from tactopose_drake.hand.kinematics import HandKinematics
@@ -52,6 +54,10 @@ class _Finger:
     grasp: NDArray[np.int64]
     wrenches: FloatArray
     times: FloatArray
+
+    def without(self, own: FingerErrors) -> FloatArray:
+        """The wrenches without what the sensor reads by itself, shape (k, 6)."""
+        return self.wrenches - own.bias - self.times[:, None] * own.drift
 
 
 class FeltGrasps:
@@ -101,8 +107,8 @@ class FeltGrasps:
         valid, in_sensor = np.zeros(count, dtype=np.bool_), np.zeros((count, 6))
         for finger, felt in self._fingers.items():
             own = errors.of_finger(vector, finger)
-            F_S = felt.wrenches - own.bias - felt.times[:, None] * own.drift
-            solutions, by_point, by_turn = contact_gains(F_S, thicker(self._hand.surfaces[finger], own.radius))
+            F_S, surface = felt.without(own), thicker(self._hand.surfaces[finger], own.radius)
+            solutions, by_point, by_turn = contact_gains(F_S, surface, self._hand.layers.get(finger))
             valid[felt.rows] = solutions.valid
             R_SM, p_SM = exp_so3(own.mounting[:3]), own.mounting[3:]
             turned = solutions.p_SC @ R_SM.T
@@ -132,6 +138,21 @@ class FeltGrasps:
         scaled = J[:, :, errors.free] * errors.sigma[errors.free]
         return Touches(self.grasp, p, n / np.linalg.norm(n, axis=1, keepdims=True), scaled, valid)
 
+    def without_contact(self, unit: FloatArray) -> dict[str, str]:
+        """The fingers that touch but of whose wrenches none makes a contact, with why that of the most does not.
+
+        Args:
+            unit: errors in units of their standard deviations, shape (f,).
+        """
+        found, vector = {}, self.vector(unit)
+        for finger, felt in self._fingers.items():
+            own = self._errors.of_finger(vector, finger)
+            surface = thicker(self._hand.surfaces[finger], own.radius)
+            solutions = solve_contacts(felt.without(own), surface, layer=self._hand.layers.get(finger))
+            if len(solutions) and not solutions.valid.any():
+                found[finger] = Counter(solutions.reason.tolist()).most_common(1)[0][0]
+        return found
+
     def vector(self, unit: FloatArray) -> FloatArray:
         """All errors in SI units, shape (d,), from those that there may be in units of their standard deviations."""
         errors, vector = self._errors, np.zeros(len(self._errors.sigma))
@@ -142,10 +163,10 @@ class FeltGrasps:
         """By how much the sensors' noise alone moves the contacts; as much as a weak one's where there is none."""
         normal = np.full(len(self.grasp), np.nan)
         for finger, felt in self._fingers.items():
-            surface = self._hand.surfaces[finger]
-            solutions = contact_gains(felt.wrenches, surface).solutions
+            surface, layer = self._hand.surfaces[finger], self._hand.layers.get(finger)
+            solutions = solve_contacts(felt.wrenches, surface, layer=layer)
             noise = contact_covariance(
-                solutions, surface, sigma_moment=NANO17_SIGMA_MOMENT, sigma_force=NANO17_SIGMA_FORCE
+                solutions, surface, layer=layer, sigma_moment=NANO17_SIGMA_MOMENT, sigma_force=NANO17_SIGMA_FORCE
             )
             normal[felt.rows] = np.sqrt(0.5 * np.trace(noise.n, axis1=1, axis2=2))
         largest = float(np.nanmax(normal, initial=0.0))

@@ -41,6 +41,11 @@ def load_grasp(path: Path, model: ObjectModel) -> RecordedGrasp:
             raise InvalidInputError("joint_positions: is empty; allowed is a number for each joint.")
         if not file.wrenches and not file.out_of_touch:
             raise InvalidInputError("wrenches: is empty; allowed are six numbers for each finger that touches.")
+        if both := file.wrenches.keys() & file.out_of_touch.keys():
+            raise InvalidInputError(
+                f"out_of_touch: has {', '.join(sorted(both))}, as has wrenches; allowed is a finger in one of them. "
+                "What its sensor read before it touched is a grasp of its own, without wrenches."
+            )
     except InvalidInputError as error:
         raise InvalidFileError(f"{path}: {error}") from None
     return RecordedGrasp(model, file.joint_positions, file.wrenches, file.out_of_touch, time=file.time, name=str(path))

@@ -30,6 +30,8 @@ from tactopose_drake.hand.hand_errors import HandErrors
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 
 _FEWEST = 3
+USED = 0.5
+"""Weight of a grasp from which on it counts as explained."""
 _BEFORE = (0.003, math.radians(10.0))  # noise with which poses are fitted to the hand as its files have it, m, rad
 
 
@@ -85,6 +87,7 @@ class CalibrationResult:
         pose_probability: probability of each of these poses, shape (g,): where it is not near 1, another pose explains
             the grasp, too, and the covariance is the wider for it.
         grasp_weights: weight of each grasp, 1 where it fits the others, 0 where it counted for nothing, shape (g,).
+        without_contact: fingers that touch but of whose wrenches none makes a contact, each with the solver's reason.
         before: residuals of the hand as its files have it, by finger, each grasp's pose being the best for it.
         after: residuals of the calibrated hand, by finger.
         converged: whether the fit had come to its end.
@@ -98,6 +101,7 @@ class CalibrationResult:
     X_PO: FloatArray
     pose_probability: FloatArray
     grasp_weights: FloatArray
+    without_contact: dict[str, str]
     before: dict[str, FingerResiduals]
     after: dict[str, FingerResiduals]
     converged: bool
@@ -136,8 +140,8 @@ def calibrate_hand(
         on_progress: is told how much of the work is done, from 0 to 1, and what begins.
 
     Raises:
-        InvalidInputError: fewer than 3 grasps or no contact, a grasp with a name that the hand has not, or that lacks a
-            joint's reading.
+        InvalidInputError: fewer than 3 grasps with a contact, or that can be explained together; a grasp with a name
+            that the hand has not, or that lacks a joint's reading.
         InvalidFileError: if the hand's file cannot be used.
     """
     params = params_of(CalibrationParams, params)
@@ -158,12 +162,41 @@ def calibrate_hand(
     felt = FeltGrasps(plant, parts, errors, grasps)
     if not len(felt.grasp):
         raise InvalidInputError("grasps: no finger with a force-torque sensor touches in any; allowed are those where.")
+    _check_contacts(felt, len(grasps), len(errors.free))
     rows, measured = felt.readings(grasps)
     models = [grasp.model for grasp in grasps]
     problem = SharedProblem(felt.touches, [model.grid for model in models], rows, measured)
     noise = ContactNoise(felt.wrench_noise(), params.sigma_position, math.radians(params.sigma_normal_deg))
     found = PoseHunt(problem, models, noise, params.seed).best_fit(on_progress or (lambda share, doing: None))
+    _check_fit(found, len(grasps))
     return _result(felt, errors, problem, found)
+
+
+def _check_contacts(felt: FeltGrasps, count: int, errors: int) -> None:
+    """Raises InvalidInputError if there is hardly a contact to begin with."""
+    none = np.zeros(errors)
+    touches = felt.touches(none)
+    touched = len(np.unique(touches.grasp[touches.valid]))
+    if touched < _FEWEST:
+        reasons = "".join(
+            f" No wrench of {finger} makes one: {reason}." for finger, reason in felt.without_contact(none).items()
+        )
+        raise InvalidInputError(
+            f"grasps: {touched} of {count} have a contact; the least is {_FEWEST}.{reasons} Allowed are wrenches on "
+            "the fingertip about its sensor's origin, moments in N m before forces in N."
+        )
+
+
+def _check_fit(found: PoseFit, count: int) -> None:
+    """Raises InvalidInputError if the fit explains hardly a grasp."""
+    at = found.fit.solution.at
+    explained = np.intersect1d(at.touches.grasp[at.touches.valid], np.flatnonzero(at.grasp_weights >= USED))
+    if len(explained) < _FEWEST:
+        raise InvalidInputError(
+            f"grasps: {len(explained)} of {count} can be explained together, each by a pose of the object; the least "
+            f"is {_FEWEST}. Mostly it is another object, a reading in other units or another order, or an error that "
+            "is larger than the hand's `uncertainty` says."
+        )
 
 
 def _time_span(grasps: Sequence[RecordedGrasp]) -> float:
@@ -200,6 +233,7 @@ def _result(felt: FeltGrasps, errors: HandErrors, problem: SharedProblem, found:
         solution.X_PO,
         found.probability,
         solution.at.grasp_weights,
+        felt.without_contact(solution.shared),
         before,
         after,
         solution.converged,

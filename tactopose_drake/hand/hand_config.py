@@ -1,6 +1,7 @@
 """What the package needs to know of a hand, as a file says it."""
 
 import dataclasses
+import math
 import os
 from pathlib import Path
 
@@ -29,6 +30,14 @@ class Coupling:
     offset: float = 0.0  # position of the joint where the one that it follows is at 0, rad or m
 
 
+_MOST_UNCERTAIN = {  # more must be of another unit, such as millimetres
+    "encoder_offset_deg": (45.0, "deg"),
+    "mounting": (0.05, "m"),
+    "mounting_deg": (45.0, "deg"),
+    "fingertip_radius": (0.05, "m"),
+}
+
+
 @dataclasses.dataclass(kw_only=True, slots=True)
 class HandUncertainty:
     """By how much a hand is off from what its files say: standard deviations of a good research hand by default."""
@@ -41,9 +50,11 @@ class HandUncertainty:
     sensor_moment: float = 0.0005  # of each component of the moment, bias and noise together, N m
 
     def validate(self) -> None:
-        """Raises InvalidInputError if a value is below 0 or not finite."""
+        """Raises InvalidInputError if a value is below 0, not finite, or so large that it must be of another unit."""
         for field in dataclasses.fields(self):
-            positive_number(f"HandUncertainty.{field.name}", getattr(self, field.name), allow_zero=True)
+            most, unit = _MOST_UNCERTAIN.get(field.name, (math.inf, ""))
+            name = f"HandUncertainty.{field.name}"
+            positive_number(name, getattr(self, field.name), allow_zero=True, most=most, unit=unit)
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

@@ -17,6 +17,7 @@ from tactopose_drake.estimation.data_checks import (
     check_number,
     check_pose,
     check_vector,
+    fault_in,
     read_data,
 )
 from tactopose_drake.estimation.files import SIGMA_KEYS, contacts_in
@@ -24,6 +25,9 @@ from tactopose_drake.resources.yaml_files import shown
 
 _PARTS = {"patches": "patch", "planes": "plane"}
 _LIMITS = ("threshold", "saturation")
+# Where numbers stand in the file, by the names that messages have for them.
+_OF_PLANE = {"p_PQ": "point", "n_P": "normal"}
+_OF_PATCH = {"p_PT": "points[{}]", "n_PT": "normals[{}]", "pressure": "pressures[{}]"}
 
 
 class Touch(NamedTuple):
@@ -86,7 +90,7 @@ def _plane(path: Path, where: str, entry: Any) -> PlaneContact:
     try:
         return PlaneContact(point, normal, **sigma)
     except InvalidInputError as error:
-        raise InvalidFileError(f"{path}: {where}: {error}") from None
+        raise fault_in(path, where, error, _OF_PLANE) from None
 
 
 def _patch(path: Path, where: str, entry: Any) -> Patch:
@@ -111,7 +115,7 @@ def _patch(path: Path, where: str, entry: Any) -> Patch:
             saturation=saturation,
         )
     except InvalidInputError as error:
-        raise InvalidFileError(f"{path}: {where}: {error}") from None
+        raise fault_in(path, where, error, _OF_PATCH) from None
 
 
 def _own_pad(path: Path, where: str, given: dict[str, Any]) -> _Pad:

@@ -12,6 +12,7 @@ from tactopose_drake.estimation.data_checks import (
     check_mapping,
     check_number,
     check_vector,
+    fault_in,
     read_data,
 )
 from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
@@ -67,7 +68,7 @@ def _of_spheres(path: Path, data: Any) -> HandVolumes:
         try:
             return HandGeometry(np.array(centers), np.array(radii), **sigma)
         except InvalidInputError as error:
-            raise InvalidFileError(f"{path}: {key}: {error}") from None
+            raise fault_in(path, "", error, {"p_PH": f"{key}[{{}}].center", "radius": f"{key}: radius"}) from None
 
     return HandVolumes(volume("spheres"), volume("untouched"))
 

@@ -13,6 +13,7 @@ from tactopose_drake.estimation.files import load_prior
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix, joint_offsets
+from tactopose_drake.hand.named_joints import check_near_limits
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.senses import CanSenses, FixedJoints, JointFile
 from tactopose_drake.systems.signals import Signal
@@ -24,7 +25,8 @@ def known_signals(scenario: Scenario) -> dict[str, Signal]:
     """The signals that the scenario's `senses.joints`, `palm` and `prior` stand for, by the station's names.
 
     Raises:
-        InvalidInputError: if the joint angles come through a port, or a joint's name is unknown.
+        InvalidInputError: if the joint angles come through a port, or a joint's name is unknown, or its angle one that
+            it cannot have.
         InvalidFileError: if a file cannot be read.
     """
     senses = scenario.senses
@@ -36,10 +38,12 @@ def known_signals(scenario: Scenario) -> dict[str, Signal]:
         signals["palm_pose"] = _palm(Path(senses.palm))
     if isinstance(senses.joints, FixedJoints):
         names, rows = list(senses.joints.positions), np.array([list(senses.joints.positions.values())])
-        signals["joint_positions"] = Signal([-np.inf], list(_positions(scenario, names, rows)))
+        positions = _positions(scenario, "CanSenses.joints.positions", names, rows)
+        signals["joint_positions"] = Signal([-np.inf], list(positions))
     elif isinstance(senses.joints, JointFile):
         names, times, rows = _read(Path(senses.joints.path), "joints' names")
-        signals["joint_positions"] = Signal(times.tolist(), list(_positions(scenario, names, rows)))
+        positions = _positions(scenario, f"{senses.joints.path}: positions", names, rows)
+        signals["joint_positions"] = Signal(times.tolist(), list(positions))
     elif senses.barrett_hand is None:
         raise InvalidInputError(
             "CanSenses.joints: is !JointPort, which is for a diagram of your own; "
@@ -48,7 +52,7 @@ def known_signals(scenario: Scenario) -> dict[str, Signal]:
     return signals
 
 
-def _positions(scenario: Scenario, names: list[str], rows: FloatArray) -> FloatArray:
+def _positions(scenario: Scenario, where: str, names: list[str], rows: FloatArray) -> FloatArray:
     """Positions of the whole hand, shape (n, nq), from those of some joints (n, k); others follow, or are 0."""
     plant, hand = make_hand_plant(load_hand_config(scenario.hand))
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
@@ -60,6 +64,8 @@ def _positions(scenario: Scenario, names: list[str], rows: FloatArray) -> FloatA
     measured = [*names, *resting]
     values = np.column_stack([rows, np.zeros((len(rows), len(resting)))])
     positions: FloatArray = values @ joint_matrix(plant, hand, measured).T + joint_offsets(plant, hand, measured)
+    for extremes in (rows.min(axis=0), rows.max(axis=0)):
+        check_near_limits(where, dict(zip(names, extremes, strict=True)), plant, hand)
     return positions
 
 

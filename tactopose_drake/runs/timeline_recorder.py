@@ -1,5 +1,6 @@
 """What a station says over a run, for the timeline of a page."""
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -98,7 +99,8 @@ class TimelineRecorder:
         if estimate is None or len(estimate.best.free_directions) > MOST_FREE:
             return {}  # Of a pose of which next to nothing is determined, what is says nothing.
         rotation, translation = determined_sigmas(about_middle(estimate.best, self._model), self._model.size)
-        return {"width_position": 1e3 * translation, "width_angle": float(np.degrees(rotation))}
+        widths = {"width_position": 1e3 * translation, "width_angle": math.degrees(rotation)}
+        return {name: width for name, width in widths.items() if not math.isnan(width)}
 
 
 def belief_port(view: RunView, name: str) -> str:

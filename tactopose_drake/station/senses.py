@@ -220,6 +220,7 @@ class CanSenses:
             raise InvalidInputError("CanSenses: has neither fingers nor barrett_hand; allowed are one or both.")
         if self.tare_samples < 0:
             raise InvalidInputError(f"CanSenses.tare_samples: is {self.tare_samples}; allowed are integers >= 0.")
+        self._check_buses()
         sensing = [finger.name for finger in hand.fingers if finger.sensor_frame]
         for name, board in self.fingers.items():
             if name not in sensing:
@@ -239,6 +240,17 @@ class CanSenses:
         for path in (self.prior, self.palm, self.joints.path if isinstance(self.joints, JointFile) else ""):
             if path and not os.path.isfile(path):
                 raise InvalidInputError(f"CanSenses: the file {path} does not exist.")
+
+    def _check_buses(self) -> None:
+        """Two buses on one channel would hear each other's devices."""
+        names: dict[tuple[str, str], str] = {}
+        for name, bus in self.buses.items():
+            first = names.setdefault((bus.interface, bus.channel), name)
+            if first != name:
+                raise InvalidInputError(
+                    f"CanSenses.buses[{name}]: is on {bus.interface} {bus.channel!r}, as is {first}; allowed is one "
+                    "bus for each channel."
+                )
 
     def _check_device(self, name: str, device: ForceTorqueBoard | BarrettPucks) -> None:
         if device.bus not in self.buses:

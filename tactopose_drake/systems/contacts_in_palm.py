@@ -12,7 +12,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
-from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.contacts import MOST_SIGMA_POSITION, Contacts
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import FloatArray, params_of, positive_number
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
@@ -32,9 +32,10 @@ class ContactsInPalmParams:
     sigma_normal_deg: float = 5.0  # standard deviation of the normal about each axis, deg
 
     def validate(self) -> None:
-        """Raises InvalidInputError if a value is not positive."""
-        for field in dataclasses.fields(self):
-            positive_number(f"ContactsInPalmParams.{field.name}", getattr(self, field.name))
+        """Raises InvalidInputError if a value is not positive, or a position's is more than `Contacts` takes."""
+        most, name = MOST_SIGMA_POSITION, "ContactsInPalmParams"
+        positive_number(f"{name}.sigma_position", self.sigma_position, most=most, unit="m")
+        positive_number(f"{name}.sigma_normal_deg", self.sigma_normal_deg)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -157,6 +157,6 @@ class JointOffsetRefiner(CollectableSystem):
 
 def _contacts(touch: Keyframe, rows: list[int]) -> Contacts:
     """Some contacts of a touch of now."""
-    position, normal = np.sqrt(touch.variances[rows]).T
+    position, normal = np.ascontiguousarray(np.sqrt(touch.variances[rows]).T)
     normals = None if touch.normals is None else touch.normals[rows]
-    return Contacts(touch.points[rows], normals, sigma_position=position, sigma_normal=normal)
+    return Contacts(touch.points[rows], normals).with_arrays(sigma_position=position, sigma_normal=normal)

@@ -194,7 +194,7 @@ class TouchExplorer(CollectableSystem):
             return dataclasses.replace(before, phase="reach")
         if context.get_time() - before.since < self._params.press_time:
             return before
-        felt = _joined(before.felt, eval_input(self._contacts, context, Contacts).chosen(np.array([row])))
+        felt = _joined(before.felt, eval_input(self._contacts, context, Contacts)[row])
         return dataclasses.replace(before, phase="return", since=context.get_time(), felt=felt)
 
     def _come_back(self, context: Context, before: Exploration) -> Exploration:
@@ -245,7 +245,7 @@ class TouchExplorer(CollectableSystem):
         contacts, fingers = eval_input(self._contacts, context, Contacts), eval_input(self._touching, context, tuple)
         moving = None if state.move is None else state.move.finger
         holding = np.array([i for i, name in enumerate(fingers) if name != moving], dtype=np.intp)
-        output.set_value(_joined(contacts.chosen(holding), state.felt))
+        output.set_value(_joined(contacts[holding], state.felt))
 
     def _calc_untouched(self, context: Context, output: AbstractValue) -> None:
         swept = self.state(context).swept

@@ -9,10 +9,10 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.descriptions import (
-    determined_sigmas,
     false_contacts_line,
     free_line,
     meaning,
+    sigma_cells,
     sigma_line,
 )
 from tactopose_drake.estimation.far_origins import about_middle
@@ -137,12 +137,10 @@ def _hypotheses(estimate: PoseEstimate | None, model: ObjectModel, count: int) -
     found = () if estimate is None else estimate.hypotheses
     rows = []
     for index, hypothesis in enumerate(found[: 1 + count]):
-        rotation, translation = determined_sigmas(about_middle(hypothesis, model), model.size)
         cells = (
             f"{hypothesis.probability:.1%}",
             _millimetres(hypothesis.X_PO.translation()),
-            f"{1e3 * translation:.1f}",
-            f"{np.degrees(rotation):.1f}",
+            *sigma_cells(about_middle(hypothesis, model), model.size),
         )
         hides = f"^/tactopose/alternatives/{index - 1}(/|$)" if index else ""
         rows.append(Row(cells, hides, index <= _SHOWN and hypothesis.probability >= _LEAST_SHOWN))

@@ -10,9 +10,7 @@ import tempfile
 import webbrowser
 from pathlib import Path
 
-import numpy as np
-
-from tactopose_drake.estimation.descriptions import determined_sigmas, free_line, meaning
+from tactopose_drake.estimation.descriptions import free_line, meaning, sigma_cells
 from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.estimation.question import Question
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
@@ -72,15 +70,12 @@ def notebook_html(estimate: PoseEstimate) -> str:
     ]
     for hypothesis in estimate.hypotheses[:_MOST_ROWS]:
         # Without the object's size, how turns compare with slides is not known: a decimetre stands in for it.
-        rotation, translation = determined_sigmas(
-            _about_middle(hypothesis, question), 0.1 if question is None else question.model.size
-        )
+        size = 0.1 if question is None else question.model.size
         cells = (
             f"{hypothesis.probability:.1%}",
             " ".join(f"{1e3 * x:.1f}" for x in hypothesis.X_PO.translation()),
             " ".join(f"{x:.3f}" for x in hypothesis.X_PO.rotation().ToQuaternion().wxyz()),
-            f"{1e3 * translation:.1f}",
-            f"{np.degrees(rotation):.1f}",
+            *sigma_cells(_about_middle(hypothesis, question), size),
         )
         lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
     lines.append("</table>")

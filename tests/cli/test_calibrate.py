@@ -1,5 +1,6 @@
 """`tactopose calibrate`: from files to a file that a hand names."""
 
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,40 @@ def test_a_bad_grasp_is_one_line(
     (line,) = capsys.readouterr().err.splitlines()
     assert "bad.yaml" in line
     assert said in line
+    assert not (tmp_path / "calibration.yaml").exists()
+
+
+def calibrate_with_forces_first(folder: Path, tmp_path: Path, fingers: Collection[str]) -> int:
+    """Calibrates by the folder's grasps, the wrenches of some fingers in a wrong order."""
+    grasps = tmp_path / "grasps"
+    grasps.mkdir()
+    for path in (folder / "grasps").iterdir():
+        data = yaml.safe_load(path.read_text())
+        for finger, wrench in data["wrenches"].items():
+            data["wrenches"][finger] = wrench[3:] + wrench[:3] if finger in fingers else wrench
+        (grasps / path.name).write_text(yaml.safe_dump(data))
+    files = ("--hand", folder / "mine.hand.yaml", "--object", folder / "blob.stl", "--grasps", grasps)
+    return run("calibrate", *files, "--out", tmp_path / "calibration.yaml")
+
+
+def test_a_finger_that_makes_no_contact_is_said(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert calibrate_with_forces_first(folder, tmp_path, ["thumb"]) == 0
+    said = "No wrench of thumb makes a contact, so that nothing is known of it: the force is below min_force."
+    assert said in capsys.readouterr().out
+
+
+def test_what_makes_no_contact_is_said_and_no_calibration_is_written(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fingers = ("first", "middle", "ring", "little", "thumb")
+    assert calibrate_with_forces_first(folder, tmp_path, fingers) == 2
+    captured = capsys.readouterr()
+    (line,) = captured.err.splitlines()
+    assert "0 of 5 have a contact" in line
+    assert "No wrench of thumb makes one: the force is below min_force" in line
+    assert not captured.out
     assert not (tmp_path / "calibration.yaml").exists()
 
 

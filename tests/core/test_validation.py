@@ -202,6 +202,10 @@ def test_points_in_millimetres_are_refused() -> None:
             lambda: Contacts([[0, 0, 0]], sigma_position=1e-8),
             "sigma_position: is 1e-08; allowed are numbers from 1e-07",
         ),
+        (
+            lambda: Contacts([[0, 0, 0]], sigma_position=0.9),  # millimetres, the mistake in most files
+            "sigma_position: is 0.9; allowed are numbers from 1e-07 to 0.1 m.",
+        ),
         (lambda: Contacts([[0, 0, 0]], sigma_normal=1e-9), "sigma_normal: is 1e-09; allowed are numbers from 1e-05"),
         (lambda: Contacts([[0, 0, 0]], sigma_force=[1e9]), "sigma_force: is 1e.09; allowed are numbers from 1e-06"),
         (lambda: Contacts([[0, 0, 0]], f_PC=[[0, 1e9, 0]]), r"f_PC\[0, 1\]: is 1e.09; allowed are numbers up to 1e.06"),

@@ -65,6 +65,8 @@ def test_an_answer_that_is_contradicted_is_not_believed() -> None:
         run(bus, 3.0)
         assert unread(sensor) == []
         assert "came twice, with different data" in sensor.status
+        with pytest.raises(DeviceTimeoutError, match=r"came twice, with different data\.$"):
+            sensor.read(0.1)
 
 
 @pytest.mark.parametrize("opcode", [2, 6, 7, 8, 15])

@@ -3,7 +3,15 @@ import pytest
 from pydrake.math import RigidTransform
 
 import tactopose_drake as tp
-from tactopose_drake.estimation.descriptions import false_contacts_line, free_line, sigma_line
+from tactopose_drake.estimation.descriptions import (
+    determined_sigmas,
+    false_contacts_line,
+    free_line,
+    meaning,
+    sigma_cells,
+    sigma_line,
+)
+from tactopose_drake.resources import model_path
 
 
 def test_the_sigmas_are_of_what_is_determined_alone() -> None:
@@ -11,6 +19,35 @@ def test_the_sigmas_are_of_what_is_determined_alone() -> None:
     covariance = np.diag(np.square([*np.radians([2.0, 2.0, 2.0]), 0.003, 0.004, 0.012]))
     hypothesis = tp.PoseHypothesis(RigidTransform(), 1.0, 1.0, covariance, np.eye(6)[5:], True)
     assert sigma_line(hypothesis, 0.1) == "Where determined, by its own account: \u00b1 5.0 mm, \u00b1 3.5 deg."
+
+
+@pytest.mark.parametrize(
+    ("free", "line", "cells"),
+    [
+        (np.eye(6), "", ("\u2013", "\u2013")),
+        # A ball's turns: of a direction that is nearly free hardly anything is known.
+        (np.eye(6)[:3] + 1e-3 * np.eye(6)[3:], "\u00b1 5.2 mm", ("5.2", "\u2013")),
+        (np.eye(6)[3:], "\u00b1 3.5 deg", ("\u2013", "3.5")),
+    ],
+)
+def test_of_what_nothing_is_determined_there_is_no_sigma(free: np.ndarray, line: str, cells: tuple[str, str]) -> None:
+    covariance = np.diag(np.square([*np.radians([2.0, 2.0, 2.0]), 0.003, 0.003, 0.003]))
+    hypothesis = tp.PoseHypothesis(RigidTransform(), 1.0, 1.0, covariance, free)
+    assert sigma_line(hypothesis, 0.1) == (f"Where determined, by its own account: {line}." if line else "")
+    assert sigma_cells(hypothesis, 0.1) == cells
+    assert [np.isnan(sigma) for sigma in determined_sigmas(hypothesis, 0.1)] == [
+        cells[1] == "\u2013",
+        cells[0] == "\u2013",
+    ]
+
+
+def test_an_ambiguous_estimate_says_why() -> None:
+    cube = tp.ObjectModel.from_mesh(model_path("objects", "cube.obj"))
+    single = tp.estimate_pose(cube, tp.Contacts([[0.0, 0.0, 0.1]]))
+    assert single.status == "ambiguous"
+    assert meaning(single).startswith("the touch says too little for a pose")
+    half = tp.PoseHypothesis(RigidTransform(), 1.0, 0.5, np.eye(6), np.zeros((0, 6)))
+    assert meaning(tp.PoseEstimate((half, half), "ambiguous", 0.1)).startswith("several poses explain the touch")
 
 
 @pytest.mark.parametrize(

@@ -60,6 +60,25 @@ def test_distances_alone_determine_a_pose_from_six_on(count: int, undetermined: 
     assert not tp.estimate_pose(bust, tp.Contacts(felt.p_PC), prior=tp.PosePrior(np.eye(3, 4))).undetermined
 
 
+@pytest.mark.parametrize(("told", "status"), [(0.0009, "ok"), (0.1, "ambiguous")])
+def test_contacts_that_may_be_anywhere_determine_no_pose(told: float, status: str) -> None:
+    bust = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
+    felt = touch_surface(bust, np.eye(3, 4), 5, np.random.default_rng(0))
+    estimate = tp.estimate_pose(bust, tp.Contacts(felt.p_PC, felt.n_PC, sigma_position=told))
+    assert (estimate.status, estimate.undetermined) == (status, status == "ambiguous")
+    prior = tp.PosePrior(np.eye(3, 4))
+    assert not tp.estimate_pose(bust, tp.Contacts(felt.p_PC, sigma_position=told), prior=prior).undetermined
+
+
+def test_contacts_that_are_not_believed_determine_no_pose() -> None:
+    bust = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
+    felt = touch_surface(bust, np.eye(3, 4), 6, np.random.default_rng(0), sigma_position=0.0, sigma_normal=0.0)
+    doubted = tp.estimate_pose(bust, tp.Contacts(felt.p_PC, felt.n_PC), outlier_probability=0.6)
+    assert doubted.best.probability > 0.9
+    assert doubted.best.inlier_probability.max() < 0.5
+    assert (doubted.status, doubted.undetermined) == ("ambiguous", True)
+
+
 def test_one_hypothesis_or_more_is_kept_of_as_many_as_there_are() -> None:
     with pytest.raises(tp.TactoposeError, match="kept: keeps no hypothesis"):
         weighed(1.0).keep((False,))

@@ -69,7 +69,13 @@ def test_a_prior_is_read(tmp_path: Path) -> None:
         ("contacts: [{position: [0, 0, 0], normal: [0, 1]}]", r"contacts\[0\].normal: has shape \(2,\)"),
         ("contacts: [{position: [0, .nan, 0]}]", r"contacts\[0\].position\[1\]: is nan; allowed are finite numbers"),
         ("contacts: [{position: [a, b, c]}]", r"contacts\[0\].position\[0\]: is 'a'; allowed are numbers"),
-        ("contacts: [{position: [0, 0, 0], normal: [0, 0, 2]}]", r"n_PC\[0\]: has length 2; allowed is 1 within"),
+        ("contacts: [{position: [0, 0, 0], normal: [0, 0, 2]}]", r"contacts\[0\].normal: has length 2; allowed is 1"),
+        (
+            "contacts: [{position: [0, 0, 0.1]}, {position: [31, 2, 94]}]",
+            r"contacts\[1\].position: is \[31.0, 2.0, 94.0\], in metres; .* Multiply by 0.001",
+        ),
+        ("contacts: [{position: [0, 0, 0], force: [0, 1.0e+9, 0]}]", r"contacts\[0\].force: is 1e\+09"),
+        ("{contacts: [{position: [0, 0, 0]}], sigma_normal_deg: -1}", "sigma_normal_deg, in rad: is -0.0174533"),
         (
             "contacts: [{position: [0, 0, 0], normal: [0, 0, 1]}, {position: [0, 0, 0]}]",
             r"contacts\[1\]: has no normal, but contacts\[0\] has",
@@ -104,6 +110,10 @@ def test_each_fault_of_contacts_is_one_line_with_its_place(tmp_path: Path, text:
         (
             "{X_PO: {translation: [0, 0, 0], quaternion_wxyz: [1, 0, 0, 0]}, sigma_translation: 0}",
             "sigma_translation: is 0; allowed are numbers > 0",
+        ),
+        (
+            "X_PO: {translation: [-30, 10, 110], quaternion_wxyz: [1, 0, 0, 0]}",
+            r"X_PO.translation: is \[-30.0, 10.0, 110.0\], in metres; .* Multiply by 0.001",
         ),
     ],
 )

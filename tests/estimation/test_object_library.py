@@ -136,13 +136,24 @@ def test_a_manifest_says_names_masses_and_symmetries(folder: Path) -> None:
         assert [(symmetry.order, symmetry.axis.tolist()) for symmetry in pen.symmetries] == [(0, [0.0, 0.0, 1.0])]
 
 
+def test_a_manifest_says_what_the_unit_of_a_mesh_is(folder: Path) -> None:
+    BOX.copy().apply_scale(1000.0).export(folder / "millimetres.stl")
+    with pytest.warns(LibraryWarning, match=r"millimetres is left out: .* or `scale:` in a library\.yaml\."):
+        metres = ObjectLibrary.open(folder)
+    for scale in (0.001, 0.002):
+        (folder / "library.yaml").write_text(f"brick: {{mesh: millimetres.stl, scale: {scale}}}\n")
+        (brick,) = ObjectLibrary.open(folder).objects
+        assert brick.load().size == pytest.approx(1000.0 * scale * metres.objects[0].load().size, rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("entry", "reason"),
     [
         ("{mesh: missing.obj}", r"missing\.obj: there is no such file"),
         ("{mass: 1.0}", r"other: key 'mesh' is missing"),
-        ("{mesh: box.stl, mas: 1.0}", r"other: key 'mas' is unknown; allowed are mesh, mass, symmetry"),
+        ("{mesh: box.stl, mas: 1.0}", r"other: key 'mas' is unknown; allowed are mesh, scale, mass, symmetry"),
         ("{mesh: box.stl, mass: -1.0}", r"other\.mass: is -1; allowed are numbers > 0"),
+        ("{mesh: box.stl, scale: 0}", r"other\.scale: is 0; allowed are numbers > 0"),
         ("{mesh: 3}", r"other\.mesh: is 3; allowed is the path of a file"),
         ("box.stl", r"other: is 'box\.stl'; allowed is a mapping"),
         ("{mesh: box.stl, symmetry: all}", r"other\.symmetry: is 'all'; allowed are auto, none and a list"),

@@ -46,7 +46,7 @@ scenario:
   hand: shadow_like
   object: cube
   senses: !CanSenses
-    buses: {left: {interface: virtual}, right: {interface: virtual}}
+    buses: {left: {interface: virtual}, right: {interface: virtual, channel: can1}}
     fingers: {first: {bus: left, base: 32}, middle: {bus: left, base: 33}, thumb: {bus: right}}
 versions: {python: 3.11.7}
 start: 1700000000.0
@@ -126,7 +126,7 @@ def _scenario(has_boards: bool) -> Scenario:
         return Scenario(hand="barrett_like", object="mug")
     board = functools.partial(ForceTorqueBoard, bus="left")
     senses = CanSenses(
-        buses={"left": CanBus(interface="virtual"), "right": CanBus(interface="virtual")},
+        buses={name: CanBus(interface="virtual", channel=name) for name in ("left", "right")},
         fingers={"first": board(base=0x20), "middle": board(base=0x21), "thumb": ForceTorqueBoard(bus="right")},
     )
     return Scenario(object="cube", senses=senses)

@@ -7,10 +7,12 @@ import numpy as np
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.hand.closed_grasps import ClosedGrasp, ClosedGraspParams, GraspCloser
 from tactopose_drake.hand.felt_grasps import RecordedGrasp
+from tactopose_drake.hand.fingertip_surfaces import SkinLayer
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_errors import HandErrors
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 
+SOFT = SkinLayer(thickness=0.002, stiffness=4000.0)
 UNCERTAINTY = HandUncertainty(
     encoder_offset_deg=2.0,
     fingertip_radius=0.001,
@@ -24,8 +26,16 @@ UNCERTAINTY = HandUncertainty(
 class WrongHand:
     """A hand whose errors are drawn at random."""
 
-    def __init__(self, seed: int, uncertainty: HandUncertainty = UNCERTAINTY, span: float = 0.0) -> None:
-        self.config: HandConfig = dataclasses.replace(load_hand_config("shadow_like"), uncertainty=uncertainty)
+    def __init__(
+        self,
+        seed: int,
+        uncertainty: HandUncertainty = UNCERTAINTY,
+        span: float = 0.0,
+        layer: SkinLayer | None = None,
+    ) -> None:
+        shadow = load_hand_config("shadow_like")
+        fingers = [dataclasses.replace(finger, layer=layer) for finger in shadow.fingers]
+        self.config: HandConfig = dataclasses.replace(shadow, uncertainty=uncertainty, fingers=fingers)
         self.plant, self.hand = make_hand_plant(self.config)
         self.errors = HandErrors.of(self.plant, self.hand, uncertainty, span)
         self.generator = np.random.default_rng(seed)

@@ -21,7 +21,7 @@ from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.resources import model_path
 from tactopose_drake.systems.pose_estimation import MakePoseEstimation, PoseEstimationParams
-from tests.hand.calibrated_shadow import UNCERTAINTY, WrongHand
+from tests.hand.calibrated_shadow import SOFT, UNCERTAINTY, WrongHand
 
 EXAMPLE = """
 grasps: 20
@@ -55,9 +55,9 @@ def hand_with(folder: Path, text: str = EXAMPLE) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def exactly_known() -> tuple[WrongHand, HandCalibration]:
-    hand = WrongHand(1, dataclasses.replace(UNCERTAINTY, mounting=0.0005, mounting_deg=1.0))
+@pytest.fixture(scope="module", params=[None, SOFT], ids=["rigid", "soft"])
+def exactly_known(request: pytest.FixtureRequest) -> tuple[WrongHand, HandCalibration]:
+    hand = WrongHand(1, dataclasses.replace(UNCERTAINTY, mounting=0.0005, mounting_deg=1.0), layer=request.param)
     return hand, calibration_of(hand.errors, hand.truth, np.zeros((len(hand.truth), len(hand.truth))), 0.0)
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from tactopose_drake.core.sensing.contact_noise import contact_covariance
 from tactopose_drake.core.sensing.intrinsic_contact import solve_contact
+from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Surface
 from tactopose_drake.hand.contact_gains import contact_gains, thicker, wrench_of
 
@@ -16,15 +17,17 @@ def pushes(surface: Surface, count: int) -> np.ndarray:
     return np.column_stack([np.cross(p, f), f])
 
 
+LAYER = SoftLayer(thickness=0.002, stiffness=4000.0)
 SURFACES = [Sphere(0.009), Capsule(0.009, 0.014), Ellipsoid((0.009, 0.008, 0.011))]
 
 
+@pytest.mark.parametrize("layer", [None, LAYER], ids=["rigid", "soft"])
 @pytest.mark.parametrize("surface", SURFACES, ids=lambda surface: type(surface).__name__)
-def test_the_gains_are_those_of_the_noise(surface: Surface) -> None:
-    gains = contact_gains(pushes(surface, 5), surface)
+def test_the_gains_are_those_of_the_noise(surface: Surface, layer: SoftLayer | None) -> None:
+    gains = contact_gains(pushes(surface, 5), surface, layer)
     assert gains.solutions.valid.all()
     noise = np.repeat([1e-4, 1e-2], 3)
-    expected = contact_covariance(gains.solutions, surface, sigma_moment=1e-4, sigma_force=1e-2)
+    expected = contact_covariance(gains.solutions, surface, layer=layer, sigma_moment=1e-4, sigma_force=1e-2)
     by_wrench = gains.point[:, :, :6] * noise
     found = by_wrench @ np.swapaxes(by_wrench, 1, 2)
     np.testing.assert_allclose(found, expected.p, atol=1e-5 * np.abs(expected.p).max())
@@ -35,15 +38,16 @@ def test_the_gains_are_those_of_the_noise(surface: Surface) -> None:
     )
 
 
-def test_a_push_through_the_middle_of_a_thicker_sphere_is_felt_farther_out() -> None:
+@pytest.mark.parametrize("layer", [None, LAYER], ids=["rigid", "soft"])
+def test_a_push_through_the_middle_of_a_thicker_sphere_is_felt_farther_out(layer: SoftLayer | None) -> None:
     n = np.array([0.6, 0.0, 0.8])
-    gains = contact_gains(np.concatenate([np.zeros(3), -2.0 * n])[None], Sphere(0.01))
+    gains = contact_gains(np.concatenate([np.zeros(3), -2.0 * n])[None], Sphere(0.01), layer)
     np.testing.assert_allclose(gains.point[0, :, 6], n, atol=1e-6)
     np.testing.assert_allclose(gains.turn[0, :, 6], 0.0, atol=1e-6)
 
 
 def test_what_is_no_contact_has_no_gains() -> None:
-    gains = contact_gains(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.001]]), Sphere(0.01))
+    gains = contact_gains(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.001]]), Sphere(0.01), None)
     assert not gains.solutions.valid[0]
     assert not gains.point.any()
     assert not gains.turn.any()

@@ -1,5 +1,6 @@
 """How far a hand's errors move its contacts, against the same errors drawn at random."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -8,12 +9,14 @@ from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import log_so3
-from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solve_contacts
+from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solve_contact, solve_contacts
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.calibration_report import calibration_of
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.kinematics import HandKinematics
+from tests.hand.calibrated_shadow import SOFT, WrongHand
 
 NONE = {
     "encoder_offset_deg": 0.0,
@@ -87,6 +90,21 @@ def test_a_sensors_errors_move_the_contact_on_its_fingertip() -> None:
     np.testing.assert_allclose(np.cov(turns.T) / scale[1] ** 2, said[3:, 3:] / scale[1] ** 2, atol=0.05)
 
 
+def test_a_calibrated_soft_fingertip_gives_way_by_what_the_force_errs() -> None:
+    wrong = WrongHand(0, layer=SOFT)
+    plant, hand = wrong.plant, wrong.hand
+    found = calibration_of(wrong.errors, np.zeros(len(wrong.truth)), np.zeros((len(wrong.truth),) * 2), 0.0)
+    found.noise.force, found.noise.moment, found.noise.position = 0.1, 1e-9, 1e-9
+    uncertainty = ContactUncertainty(plant, dataclasses.replace(hand, calibration=found), HandUncertainty(**NONE))
+    kinematics = HandKinematics(plant, hand.palm_frame)
+    finger = hand.fingers[0]
+    solution = solve_contact(touch(hand, finger)[0], hand.surfaces[finger], layer=hand.layers[finger])
+    X_PS = kinematics.poses(hand.sensor_frames)[finger]
+    n = X_PS.rotation() @ solution.n_S
+    said = uncertainty.covariance(finger, solution, X_PS, kinematics)
+    assert math.sqrt(n @ said[:3, :3] @ n) == pytest.approx(0.1 / SOFT.stiffness, rel=0.05)
+
+
 def test_a_thicker_fingertip_moves_the_point_along_its_normal_and_a_mounting_anywhere() -> None:
     plant, hand = make_hand_plant(load_hand_config("shadow_like"))
     kinematics = HandKinematics(plant, hand.palm_frame)
@@ -121,6 +139,20 @@ def test_an_uncertainty_below_zero_is_refused(name: str) -> None:
     plant, hand = make_hand_plant(load_hand_config("shadow_like"))
     with pytest.raises(InvalidInputError, match=rf"HandUncertainty\.{name}"):
         ContactUncertainty(plant, hand, HandUncertainty(**NONE | {name: -1.0}))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        ("mounting", 0.3, "0.3; allowed are numbers from 0 to 0.05 m"),
+        ("fingertip_radius", 0.1, "0.1; allowed are numbers from 0 to 0.05 m"),
+        ("encoder_offset_deg", 720.0, "720; allowed are numbers from 0 to 45 deg"),
+        ("mounting_deg", 90.0, "90; allowed are numbers from 0 to 45 deg"),
+    ],
+)
+def test_an_uncertainty_of_another_unit_is_refused(name: str, value: float, allowed: str) -> None:
+    with pytest.raises(InvalidInputError, match=rf"HandUncertainty\.{name}: is {allowed}"):
+        HandUncertainty(**NONE | {name: value}).validate()
 
 
 def test_a_pose_is_used_as_given() -> None:

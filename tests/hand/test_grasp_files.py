@@ -45,6 +45,10 @@ def test_yaml_and_json_say_the_same(tmp_path: Path, blob: ObjectModel) -> None:
         ("joint_positions: {FFJ4: 0.1}\nwrenches: {first: [1, 2]}", "wrenches.first"),
         ("joint_positions: {FFJ4: 0.1}", "wrenches: is empty"),
         ("wrenches: {first: [0, 0, 0, 0, 0, 1]}", "joint_positions: is empty"),
+        (
+            "joint_positions: {FFJ4: 0.1}\nwrenches: &both {first: [0, 0, 0, 0, 0, 1]}\nout_of_touch: *both",
+            "out_of_touch: has first, as has wrenches; allowed is a finger in one of them.",
+        ),
         ("", "is empty"),
     ],
 )

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import math
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,14 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.calibration_file import load_calibration
 from tactopose_drake.hand.closed_grasps import ClosedGrasp, ClosedGraspParams
-from tactopose_drake.hand.felt_grasps import FeltGrasps
+from tactopose_drake.hand.felt_grasps import FeltGrasps, RecordedGrasp
 from tactopose_drake.hand.hand_calibration import CalibrationParams, CalibrationResult, calibrate_hand
 from tactopose_drake.hand.hand_config import HandUncertainty
-from tests.hand.calibrated_shadow import UNCERTAINTY, WrongHand, shifted
+from tests.hand.calibrated_shadow import SOFT, UNCERTAINTY, WrongHand, shifted
 
 NOISE = ClosedGraspParams(noise_surface=0.0003, noise_normal_deg=1.5, noise_moment=0.00002, noise_force=0.004)
+NONE = {field.name: 0.0 for field in dataclasses.fields(HandUncertainty)}
+THICKNESS = HandUncertainty(**NONE | {"fingertip_radius": 0.001})
 EXACT = CalibrationParams(sigma_position=0.00005, sigma_normal_deg=0.2)
 
 
@@ -87,6 +90,20 @@ def test_a_grasp_that_is_wrong_is_left_out(
     assert np.abs((found.values - result.values) / np.maximum(found.sigma, result.sigma)).max() < 2.0
 
 
+def test_contacts_of_soft_fingertips_with_the_true_errors_are_on_the_object(blob: ObjectModel) -> None:
+    hand = WrongHand(3, layer=SOFT)
+    closed = hand.close(blob, 4)
+    felt = FeltGrasps(hand.plant, hand.hand, hand.errors, [grasp.recorded for grasp in closed])
+    touches = felt.touches(hand.truth[hand.errors.free] / hand.errors.sigma[hand.errors.free])
+    assert touches.valid.all()
+    X_PO = np.array([closed[g].X_PO for g in touches.grasp])
+    p_O = np.einsum("nji,nj->ni", X_PO[:, :, :3], touches.p_PC - X_PO[:, :, 3])
+    assert np.abs(blob.grid.distance(p_O)).max() < 1e-6
+    # Of the fingers' noise, the skin has a part: a turn of the normal by what it gives way.
+    rigid = FeltGrasps(hand.plant, WrongHand(3).hand, hand.errors, [grasp.recorded for grasp in closed])
+    assert np.all(felt.wrench_noise().normal != rigid.wrench_noise().normal)
+
+
 @functools.cache
 def coverage(seed: int, model: ObjectModel) -> np.ndarray:
     """Deviations of a calibration's values over its standard deviations; it begins at the true poses."""
@@ -145,8 +162,7 @@ def test_readings_out_of_touch_give_the_biases_and_their_drift(blob: ObjectModel
 
 
 def test_errors_of_zero_are_not_looked_for(blob: ObjectModel) -> None:
-    only = {field.name: 0.0 for field in dataclasses.fields(HandUncertainty)} | {"fingertip_radius": 0.001}
-    hand = WrongHand(6, HandUncertainty(**only))
+    hand = WrongHand(6, THICKNESS)
     found = calibrate_hand(hand.config, [grasp.recorded for grasp in hand.close(blob, 5, NOISE)])
     assert set(found.names) == {f"{finger} radius" for finger in hand.errors.fingers}
     for finger in hand.errors.fingers:
@@ -154,6 +170,37 @@ def test_errors_of_zero_are_not_looked_for(blob: ObjectModel) -> None:
             hand.error(f"{finger} radius"), abs=5.0 * found.calibration.fingers[finger].radius.sigma
         )
     assert all(offset.value == 0.0 and offset.sigma == 0.0 for offset in found.calibration.joint_offsets.values())
+
+
+def in_newton_millimetres(grasp: RecordedGrasp, fingers: Collection[str]) -> RecordedGrasp:
+    """The same grasp with the moments of some fingers in another unit."""
+    scale = np.repeat([1000.0, 1.0], 3)
+    wrenches = {f: w * scale if f in fingers else w for f, w in grasp.wrenches.items()}
+    return dataclasses.replace(grasp, wrenches=wrenches)
+
+
+def test_a_finger_without_any_contact_is_named(blob: ObjectModel) -> None:
+    hand = WrongHand(6, THICKNESS)
+    recorded = [in_newton_millimetres(grasp.recorded, ["first"]) for grasp in hand.close(blob, 5, NOISE)]
+    found = calibrate_hand(hand.config, recorded)
+    assert set(found.without_contact) == {"first"}
+    assert found.without_contact["first"] == "no single contact explains the wrench: the force passes the surface by"
+    assert found.calibration.fingers["first"].radius.sigma == pytest.approx(THICKNESS.fingertip_radius, rel=1e-6)
+
+
+def test_grasps_that_are_no_evidence_give_no_calibration(blob: ObjectModel) -> None:
+    hand = WrongHand(6, THICKNESS)
+    recorded = [grasp.recorded for grasp in hand.close(blob, 4, NOISE)]
+    every = [in_newton_millimetres(grasp, hand.errors.fingers) for grasp in recorded]
+    with pytest.raises(
+        InvalidInputError, match=r"^grasps: 0 of 4 have a contact; .* No wrench of first makes one: no sin"
+    ):
+        calibrate_hand(hand.config, every)
+    with pytest.raises(InvalidInputError, match=r"^grasps: 2 of 4 have a contact; the least is 3\."):
+        calibrate_hand(hand.config, [*recorded[:2], *every[2:]])
+    wrong = [*recorded[:2], *(shifted(grasp, 0.35) for grasp in recorded[2:])]
+    with pytest.raises(InvalidInputError, match=r"^grasps: \d of 4 can be explained together"):
+        calibrate_hand(hand.config, wrong)
 
 
 def test_progress_is_told(wrong_hand: WrongHand, blob: ObjectModel) -> None:
@@ -181,9 +228,8 @@ def test_unusable_grasps_are_refused_by_name(wrong_hand: WrongHand, grasps: list
         calibrate_hand(config, [*recorded, dataclasses.replace(recorded[0], joint_positions=lacking)])
     with pytest.raises(InvalidInputError, match=r"wrenches\.first"):
         calibrate_hand(config, [*recorded, dataclasses.replace(recorded[0], wrenches={"first": [1.0, 2.0]})])
-    none = HandUncertainty(**{field.name: 0.0 for field in dataclasses.fields(HandUncertainty)})
     with pytest.raises(InvalidInputError, match="every error is 0"):
-        calibrate_hand(dataclasses.replace(config, uncertainty=none), recorded)
+        calibrate_hand(dataclasses.replace(config, uncertainty=HandUncertainty(**NONE)), recorded)
 
 
 def test_what_is_no_hand_no_grasps_and_no_parameters_is_named(wrong_hand: WrongHand, grasps: list[ClosedGrasp]) -> None:

@@ -99,7 +99,7 @@ def test_the_files_of_the_reference_can_be_read(tmp_path: Path) -> None:
         ("contacts: [{position: [0, 0, 0]}]\nplanes: [{point: [0, 0, 0]}]", r"planes\[0\]: key 'normal' is missing"),
         (
             "contacts: [{position: [0, 0, 0]}]\nplanes: [{point: [0, 0, 0], normal: [0, 0, 3]}]",
-            r"planes\[0\]: n_P\[0\]: .*length",
+            r"planes\[0\].normal: .*length",
         ),
         ("patches: {}", "patches: is {}; allowed is a list of at least one patch"),
         ("patches: [3]", r"patches\[0\]: is 3; allowed is a mapping with the keys points, pressures, alpha"),
@@ -116,14 +116,14 @@ def test_the_files_of_the_reference_can_be_read(tmp_path: Path) -> None:
         ),
         (
             f"patches: [{{points: {CELLS}, pressures: [1, 2, -1, 3], alpha: 1e-8}}]",
-            r"patches\[0\]: pressure\[2\]: is -1; allowed are numbers >= 0, and NaN",
+            r"patches\[0\].pressures\[2\]: is -1; allowed are numbers >= 0, and NaN",
         ),
         (
             f"patches: [{{points: {CELLS}, pressures: [null, null, null, null], alpha: 1e-8}}]",
-            r"patches\[0\]: pressure: every cell is NaN",
+            r"patches\[0\].pressures: every cell is NaN",
         ),
         ("patches: [{points: [[0, 0]], pressures: [1], alpha: 0}]", r"points\[0\]: has shape \(2,\); allowed is \(3,"),
-        (f"patches: [{{{PAD}, normals: [[0, 0, 1]]}}]", r"patches\[0\]: n_PT: has shape \(1, 3\)"),
+        (f"patches: [{{{PAD}, normals: [[0, 0, 1]]}}]", r"patches\[0\].normals: has shape \(1, 3\)"),
         (f"patches: [{{{PAD}, X_PT: {{translation: [0, 0, 0]}}}}]", r"X_PT: key 'quaternion_wxyz' is missing"),
         ("patches: [{array: 7, pressures: [1], alpha: 0}]", r"array: is 7; allowed is a name or a path"),
         (

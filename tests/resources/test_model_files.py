@@ -2,10 +2,14 @@ import dataclasses
 from pathlib import Path
 
 import pytest
+import trimesh
 from pydrake.common.schema import Transform
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.resources import load_typed_yaml
+from tactopose_drake.resources.model_files import add_model, make_parser
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -69,3 +73,24 @@ def test_a_fault_is_told_with_its_line_and_what_is_allowed(tmp_path: Path, text:
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(InvalidFileError, match=r"no\.yaml: cannot be read \(No such file"):
         load_typed_yaml(Toy, tmp_path / "no.yaml")
+
+
+MODEL = """<robot name="stone"><link name="stone"><{role}><geometry><mesh filename="stone.stl"/></geometry></{role}>
+<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link></robot>"""
+
+
+def parse(folder: Path, role: str) -> None:
+    """Reads a model with a mesh of a format that Drake does not collide with."""
+    (folder / "stone.urdf").write_text(MODEL.format(role=role))
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(folder / "stone.stl")
+    plant, scene = MultibodyPlant(time_step=0.001), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene)
+    add_model(make_parser(plant), folder / "stone.urdf")
+
+
+def test_a_mesh_that_drake_does_not_collide_with_is_told_with_those_that_it_does(tmp_path: Path) -> None:
+    parse(tmp_path, "visual")
+    with pytest.raises(
+        InvalidFileError, match=r"stone\.urdf: .*stone\.stl\)\. Write meshes to collide with as OBJ, glTF"
+    ):
+        parse(tmp_path, "collision")

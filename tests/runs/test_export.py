@@ -197,6 +197,15 @@ def test_a_table_has_all_numbers_to_the_last_bit(simulated: Path, tmp_path: Path
     )
 
 
+def test_a_file_that_was_there_is_said_to_be_replaced(
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run.csv"
+    for said in ("Written", "Replaced"):
+        tactopose("export", simulated, "--format", "csv", "--out", out)
+        assert capsys.readouterr().out == f"{said}: {out}\n"
+
+
 def test_a_table_of_a_run_on_devices_has_its_wrenches(recording: Path, tmp_path: Path) -> None:
     out = tmp_path / "run.csv"
     assert tactopose("export", recording, "--format", "csv", "--out", out) == 0

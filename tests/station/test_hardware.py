@@ -23,7 +23,7 @@ from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.station.can_devices import CanDevices, live_buses
 from tactopose_drake.station.hardware import make_hardware_station
 from tactopose_drake.station.scenario import Scenario, load_scenario
-from tactopose_drake.station.senses import FixedJoints, JointFile, SimulatedSenses
+from tactopose_drake.station.senses import CanBus, FixedJoints, JointFile, SimulatedSenses
 from tactopose_drake.station.simulated import make_station
 from tactopose_drake.systems.signals import Signal
 from tests import held_cube
@@ -153,6 +153,18 @@ def test_joint_files_that_do_not_fit_are_named(tmp_path: Path, text: str, messag
         known_signals(held_cube.scenario(joints=JointFile(path=str(path))))
 
 
+def test_degrees_are_not_taken_for_radians(tmp_path: Path) -> None:
+    fixed = held_cube.scenario(joints=FixedJoints(positions={"FFJ2": 45.0}))
+    with pytest.raises(
+        InvalidInputError, match=r"^CanSenses\.joints\.positions\[FFJ2\]: is 45 rad; the joint's limits"
+    ):
+        known_signals(fixed)
+    path = tmp_path / "joints.csv"
+    path.write_text("time, FFJ2\n0.0, 0.0\n1.0, -40.0\n2.0, 0.0\n")
+    with pytest.raises(InvalidInputError, match=r"joints\.csv: positions\[FFJ2\]: is -40 rad; the joint's limits"):
+        known_signals(held_cube.scenario(joints=JointFile(path=str(path))))
+
+
 def test_unknown_joints_are_named() -> None:
     with pytest.raises(UnknownNameError, match="measured joint: 'elbow' is unknown"):
         known_signals(held_cube.scenario(joints=FixedJoints(positions={"elbow": 0.1})))
@@ -172,6 +184,10 @@ def test_unknown_joints_are_named() -> None:
             r"fingers\[thumb\].force_unit: 'STONE'",
         ),
         (lambda senses: setattr(senses.fingers["thumb"], "base", 0x20), r"buses\[main\]: thumb: has .* which first "),
+        (
+            lambda senses: senses.buses.update(other=CanBus(interface="virtual", channel="held cube")),
+            r"CanSenses\.buses\[other\]: is on virtual 'held cube', as is main; allowed is one bus for each channel\.",
+        ),
         (lambda senses: setattr(senses.buses["main"], "interface", "string"), r"buses\[main\].interface: 'string'"),
     ],
 )

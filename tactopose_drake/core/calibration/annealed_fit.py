@@ -107,9 +107,9 @@ def _is_steady(noise: ContactNoise, other: ContactNoise) -> bool:
 def _by_medians(solution: Solution, noise: ContactNoise) -> tuple[float, float]:
     """Standard deviations by the middle residuals, which some false contacts do not move."""
     residual, valid = solution.at.rows.residual[solution.at.touches.valid], solution.at.touches.valid
-    left = 1.0 - np.average(solution.leverage[valid, 0]), 1.0 - np.average(solution.leverage[valid, 1:].sum(axis=1)) / 2
     if not len(residual):
         return noise.position, noise.normal
+    left = 1.0 - np.average(solution.leverage[valid, 0]), 1.0 - np.average(solution.leverage[valid, 1:].sum(axis=1)) / 2
     squares = np.median(residual[:, 0] ** 2), np.median(np.sum(residual[:, 1:] ** 2, axis=1))
     return (
         max(_LEAST[0], noise.position * float(np.sqrt(squares[0] / _MEDIAN_1 / max(left[0], _FEWEST)))),

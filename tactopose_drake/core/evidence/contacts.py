@@ -22,8 +22,10 @@ from tactopose_drake.core.validation import (
 )
 from tactopose_drake.errors import InvalidInputError
 
-# What a sigma may be: m, rad, N. Beyond, the information of a contact and of the rest do not fit into one double.
-_SIGMAS = {"sigma_position": (1e-7, 1e6), "sigma_normal": (1e-5, 1e6), "sigma_force": (1e-6, 1e6)}
+# What a sigma may be. Beyond, the information of a contact and of the rest do not fit into one double.
+_SIGMAS = {"sigma_position": (1e-7, 1e6, "m"), "sigma_normal": (1e-5, 1e6, "rad"), "sigma_force": (1e-6, 1e6, "N")}
+MOST_SIGMA_POSITION = 0.1
+"""What is told of the positions' standard deviation at the most, m: more tells nothing, and must be millimetres."""
 # Estimates of so many take a second; a scan's points are best thinned to fewer.
 _MOST_CONTACTS = 5000
 _MOST_COVARIANCE = 1e12
@@ -51,7 +53,8 @@ class Contacts(PlainValue):
         n_PC: outward unit normals of the object's surface at the contacts, shape (k, 3), or None. They point out of
             the object into the finger, which is the direction of the normal force on the fingertip.
         f_PC: forces on the fingertips, shape (k, 3), N, up to 1e6; or None.
-        sigma_position: standard deviation of each coordinate of p_PC, a number or shape (k,), m, from 1e-7 to 1e6.
+        sigma_position: standard deviation of each coordinate of p_PC, a number or shape (k,), m, from 1e-7 to 0.1,
+            for larger ones must be millimetres.
         sigma_normal: standard deviation of a small rotation of n_PC about each axis, a number or shape (k,),
             rad, from 1e-5 to 1e6.
         sigma_force: standard deviation of each component of f_PC, a number or shape (k,), N, from 1e-6 to 1e6.
@@ -82,14 +85,16 @@ class Contacts(PlainValue):
             raise InvalidInputError(f"p_PC: are {count} contacts; allowed are up to {_MOST_CONTACTS}.")
         n_PC = None if self.n_PC is None else unit_vectors("n_PC", self.n_PC, shape)
         covariance = None if self.covariance is None else _covariances(self.covariance, count)
-        sigmas = {name: getattr(self, name) for name in _SIGMAS}
-        if covariance is not None:
+        sigmas, limits = {name: getattr(self, name) for name in _SIGMAS}, dict(_SIGMAS)
+        if covariance is None:
+            limits["sigma_position"] = (1e-7, MOST_SIGMA_POSITION, "m")
+        else:
             sigmas["sigma_position"], sigmas["sigma_normal"] = _sigmas_of(covariance, n_PC)
         values: dict[str, FloatArray | None] = {
             "p_PC": p_PC,
             "n_PC": n_PC,
             "f_PC": None if self.f_PC is None else limited("f_PC", self.f_PC, shape, most=MOST_FORCE),
-            **{name: _sigmas(name, sigmas[name], count, *limits) for name, limits in _SIGMAS.items()},
+            **{name: _sigmas(name, sigmas[name], count, *limits[name]) for name in _SIGMAS},
             "covariance": covariance,
         }
         for name, value in values.items():
@@ -122,23 +127,13 @@ class Contacts(PlainValue):
         # numpy would take them for a sequence of sequences without an end.
         raise TypeError("Contacts are no array; their points are p_PC")
 
-    def chosen(self, index: NDArray[np.intp]) -> Self:
-        """Some of the contacts, in the order of the index."""
-        normals, forces = (None if rows is None else rows[index] for rows in (self.n_PC, self.f_PC))
-        sigmas: dict[str, Any] = {name: np.asarray(getattr(self, name))[index] for name in _SIGMAS}
-        covariance = None if self.covariance is None else self.covariance[index]
-        return type(self)(self.p_PC[index], normals, forces, **sigmas, covariance=covariance)
-
     def joined(self, others: Self) -> Self:
         """These contacts and others after them, with what both have: normals, forces, covariances."""
-        pairs = [(getattr(self, name), getattr(others, name)) for name in ("n_PC", "f_PC", "covariance")]
-        n_PC, f_PC, covariance = (
-            None if mine is None or theirs is None else np.concatenate([mine, theirs]) for mine, theirs in pairs
-        )
-        sigmas: dict[str, Any] = {
-            name: np.concatenate([getattr(self, name), getattr(others, name)], axis=None) for name in _SIGMAS
-        }
-        return type(self)(np.concatenate([self.p_PC, others.p_PC]), n_PC, f_PC, **sigmas, covariance=covariance)
+        arrays: dict[str, FloatArray | None] = {}
+        for field in dataclasses.fields(self):
+            mine, theirs = getattr(self, field.name), getattr(others, field.name)
+            arrays[field.name] = None if mine is None or theirs is None else np.concatenate([mine, theirs])
+        return self.with_arrays(**arrays)
 
     def rounded(self) -> Self:
         """The contacts with their points to a nanometre and their normals to a nanoradian."""
@@ -253,6 +248,7 @@ def _sigmas_of(covariance: FloatArray, n_PC: FloatArray | None) -> tuple[FloatAr
     return position, normal
 
 
-def _sigmas(name: str, value: ArrayLike, count: int, least: float, most: float) -> FloatArray:
+def _sigmas(name: str, value: ArrayLike, count: int, least: float, most: float, unit: str) -> FloatArray:
     is_one = not isinstance(value, list | tuple) and np.ndim(value) == 0
-    return np.full(count, positive_numbers(name, value, () if is_one else (count,), least=least, most=most))
+    shape = () if is_one else (count,)
+    return np.full(count, positive_numbers(name, value, shape, least=least, most=most, unit=unit))

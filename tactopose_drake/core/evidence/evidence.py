@@ -111,7 +111,7 @@ class Evidence:
             left_out = self.felt[index - len(self.contacts)]
             return dataclasses.replace(self, patches=tuple(patch for patch in self.patches if patch is not left_out))
         kept = np.delete(np.arange(len(self.contacts)), index)
-        return dataclasses.replace(self, contacts=self.contacts.chosen(kept), balance=None)
+        return dataclasses.replace(self, contacts=self.contacts[kept], balance=None)
 
     @property
     def felt(self) -> tuple[Patch, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.sensing.patches import Patch
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, positive_number
 
 # The standard deviation of the normal of a contact without one, rad: it says nothing.
 _ANY_NORMAL = 1e3
@@ -43,7 +43,7 @@ def patch_contacts(
     """
     felt = [patch for patch in patches if patch.is_felt]
     normals, sigmas = np.empty((len(felt), 3)), np.full(len(felt), float(sigma_lean))
-    places = np.full(len(felt), float(sigma_position))
+    places = np.full(len(felt), positive_number("sigma_position", sigma_position))
     for i, patch in enumerate(felt):
         turned = sigma_rotation
         if patch.misplacement is not None:
@@ -57,9 +57,8 @@ def patch_contacts(
     return Contacts(
         np.array([patch.centroid for patch in felt]).reshape(-1, 3),
         normals / np.linalg.norm(normals, axis=1, keepdims=True),
-        sigma_position=places,
         sigma_normal=sigmas,
-    )
+    ).with_arrays(sigma_position=places)
 
 
 def _mean_sigmas(patch: Patch, misplacement: FloatArray) -> tuple[float, float]:
@@ -83,9 +82,5 @@ def with_patches(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:
     n_PC, sigma_normal = contacts.n_PC, np.asarray(contacts.sigma_normal)
     if n_PC is None:
         n_PC, sigma_normal = np.tile(np.eye(3)[2], (len(contacts), 1)), np.full(len(contacts), _ANY_NORMAL)
-    return Contacts(
-        np.concatenate([contacts.p_PC, felt.p_PC]),
-        np.concatenate([n_PC, felt.n_PC]),
-        sigma_position=np.concatenate([contacts.sigma_position, felt.sigma_position], axis=None),
-        sigma_normal=np.concatenate([sigma_normal, felt.sigma_normal], axis=None),
-    )
+    own = contacts.with_arrays(n_PC=n_PC, f_PC=None, sigma_normal=sigma_normal, covariance=None)
+    return own.joined(felt)

@@ -68,8 +68,8 @@ def _touch(model: ObjectModel, count: int, params: ShapeEqualityParams) -> Conta
     """Samples of the surface, evenly spread, as contacts in the object's own frame."""
     chosen = np.linspace(0, len(model.samples), count, endpoint=False).astype(np.intp)
     points, normals = model.samples.points[chosen], model.samples.normals[chosen]
-    sigma_position = params.tolerance * model.size
-    return Contacts(points, normals, sigma_position=sigma_position, sigma_normal=params.sigma_normal)
+    sigma_position = np.full(len(points), params.tolerance * model.size)
+    return Contacts(points, normals, sigma_normal=params.sigma_normal).with_arrays(sigma_position=sigma_position)
 
 
 def _are_alike(a: ObjectModel, b: ObjectModel, params: ShapeEqualityParams) -> bool:

@@ -109,7 +109,7 @@ def _check(raw: RawMesh) -> float:
         cure = "by 0.001 if it is in millimetres" if size > LARGEST_SIZE else "by 1000 if it was scaled down twice"
         raise MeshUnitsError(
             f"measures {measures} m, diagonal {size:.3g} m; allowed are diagonals of {SMALLEST_SIZE:g} to "
-            f"{LARGEST_SIZE:g} m. Scale it {cure}: `scale=`, or `--scale`."
+            f"{LARGEST_SIZE:g} m. Scale it {cure}: `scale=`, `--scale`, or `scale:` in a library.yaml."
         )
     distance = float(np.linalg.norm(0.5 * (lower + upper)))
     if distance > FARTHEST * size:

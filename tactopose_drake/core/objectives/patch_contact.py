@@ -156,9 +156,8 @@ class PatchContact(SumObjective):
         faces = Contacts(
             np.array([patch.centroid for patch in felt]).reshape(-1, 3),
             normals / np.linalg.norm(normals, axis=1, keepdims=True),
-            sigma_position=_ANYWHERE,
             sigma_normal=positive_number("sigma_lean", sigma_lean),
-        )
+        ).with_arrays(sigma_position=np.full(len(felt), _ANYWHERE))
         self._cells, self._faces = cells, SurfaceContact(grid, faces)
         self._felt = np.array([patch.is_felt for patch in patches], dtype=np.bool_)
         super().__init__([self._cells, self._faces])

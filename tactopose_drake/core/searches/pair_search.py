@@ -126,7 +126,7 @@ class PairSearch(Search):
         kept = np.delete(np.arange(len(self.contacts)), index)
         return dataclasses.replace(
             self,
-            contacts=self.contacts.chosen(kept),
+            contacts=self.contacts[kept],
             start=dataclasses.replace(self.start, choice=PairChoice(), candidates=100),
             stages=global_stages(starts=60, kept=12),
             near_start=dataclasses.replace(self.near_start, samples=20, fewest=40, kept=40),

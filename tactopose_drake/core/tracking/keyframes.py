@@ -170,13 +170,13 @@ def make_window(keyframes: tuple[Keyframe, ...], params: WindowParams) -> TouchW
     if not added:
         return TouchWindow(now, None, np.zeros(0, dtype=np.intp), 1)
     normals = [frame.normals for frame, _ in added]
-    sigmas = np.sqrt(np.concatenate([frame.variances + more for frame, more in added]))
+    position, normal = np.ascontiguousarray(
+        np.sqrt(np.concatenate([frame.variances + more for frame, more in added])).T
+    )
     past = Contacts(
         np.concatenate([frame.points for frame, _ in added]),
         None if any(n is None for n in normals) else np.concatenate([n for n in normals if n is not None]),
-        sigma_position=sigmas[:, 0],
-        sigma_normal=sigmas[:, 1],
-    )
+    ).with_arrays(sigma_position=position, sigma_normal=normal)
     keyframe = np.repeat(np.arange(len(added)), [len(frame.p_PC) for frame, _ in added])
     return TouchWindow(now, past, keyframe, 1 + len(added))
 

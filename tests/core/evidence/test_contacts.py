@@ -84,7 +84,7 @@ def test_a_covariance_says_how_far_a_contact_is_off_across_the_surface_and_its_n
     turned = np.array([0.02, 0.5 * (0.54 - 0.36 * 0.01 - 0.64 * 0.5)])
     np.testing.assert_allclose(contacts.sigma_normal, np.sqrt(turned))
     assert not contacts.covariance.flags.writeable
-    second = contacts.chosen(np.array([1]))
+    second = contacts[1]
     np.testing.assert_array_equal(second.covariance, covariance[1:])
     np.testing.assert_array_equal(second.sigma_normal, contacts.sigma_normal[1:])
     without = Contacts(np.zeros((2, 3)), covariance=covariance)

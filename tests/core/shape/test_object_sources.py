@@ -20,7 +20,9 @@ def in_millimetres(tmp_path: Path) -> Path:
 
 
 def test_a_mesh_in_millimetres_is_scaled(in_millimetres: Path) -> None:
-    with pytest.raises(MeshUnitsError, match=r"by 0\.001 if it is in millimetres: `scale=`, or `--scale`"):
+    with pytest.raises(
+        MeshUnitsError, match=r"by 0\.001 if it is in millimetres: `scale=`, `--scale`, or `scale:` in a library"
+    ):
         ObjectModel.from_mesh(in_millimetres, cache=False)
     model = ObjectModel.from_mesh(in_millimetres, scale=0.001, cache=False)
     np.testing.assert_allclose(np.ptp(model.vertices, axis=0), [0.04, 0.06, 0.1], atol=1e-9)

@@ -81,7 +81,7 @@ def test_where_the_pose_is_believed_to_be_has_no_part_in_it(box: ObjectModel) ->
 
 def test_too_few_contacts_or_frames_and_touch_without_normals_tell_nothing(box: ObjectModel) -> None:
     reading, test = feel(box, 0, 4.0)
-    two = read(reading.contacts.chosen(np.arange(2)), np.arange(2))
+    two = read(reading.contacts[:2], np.arange(2))
     bare = Contacts(reading.contacts.p_PC, None, sigma_position=reading.contacts.sigma_position)
     once = feel(box, 0, 4.0, frames=1)
     for little in ((two, test), (read(bare), test), once, (reading, test.restarted())):

@@ -48,7 +48,7 @@ def test_the_same_touch_again_is_averaged_and_another_one_is_kept() -> None:
     assert frames[0].frames == 6
     off = [np.linalg.norm(one.points - exact.p_PC) for one in (now, frames[0])]
     assert off[1] < 0.7 * off[0]
-    fewer = touch(X_PO, np.random.default_rng(9)).chosen(np.arange(4))
+    fewer = touch(X_PO, np.random.default_rng(9))[:4]
     frames = follow_touch(frames, Keyframe.of_now(read(fewer), NAMES[:4]), PARAMS)
     assert [len(frame.sources) for frame in frames] == [6, 4]
     window = make_window(frames, PARAMS)
@@ -62,7 +62,7 @@ def test_a_touch_is_forgotten_when_the_motion_since_is_not_known() -> None:
     frames = follow_touch((), feel(), PARAMS)
     motion = Motion(np.zeros(6), np.diag(np.repeat([0.0, 0.01**2], 3)))
     moved = move_keyframes(frames, motion)
-    other = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(1)).chosen(np.arange(4))), NAMES[:4])
+    other = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(1))[:4]), NAMES[:4])
     assert len(follow_touch(frames, other, PARAMS)) == 2
     assert len(follow_touch(moved, other, PARAMS)) == 1
     assert make_window((*moved, other), PARAMS).past is None
@@ -83,7 +83,7 @@ def test_touches_of_the_past_tell_poses_apart_but_never_outweigh_a_slip() -> Non
     elsewhere = retract(X_PO, np.array([0.0, 0, 0, 0.1, 0, 0]))
     now, both = touch(X_PO, np.random.default_rng(1)), np.stack([X_PO, elsewhere])
     before = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(2))), NAMES)
-    fewer = Keyframe.of_now(read(now.chosen(np.arange(3))), NAMES[:3])
+    fewer = Keyframe.of_now(read(now[:3]), NAMES[:3])
     window = make_window((before, fewer), PARAMS)
     assert window.count == 2
     right, wrong = past_cost(box, params, window, both)

@@ -70,7 +70,7 @@ def test_fingers_that_rest_at_the_limit_since_they_closed_do_not_slide() -> None
 
 
 def test_two_fingers_at_equal_ratios_prove_nothing() -> None:
-    two = [press(np.minimum(HELD + 0.01 * i, 0.8)).contacts.chosen(np.arange(2)) for i in range(100)]
+    two = [press(np.minimum(HELD + 0.01 * i, 0.8)).contacts[:2] for i in range(100)]
     assert not any(feel([read(contacts) for contacts in two]))
 
 
