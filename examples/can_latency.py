@@ -166,8 +166,8 @@ def note_samples(board: NetCanOemForceTorque) -> list:
     """A list to which every sample is added when the diagram takes it for the first time."""
     observe, noted, last = type(board).observe.__get__(board), [], [None]
 
-    def noting(max_age: float):
-        found = observe(max_age)
+    def noting(max_age: float, now: float | None = None):
+        found = observe(max_age, now)
         if found[0] is not None and found[0] is not last[0]:
             last[0] = found[0]
             noted.append(found[0])
