@@ -101,6 +101,8 @@ class Frame:
         vision: the latest pose from vision, however late; None where there is none.
         X_WP: pose of the palm in the world, shape (3, 4), where an object rests that nothing touches; None where it is
             not known: that object then stays where it is in the palm, about.
+        depth_in_hand: how deep the object would reach into the hand at poses (n, 3, 4), shape (n,), m: more exactly
+            than the evidence knows it, and slower; None where that is not asked.
 
     Raises:
         InvalidInputError: sources that are not as many as the contacts, or twice the same; a velocity of another shape.

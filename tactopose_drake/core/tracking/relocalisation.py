@@ -133,9 +133,10 @@ def _clear_of_the_hand(
 ) -> tuple[SearchState, WeighedModes | None]:
     """A slice in which it is asked how deep one of several likely modes is in the hand; after them the end."""
     asked, likely = len(search.depths), weighed.likely(params)
-    if touch.depth_in_hand is None or asked == len(likely):
-        depth = np.array(search.depths)
-        return search.ended(), weighed.clear(model, touch.evidence.hand, params, depth)
+    if touch.depth_in_hand is None:
+        return search.ended(), weighed
+    if asked == len(likely):
+        return search.ended(), weighed.clear(model, touch.evidence.hand, params, np.array(search.depths))
     (depth,) = touch.depth_in_hand(weighed.modes.mixture.X_PO[likely[asked : asked + 1]]).tolist()
     return search._replace(depths=(*search.depths, depth)), None
 

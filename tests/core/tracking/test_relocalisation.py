@@ -238,6 +238,11 @@ def test_a_slice_asks_of_one_mode_how_deep_it_is_and_of_a_single_one_nothing(box
         assert n == slices
         assert asked == [1] * (slices - 1)
         assert state.depths == ()
+    # Of joints that are not known any more, nothing is concluded from what was asked before.
+    state, _ = search_on(box, PARAMS, touched, modes_at(X_PO), SearchState(weighed=weighed_modes(1e-3, 1e-3, 1e-3)))
+    _, left = search_on(box, PARAMS, touched._replace(depth_in_hand=None), modes_at(X_PO), state)
+    assert left is not None
+    assert np.allclose(left.modes.mixture.weights, 1.0 / 3.0)
 
 
 def test_the_belief_drops_flips_that_lie_in_the_hand(box: ObjectModel) -> None:
