@@ -82,8 +82,8 @@ def estimate_pose(
         time_limit: after so long, s, the search ends with the best that it has; None for as long as it takes. It is
             asked between rounds, and at least one is made.
         outlier_probability: that a contact is not of this object at all, before the touch, from 0 to 0.99. With it go
-            contacts of the object that are not as told, see `SCEPTICAL`: by 0.02 one of fifty is of something else,
-            ten are displaced, two have any normal, and of twelve nothing is as told. 0 takes every contact as told.
+            contacts of the object that are displaced, flipped, have any normal, or tell nothing: see `SCEPTICAL`. 0
+            takes every contact as told.
         planes: known planes of the world, in the palm frame, that the held object touches with its lowest point over
             each; a table that it was set upon says how far it has slid in the hand.
 

@@ -124,7 +124,7 @@ def test_status_is_about_the_touch(blob: tp.ObjectModel) -> None:
     contacts = touch_surface(blob, random_pose(1), 8, np.random.default_rng(1))
     everywhere = tp.HandGeometry(np.random.default_rng(2).uniform(-0.15, 0.15, (300, 3)), np.full(300, 0.02))
     estimate = tp.estimate_pose(blob, contacts, hand=everywhere)
-    assert estimate.best.cost > 5.0 * tp.estimate_pose(blob, contacts).best.cost
+    assert estimate.best.cost > tp.estimate_pose(blob, contacts).best.cost + 30.0
     assert estimate.best.explains_touch or estimate.status == "no_solution"
     apart = tp.Contacts([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], np.eye(3))
     assert tp.estimate_pose(blob, apart, hand=everywhere).status == "no_solution"

@@ -14,16 +14,17 @@ from tactopose_drake.core.kernels.surface_contact_kernels import Rows, Touch, co
 
 
 @inlined
-def _energies_and_rows(grid, touch, X, rows, d, n):
-    """The contacts' rows (residual, J, smooth, work) at one pose, and the energies that are half their squares."""
-    residual, J, smooth, work = rows
-    for i in range(touch.p.shape[0]):
-        own = Rows(residual[i], J[i], smooth[i], work)
-        contact_rows(grid, touch.p[i], touch.n[i], touch.weight_p[i], touch.weight_n[i], X, own)
-        d[i, 0] = 0.5 * residual[i, 0] ** 2
-        n[i, 0] = 0.0
-        for a in range(1, 5):
-            n[i, 0] += 0.5 * residual[i, a] ** 2
+def _rows_facing(grid, touch, i, facing, n, X, own):
+    """A contact's rows by its normal times how far it faces as told, -1 where it is flipped; n (3,) is for work."""
+    for a in range(3):
+        n[a] = facing * touch.n[i, a]
+    contact_rows(grid, touch.p[i], n, touch.weight_p[i], touch.weight_n[i], X, own)
+
+
+@inlined
+def _normal_energy(residual):
+    """That of a normal, by the residuals (5,) of its contact."""
+    return 0.5 * (residual[1] ** 2 + residual[2] ** 2 + residual[3] ** 2 + residual[4] ** 2)
 
 
 @kernel
@@ -34,18 +35,25 @@ def find_alternatives(grid: Grid, touch: Touch, doubts: Doubts, X: Floats3, hess
     in it, no more, so that nothing negative is left.
     """
     k = touch.p.shape[0]
-    residual, J, smooth, scratch = np.empty((k, 5)), np.empty((k, 5, 6)), np.empty((k, 4, 6)), np.empty((10, 4))
-    d, n, work, shares, cost = np.empty((k, 1)), np.empty((k, 1)), make_work(k, doubts), np.empty((3, 1)), np.empty(1)
+    d, n, m, facing = np.empty((k, 1)), np.empty((k, 1)), np.empty((k, 1)), np.empty(3)
+    work, shares, cost = make_work(k, doubts), np.empty((4, 1)), np.empty(1)
+    own = Rows(np.empty(5), np.empty((5, 6)), np.empty((4, 6)), np.empty((10, 4)))
+    residual, smooth = own.residual, own.smooth
     for b in range(X.shape[0]):
-        _energies_and_rows(grid, touch, X[b], (residual, J, smooth, scratch), d, n)
-        mix(d, n, 1, doubts, cost, work)
+        for i in range(k):
+            _rows_facing(grid, touch, i, -1.0, facing, X[b], own)
+            m[i, 0] = _normal_energy(residual)
+            _rows_facing(grid, touch, i, 1.0, facing, X[b], own)
+            d[i, 0], n[i, 0] = 0.5 * residual[0] ** 2, _normal_energy(residual)
+        mix(d, n, m, 1, doubts, cost, work)
         for i in range(k):
             find_shares(i, 1, doubts, work, shares)
+            _rows_facing(grid, touch, i, shares[3, 0], facing, X[b], own)
             lost_d = max(shares[1, 0] - doubts.closeness[i], 0.0)
             for c in range(6):
                 for e in range(6):
                     lost_n = 0.0
                     for a in range(1, 4):
-                        lost_n += smooth[i, a, c] * smooth[i, a, e]
-                    left[b, i, c, e] = hessian[b, c, e] - lost_d * smooth[i, 0, c] * smooth[i, 0, e]
+                        lost_n += smooth[a, c] * smooth[a, e]
+                    left[b, i, c, e] = hessian[b, c, e] - lost_d * smooth[0, c] * smooth[0, e]
                     left[b, k + i, c, e] = hessian[b, c, e] - shares[2, 0] * lost_n

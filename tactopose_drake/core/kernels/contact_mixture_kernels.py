@@ -1,15 +1,17 @@
 """The mixture likelihood of contacts that may be false, with noise that may be larger than told, compiled.
 
-With d the energy of a contact's distance from the surface (half its whitened square), n that of its normal, and the
-variances of points and normals s and t times what is told, the contact's density over that of an exact one is
+With d the energy of a contact's distance from the surface (half its whitened square), n that of its normal, m that of
+the normal flipped, and the variances of points and normals s and t times what is told, the contact's density over that
+of an exact one is
 
     as told                  exp(-d / s - n / t) / (sqrt(s) t),
+    with its normal flipped  f_m exp(-d / s - m / t) / (sqrt(s) t),
     with another normal      f_n exp(-d / s) / sqrt(s),
     displaced                f_d exp(-c d - n / t) / t,
     of something else        f_p,
 
-summed, without t and n where there is no normal. The factors s and t are the same for all contacts: the likelihood is
-the sum over pairs of them of their prior probability times the product over the contacts. They are powers of two, so
+summed, without t, n and m where there is no normal. The factors s and t are the same for all contacts: the likelihood
+is the sum over pairs of them of their prior probability times the product over the contacts. They are powers of two, so
 that one exponential of each energy serves for all.
 """
 
@@ -24,6 +26,8 @@ from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.lane_kernels import (
     DISTANCE_ENERGY,
     DISTANCE_SHARE,
+    FACING,
+    FLIPPED_ENERGY,
     LANES,
     NORMAL_ENERGY,
     NORMAL_SHARE,
@@ -49,7 +53,8 @@ class Doubts(NamedTuple):
         s, t: logarithms to base two of the pairs of factors, shape (q,); the first is 0, 0.
         per_s, per_t: one over the factors, shape (q,).
         probability: of each pair over that of the first, shape (q,).
-        normal, displaced, other: f_n, f_d and f_p, shape (k,); 0 where that cannot be, but for f_p, which is above 0.
+        flipped, normal, displaced, other: f_m, f_n, f_d and f_p, shape (k,); 0 where that cannot be, but for f_p, which
+            is above 0.
         closeness: c, the contacts' variances over that of how far they are displaced, shape (k,).
         has_normals: whether there are normals.
     """
@@ -59,6 +64,7 @@ class Doubts(NamedTuple):
     per_s: Floats1
     per_t: Floats1
     probability: Floats1
+    flipped: Floats1
     normal: Floats1
     displaced: Floats1
     other: Floats1
@@ -91,9 +97,9 @@ class Judged(NamedTuple):
 
 
 @inlined
-def mix(d, n, lanes, doubts, cost, work):
-    """The costs of energies d and n (k, lanes), zero where those are; fills the factors, and what the pairs weigh."""
-    point, turn, moved, total, most = work
+def mix(d, n, m, lanes, doubts, cost, work):
+    """The costs of energies d, n and m (k, lanes), 0 where d and n are; fills the factors, and what the pairs weigh."""
+    point, turn, back, moved, total, most = work
     pairs = total.shape[0]
     for lane in range(lanes):
         cost[lane] = 0.0
@@ -102,18 +108,20 @@ def mix(d, n, lanes, doubts, cost, work):
     for i in range(d.shape[0]):
         for lane in range(lanes):
             per, root = 0.5**MOST_DOUBLINGS, 0.5 ** (0.5 * MOST_DOUBLINGS)
-            by_point, by_turn = np.exp(-d[i, lane] * per), np.exp(-n[i, lane] * per)
+            by_point, by_turn, by_back = np.exp(-d[i, lane] * per), np.exp(-n[i, lane] * per), np.exp(-m[i, lane] * per)
             for a in range(MOST_DOUBLINGS, -1, -1):
                 point[i, a, lane] = by_point * root
                 turn[i, a, lane] = by_turn * per if doubts.has_normals else 1.0
-                by_point, by_turn, per, root = by_point * by_point, by_turn * by_turn, 2.0 * per, _ROOT_2 * root
+                back[i, a, lane] = doubts.flipped[i] * by_back * per
+                by_point, by_turn, by_back = by_point * by_point, by_turn * by_turn, by_back * by_back
+                per, root = 2.0 * per, _ROOT_2 * root
             moved[i, lane] = doubts.displaced[i] * np.exp(-doubts.closeness[i] * d[i, lane])
             most[lane] = 0.0
         for q in range(pairs):
             s, t = doubts.s[q], doubts.t[q]
             for lane in range(lanes):
                 by_point, by_turn = point[i, s, lane], turn[i, t, lane]
-                false = doubts.normal[i] * by_point + moved[i, lane] * by_turn + doubts.other[i]
+                false = (back[i, t, lane] + doubts.normal[i]) * by_point + moved[i, lane] * by_turn + doubts.other[i]
                 total[q, lane] *= by_point * by_turn + false
                 most[lane] = max(most[lane], total[q, lane])
         for lane in range(lanes):
@@ -132,27 +140,35 @@ def mix(d, n, lanes, doubts, cost, work):
 
 @inlined
 def find_shares(i, lanes, doubts, work, shares):
-    """That a contact is as told, and the derivatives of the cost by its energies d and n, into shares (3, lanes)."""
-    point, turn, moved, total, _ = work
+    """That a contact is as told, and what its distance and its normal count for, into shares (4, lanes).
+
+    These are the derivatives of the cost by its energies, that by n and that by m together; what the first of the two
+    is more than the second, as a share of both, comes last.
+    """
+    point, turn, back, moved, total, _ = work
     for lane in range(lanes):
-        told, weight_d, weight_n = 0.0, 0.0, 0.0
+        told, weight_d, weight_n, weight_m = 0.0, 0.0, 0.0, 0.0
         for q in range(total.shape[0]):
             if total[q, lane] > 1e-6:
                 by_point, by_turn = point[i, doubts.s[q], lane], turn[i, doubts.t[q], lane]
                 as_told = by_point * by_turn
+                flipped = by_point * back[i, doubts.t[q], lane]
                 turned, displaced = doubts.normal[i] * by_point, moved[i, lane] * by_turn
-                part = total[q, lane] / (as_told + turned + displaced + doubts.other[i])
+                part = total[q, lane] / (as_told + flipped + turned + displaced + doubts.other[i])
                 told += part * as_told
-                weight_d += part * ((as_told + turned) * doubts.per_s[q] + displaced * doubts.closeness[i])
+                weight_d += part * ((as_told + flipped + turned) * doubts.per_s[q] + displaced * doubts.closeness[i])
                 weight_n += part * (as_told + displaced) * doubts.per_t[q]
-        shares[0, lane], shares[1, lane], shares[2, lane] = told, weight_d, weight_n
+                weight_m += part * flipped * doubts.per_t[q]
+        shares[0, lane], shares[1, lane], shares[2, lane] = told, weight_d, weight_n + weight_m
+        shares[3, lane] = (weight_n - weight_m) / (weight_n + weight_m) if weight_m > 0.0 else 1.0
 
 
 @inlined
 def make_work(contacts, doubts):
-    """What `mix` fills: the contacts' factors by points, by normals, and as displaced; and what the pairs weigh."""
+    """What `mix` fills: the contacts' factors by points, normals, flipped ones, as displaced; what the pairs weigh."""
     factors = (contacts, MOST_DOUBLINGS + 1, LANES)
     return (
+        np.empty(factors),
         np.empty(factors),
         np.empty(factors),
         np.empty((contacts, LANES)),
@@ -162,13 +178,16 @@ def make_work(contacts, doubts):
 
 
 @part
-def _find_energies(grid: Grid, touch: Touch, lanes: int, w: OutFloats1, d: OutFloats2, n: OutFloats2) -> None:
-    """The energies of each contact's distance and normal at so many poses, into (k, lanes), by the distance field."""
+def _find_energies(
+    grid: Grid, touch: Touch, lanes: int, w: OutFloats1, d: OutFloats2, n: OutFloats2, m: OutFloats2
+) -> None:
+    """The energies of each contact's distance, normal and flipped normal, into (k, lanes), by the distance field."""
     for i in range(touch.p.shape[0]):
         read_grid(grid, touch.p[i], touch.n[i], lanes, w)
         weigh(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)
         for lane in range(lanes):
             d[i, lane], n[i, lane] = w[DISTANCE_ENERGY + np.uintp(lane)], w[NORMAL_ENERGY + np.uintp(lane)]
+            m[i, lane] = w[FLIPPED_ENERGY + np.uintp(lane)]
 
 
 @kernel
@@ -187,20 +206,21 @@ def mixture_equations(
     """
     cost, gradient, hessian = equations
     k = touch.p.shape[0]
-    w, d, n, work = np.zeros(SIZE), np.empty((k, LANES)), np.empty((k, LANES)), make_work(k, doubts)
-    shares, g, H = np.empty((3, LANES)), np.empty(6), np.empty((6, 6))
+    w, work = np.zeros(SIZE), make_work(k, doubts)
+    d, n, m = np.empty((k, LANES)), np.empty((k, LANES)), np.empty((k, LANES))
+    shares, g, H = np.empty((4, LANES)), np.empty(6), np.empty((6, 6))
     u, difference, D = np.empty(6), np.empty(6), np.empty((6, 6))
     for first in range(0, X.shape[0], LANES):
         lanes = min(LANES, X.shape[0] - first)
         enter(X, first, lanes, w)
-        _find_energies(grid, touch, lanes, w, d, n)
-        mix(d, n, lanes, doubts, cost[first:], work)
+        _find_energies(grid, touch, lanes, w, d, n, m)
+        mix(d, n, m, lanes, doubts, cost[first:], work)
         for i in range(k):
             find_shares(i, lanes, doubts, work, shares)
             read_grid(grid, touch.p[i], touch.n[i], lanes, w)
             for lane in range(lanes):
                 w[DISTANCE_SHARE + np.uintp(lane)] = shares[1, lane]
-                w[NORMAL_SHARE + np.uintp(lane)] = shares[2, lane]
+                w[NORMAL_SHARE + np.uintp(lane)], w[FACING + np.uintp(lane)] = shares[2, lane], shares[3, lane]
             add_equations(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)
         for lane in range(lanes):
             b = first + lane
@@ -218,15 +238,17 @@ def judge(
     """Judges poses (B, 3, 4): as a whole, or by their costs alone, and then all else that is judged stays as it is.
 
     Where the contacts' exact densities are more than exp(-reached), they take the place of d + n. Farther off they are
-    cut, and the distance field is as good. The prior counts in the costs alone.
+    cut, and the distance field is as good; how well a flipped normal fits is known by that field alone. The prior
+    counts in the costs alone.
     """
     density, reached = exact
-    k, least, u, shares = touch.p.shape[0], np.exp(-reached), np.empty(6), np.empty((3, LANES))
-    w, d, n, work = np.zeros(SIZE), np.empty((k, LANES)), np.empty((k, LANES)), make_work(k, doubts)
+    k, least, u, shares = touch.p.shape[0], np.exp(-reached), np.empty(6), np.empty((4, LANES))
+    w, work = np.zeros(SIZE), make_work(k, doubts)
+    d, n, m = np.empty((k, LANES)), np.empty((k, LANES)), np.empty((k, LANES))
     for first in range(0, X.shape[0], LANES):
         lanes = min(LANES, X.shape[0] - first)
         enter(X, first, lanes, w)
-        _find_energies(grid, touch, lanes, w, d, n)
+        _find_energies(grid, touch, lanes, w, d, n, m)
         for lane in range(lanes):
             for i in range(k):
                 if density[first + lane, i] > least:
@@ -235,7 +257,7 @@ def judge(
                     n[i, lane] = both - d[i, lane]
                 else:
                     n[i, lane] = max(d[i, lane] + n[i, lane], reached) - d[i, lane]
-        mix(d, n, lanes, doubts, judged.cost[first:], work)
+        mix(d, n, m, lanes, doubts, judged.cost[first:], work)
         for b in range(first, first + lanes):
             judged.cost[b] += prior_cost(prior, X[b], u)
         if not whole:
@@ -245,7 +267,7 @@ def judge(
             for lane in range(lanes):
                 judged.inlier_probability[first + lane, i] = shares[0, lane]
         for lane in range(lanes):
-            b, total = first + lane, work[3][:, lane]
+            b, total = first + lane, work[4][:, lane]
             judged.noise_scale[b], narrowed, calmed = 0.0, 0.0, 0.0
             for pair in range(len(doubts.s)):
                 judged.noise_scale[b] += total[pair] / np.sqrt(doubts.per_s[pair])

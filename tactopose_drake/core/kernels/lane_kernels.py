@@ -20,12 +20,14 @@ LANES = 16
 # Bounds the derivative of the square root in the residual that normalises the normals' likelihood.
 SOFT_ROOT = 1e-4
 # Where rows begin: of a pose; of a contact's point and normal in O; of its place in the grid; of the grid's values at
-# the cell's corners; of its energies, and what it counts for; of sums over the contacts.
+# the cell's corners; of its energies, the last with its normal flipped, what it counts for, and how far its normal
+# faces as told; of sums over the contacts.
 _POSE, _POINT, _NORMAL, _FRACTION, _OUTSIDE, _CORNERS = (np.uintp(LANES * row) for row in (0, 12, 15, 18, 21, 24))
-DISTANCE_ENERGY, NORMAL_ENERGY, DISTANCE_SHARE, NORMAL_SHARE = (np.uintp(LANES * row) for row in (56, 57, 58, 59))
-COST, _SPREAD, _GRADIENT, _HESSIAN = (np.uintp(LANES * row) for row in (60, 61, 62, 68))
-_NODE = np.uintp(LANES * 89)
-SIZE = LANES * 90
+DISTANCE_ENERGY, NORMAL_ENERGY, FLIPPED_ENERGY = (np.uintp(LANES * row) for row in (56, 57, 58))
+DISTANCE_SHARE, NORMAL_SHARE, FACING = (np.uintp(LANES * row) for row in (59, 60, 61))
+COST, _SPREAD, _GRADIENT, _HESSIAN = (np.uintp(LANES * row) for row in (62, 63, 64, 70))
+_NODE = np.uintp(LANES * 91)
+SIZE = LANES * 92
 """Numbers that the rows take."""
 
 _1, _2, _3, _4, _5 = (np.uintp(LANES * row) for row in range(1, 6))
@@ -105,7 +107,7 @@ def _interpolate(w, row, fx, fy, fz):
 
 @part
 def weigh(inverse_spacing: float, weight_p: float, weight_n: float, lanes: int, w: OutFloats1) -> None:
-    """A contact's energies: half the squares of its whitened residuals, by distance and by normal."""
+    """A contact's energies: half the squares of its whitened residuals, by distance, by normal, and by that flipped."""
     for lane in range(np.uintp(lanes)):
         fx, fy, fz = w[_FRACTION + lane], w[_FRACTION + _1 + lane], w[_FRACTION + _2 + lane]
         ox, oy, oz = w[_OUTSIDE + lane], w[_OUTSIDE + _1 + lane], w[_OUTSIDE + _2 + lane]
@@ -114,13 +116,17 @@ def weigh(inverse_spacing: float, weight_p: float, weight_n: float, lanes: int, 
         f2 = _interpolate(w, _CORNERS + _2 + lane, fx, fy, fz)[0]
         f3 = _interpolate(w, _CORNERS + _3 + lane, fx, fy, fz)[0]
         spread = 1.0 + 0.5 * max(0.0, 1.0 - (f1 * f1 + f2 * f2 + f3 * f3)) * weight_n * weight_n
-        x, y, z = f1 - w[_NORMAL + lane], f2 - w[_NORMAL + _1 + lane], f3 - w[_NORMAL + _2 + lane]
+        mx, my, mz, weight = w[_NORMAL + lane], w[_NORMAL + _1 + lane], w[_NORMAL + _2 + lane], weight_n**2 / spread
+        x, y, z = f1 - mx, f2 - my, f3 - mz
         w[DISTANCE_ENERGY + lane] = 0.5 * f0 * f0 * weight_p * weight_p
-        w[NORMAL_ENERGY + lane] = 0.5 * weight_n * weight_n / spread * (x * x + y * y + z * z)
+        w[NORMAL_ENERGY + lane] = 0.5 * weight * (x * x + y * y + z * z)
+        w[FLIPPED_ENERGY + lane] = w[NORMAL_ENERGY + lane] + 2.0 * weight * (f1 * mx + f2 * my + f3 * mz)
         w[_SPREAD + lane] = spread
     if weight_n > 0.0:
         for lane in range(np.uintp(lanes)):
-            w[NORMAL_ENERGY + lane] += np.log(w[_SPREAD + lane]) + 0.5 * SOFT_ROOT
+            log_spread = np.log(w[_SPREAD + lane]) + 0.5 * SOFT_ROOT
+            w[NORMAL_ENERGY + lane] += log_spread
+            w[FLIPPED_ENERGY + lane] += log_spread
 
 
 @inlined
@@ -185,19 +191,21 @@ def _add_squares(w, row, a, b, c, d):
 def add_equations(inverse_spacing: float, weight_p: float, weight_n: float, lanes: int, w: OutFloats1) -> None:
     """Adds a contact's part of the cost, of its gradient, and of the Hessian, each energy times what it counts for.
 
+    The normal counts by its mean over what it may be: as told or flipped, that is told by how far it faces as told.
     The cost lacks the logarithms of the normals' variances, which wait in one product; see `total_cost`.
     """
     rest = 0.5 * SOFT_ROOT if weight_n > 0.0 else 0.0
     for lane in range(np.uintp(lanes)):
         (f0, f1, f2, f3), x, y, z = _field_with_slopes(w, lane, inverse_spacing)
         qx, qy, qz = w[_POINT + lane], w[_POINT + _1 + lane], w[_POINT + _2 + lane]
-        mx, my, mz = w[_NORMAL + lane], w[_NORMAL + _1 + lane], w[_NORMAL + _2 + lane]
+        facing = w[FACING + lane]
+        mx, my, mz = facing * w[_NORMAL + lane], facing * w[_NORMAL + _1 + lane], facing * w[_NORMAL + _2 + lane]
         share_d, share_n, square = w[DISTANCE_SHARE + lane], w[NORMAL_SHARE + lane], f1 * f1 + f2 * f2 + f3 * f3
         scale = 1.0 / np.sqrt(square + SOFT_LENGTH**2)
         spread = 1.0 + 0.5 * max(0.0, 1.0 - square) * weight_n * weight_n
         weight = weight_n * weight_n / spread  # One over the variance of the normal's difference.
         ex, ey, ez = f1 - mx, f2 - my, f3 - mz
-        misfit = weight * (ex * ex + ey * ey + ez * ez)
+        misfit = weight * (ex * ex + ey * ey + ez * ez + (1.0 - facing * facing))
         w[COST + lane] += 0.5 * (share_d * f0 * f0 * weight_p * weight_p + share_n * misfit) + rest
         w[_SPREAD + lane] *= spread
 

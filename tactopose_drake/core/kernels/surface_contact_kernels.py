@@ -19,6 +19,7 @@ from tactopose_drake.core.kernels.grid_kernels import (
 from tactopose_drake.core.kernels.lane_kernels import (
     DISTANCE_ENERGY,
     DISTANCE_SHARE,
+    FACING,
     LANES,
     NORMAL_ENERGY,
     NORMAL_SHARE,
@@ -70,7 +71,7 @@ def add_up(grid: Grid, touch: Touch, X: Floats3, lanes: int, w: OutFloats1) -> N
     """Cost, gradient and Hessian at so many poses X (3, 4), one in each lane of the rows w."""
     enter(X, 0, lanes, w)
     for lane in range(lanes):
-        w[DISTANCE_SHARE + np.uintp(lane)] = w[NORMAL_SHARE + np.uintp(lane)] = 1.0
+        w[DISTANCE_SHARE + np.uintp(lane)] = w[NORMAL_SHARE + np.uintp(lane)] = w[FACING + np.uintp(lane)] = 1.0
     for i in range(touch.p.shape[0]):
         read_grid(grid, touch.p[i], touch.n[i], lanes, w)
         add_equations(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)

@@ -1,10 +1,11 @@
 """Contacts of which each may be false, measured with noise of which not even the size is sure.
 
 A finger may touch something else: then its contact is anywhere. It may be elsewhere than its joints say: then its point
-is displaced, and its normal about right. It may touch over an edge: then the point is as told, and the normal any. The
-mixture of these with a contact as told [HRM16] never lets one contact decide. How much larger the noise is than told,
-that of the points alone or of the normals too, is summed over: that makes the likelihood heavy-tailed for all contacts
-together, as one of Student's t is [LLT89].
+is displaced, and its normal about right. It may touch over an edge: then the point is as told, and the normal any; or
+its force may have the wrong sign, and the normal shows the other way. The mixture of these with a contact as told
+[HRM16] never lets one contact decide. How much larger the noise is than told, that of the points alone or of the
+normals too, is summed over: that makes the likelihood heavy-tailed for all contacts together, as one of Student's t is
+[LLT89].
 
 Source: [LLT89] K. Lange, R. Little, J. Taylor, Robust statistical modeling using the t distribution, J. Am. Stat.
 Assoc. 84, 1989. [HRM16] D. Hogg, J. Bovy, D. Lang, Data analysis recipes: fitting a model to data, 2010, section 3
@@ -131,9 +132,12 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
     volume = math.prod((model.grid.upper - model.grid.origin + 2.0 * doubt.surroundings).tolist())
     any_point = np.minimum(model.area * math.sqrt(2.0 * math.pi) * sigma_p / volume, 1.0)
     any_normal = np.minimum(0.5 * sigma_n**2, 1.0) if has_normals else np.ones(len(sigma_n))
-    displaced = np.minimum(sigma_p / doubt.displacement, 1.0)
+    ratio = np.minimum(sigma_p / doubt.displacement, 1.0)
+    # What is off by no more than the noise that is told is neither displaced nor lost.
+    farther = 1.0 - ratio**2
     shares = doubt.kinds.shares(outlier_probability)
     shares = shares if has_normals else shares.without_normals()
+    anywhere = shares.other + shares.lost * farther
     s, t, per_s, per_t, probability = _scales(doubt.doublings)
     return Doubts(
         s,
@@ -142,9 +146,10 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
         per_t,
         probability,
         # Relative to a contact as told.
+        read_only(np.full(len(sigma_n), shares.flipped / shares.as_told)),
         read_only(shares.turned / shares.as_told * any_normal),
-        read_only(shares.displaced / shares.as_told * displaced),
-        read_only(np.maximum(shares.other / shares.as_told * any_point * any_normal, _LEAST_DENSITY)),
-        read_only(displaced**2),
+        read_only(shares.displaced / shares.as_told * farther * ratio),
+        read_only(np.maximum(anywhere / shares.as_told * any_point * any_normal, _LEAST_DENSITY)),
+        read_only(ratio**2),
         has_normals,
     )

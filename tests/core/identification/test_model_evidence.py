@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from tactopose_drake.core.evidence.contact_doubt import SCEPTICAL
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
@@ -35,13 +36,15 @@ def test_of_a_ball_it_is_the_integral_over_the_places_of_its_centre(sphere: Obje
     directions = np.array([[1, 0, 0], [0, 1, 0.2], [-0.5, -0.4, 0.8], [0.1, -0.9, -0.5], [-0.6, 0.5, -0.6]])
     p_PC = RADIUS * directions / np.linalg.norm(directions, axis=1, keepdims=True) + np.array([0.1, -0.2, 0.05])
     p_PC += np.random.default_rng(0).normal(size=p_PC.shape) * SIGMA
-    # The integral knows no false contact.
+    # The integral knows no false contact, but noise that may be larger than told.
     found = estimate_pose(sphere, Contacts(p_PC, sigma_position=SIGMA), outlier_probability=0.0).log_evidence
 
     step = np.linspace(-0.012, 0.012, 49)
     centers = np.array([0.1, -0.2, 0.05]) + np.stack(np.meshgrid(step, step, step, indexing="ij"), axis=-1)
     distance = np.linalg.norm(p_PC - centers[..., None, :], axis=-1) - RADIUS
-    integral = np.exp(-0.5 * np.sum(distance**2, axis=-1) / SIGMA**2).sum() * (step[1] - step[0]) ** 3
+    energy = 0.5 * np.sum(distance**2, axis=-1) / SIGMA**2
+    likelihood = sum(p * np.exp(-energy / 2.0**s) / 2.0 ** (0.5 * s * len(p_PC)) for s, _, p in SCEPTICAL.doublings)
+    integral = likelihood.sum() * (step[1] - step[0]) ** 3 / SCEPTICAL.doublings[0][2]
     expected = np.log(8.0 * np.pi**2 * integral) - 5.0 * np.log(sphere.area)
     assert found == pytest.approx(expected, abs=NOISE)
 

@@ -1,10 +1,11 @@
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.evidence.contact_doubt import ContactDoubt
+from tactopose_drake.core.evidence.contact_doubt import ContactDoubt, ContactKinds
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.objectives.contact_mixture import ContactMixture
@@ -14,7 +15,8 @@ from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, re
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 
-DOUBT = ContactDoubt()
+FLIPPED = 3.0
+DOUBT = ContactDoubt(kinds=ContactKinds(flipped=FLIPPED))
 
 
 @pytest.fixture(scope="module")
@@ -34,30 +36,37 @@ def touch(model: ObjectModel, X_PO: np.ndarray, seed: int, noise: float = 1.0, c
     return Contacts(felt.p_PC, felt.n_PC, **told)
 
 
-def odds(share: float, has_normals: bool) -> tuple[float, float, float]:
-    """Of contacts with any normal, displaced and of something else, over those as told."""
-    w = share / (1.0 - share)  # Of something else, over contacts of the object; of those 1 : w : 6 w are what.
-    told = 1.0 if has_normals else 1.0 + w
-    return w * has_normals, 6.0 * w / told, w * (1.0 + 7.0 * w) / told
+def odds(share: float, has_normals: bool) -> tuple[float, float, float, float]:
+    """Of contacts with a flipped normal, any, displaced and of something else, over those as told."""
+    w = share / (1.0 - share)  # Of something else, over contacts of the object; of those 1 : 3 w : w : 6 w are what.
+    told = 1.0 if has_normals else 1.0 + (FLIPPED + 1.0) * w
+    return FLIPPED * w * has_normals, w * has_normals, 6.0 * w / told, w * (1.0 + (FLIPPED + 7.0) * w) / told
 
 
 def formula(model: ObjectModel, contacts: Contacts, X_PO: np.ndarray, share: float) -> float:
     """The negative logarithm of the mixture, written out, at one pose."""
     rows = SurfaceContact(model.grid, contacts).residuals(X_PO).reshape(len(contacts), -1)
     d, has_normals = 0.5 * rows[:, 0] ** 2, contacts.n_PC is not None
-    n = 0.5 * np.sum(rows[:, 1:] ** 2, axis=1) if has_normals else np.zeros(len(contacts))
+    n = m = np.zeros(len(contacts))
+    if contacts.n_PC is not None:
+        opposite = dataclasses.replace(contacts, n_PC=-contacts.n_PC)
+        rows_m = SurfaceContact(model.grid, opposite).residuals(X_PO).reshape(len(contacts), -1)
+        n, m = 0.5 * np.sum(rows[:, 1:] ** 2, axis=1), 0.5 * np.sum(rows_m[:, 1:] ** 2, axis=1)
     sigma_p, sigma_n = np.asarray(contacts.sigma_position), np.asarray(contacts.sigma_normal)
     volume = np.prod(model.grid.upper - model.grid.origin + 2.0 * DOUBT.surroundings)
     any_point = model.area * math.sqrt(2.0 * math.pi) * sigma_p / volume
     any_normal = 0.5 * sigma_n**2 if has_normals else 1.0
-    turned, moved, other = odds(share, has_normals)
+    flipped, turned, moved, other = odds(share, has_normals)
     ratio = sigma_p / DOUBT.displacement
     total = 0.0
     for doubled, doubled_n, probability in DOUBT.doublings:
         point = np.exp(-d / 2.0**doubled) / math.sqrt(2.0**doubled)
         turn = np.exp(-n / 2.0**doubled_n) / 2.0**doubled_n if has_normals else 1.0
-        displaced = moved * ratio * np.exp(-(ratio**2) * d) * turn
-        each = point * turn + turned * any_normal * point + displaced + other * any_point * any_normal
+        displaced = moved * ratio * (1.0 - ratio**2) * np.exp(-(ratio**2) * d) * turn
+        back = np.exp(-m / 2.0**doubled_n) / 2.0**doubled_n if has_normals else 0.0
+        each = (
+            point * (turn + flipped * back) + turned * any_normal * point + displaced + other * any_point * any_normal
+        )
         total += probability * float(np.prod(each))
     return -math.log(total / DOUBT.doublings[0][2])
 
@@ -67,17 +76,20 @@ def formula(model: ObjectModel, contacts: Contacts, X_PO: np.ndarray, share: flo
 def test_the_cost_is_the_mixture_written_out(blob: ObjectModel, with_normals: bool, share: float) -> None:
     X_PO = pose(0)
     contacts = touch(blob, X_PO, 0, noise=1.5)
+    contacts = Contacts(contacts.p_PC, contacts.n_PC * np.array([-1.0, 1, 1, -1, 1, 1])[:, None])
     if not with_normals:
         contacts = Contacts(contacts.p_PC, sigma_position=0.0009)
-    mixture = ContactMixture(blob, contacts, share)
+    mixture = ContactMixture(blob, contacts, share, DOUBT)
     for step in np.random.default_rng(1).normal(size=(5, 6)) * np.repeat([0.05, 0.003], 3):
         X = retract(X_PO, step)
         assert mixture.cost(X)[0] == pytest.approx(formula(blob, contacts, X, share), rel=1e-9, abs=1e-9)
 
 
-def test_the_gradient_is_the_central_difference(blob: ObjectModel) -> None:
+@pytest.mark.parametrize("signs", [(1.0, 1, 1, 1, 1, 1), (1.0, -1, 1, 1, 1, -1)])
+def test_the_gradient_is_the_central_difference(blob: ObjectModel, signs: tuple[float, ...]) -> None:
     X_PO = pose(2)
-    mixture = ContactMixture(blob, touch(blob, X_PO, 2, noise=2.0), 0.02)
+    felt = touch(blob, X_PO, 2, noise=2.0)
+    mixture = ContactMixture(blob, Contacts(felt.p_PC, felt.n_PC * np.array(signs)[:, None]), 0.02, DOUBT)
     X = retract(X_PO, np.array([0.02, -0.03, 0.01, 0.002, -0.001, 0.003]))
     gradient = mixture.normal_equations(X).gradient[0]
     for k, step in enumerate(1e-8 * np.eye(6)):
@@ -113,6 +125,27 @@ def test_a_flipped_normal_is_given_up_and_its_point_counts(box: ObjectModel) -> 
     kept = Contacts(np.delete(contacts.p_PC, 1, axis=0), np.delete(contacts.n_PC, 1, axis=0))
     without = ContactMixture(box, kept, 0.02).normal_equations(X_PO).hessian[0, 3:, 3:]
     assert across - contacts.n_PC[1] @ without @ contacts.n_PC[1] > 0.3 / 0.0009**2
+
+
+def test_a_normal_that_may_be_flipped_tells_as_much_when_it_is(box: ObjectModel) -> None:
+    doubt = dataclasses.replace(DOUBT, doublings=((0, 0, 1.0),))
+    X_PO, contacts = pose(4), touch(box, pose(4), 4)
+    signs = np.array([1.0, -1, 1, 1, 1, 1])[:, None]
+    told, flipped = (
+        ContactMixture(box, Contacts(contacts.p_PC, n_PC), 1e-4, doubt)
+        for n_PC in (contacts.n_PC, signs * contacts.n_PC)
+    )
+    judged = flipped.judge(X_PO)
+    assert judged.inlier_probability[0, 1] < 0.01
+    assert judged.is_false[0].tolist() == [False, True, False, False, False, False]
+    # It costs no more than that it is rare, where one with any normal would cost what that normal tells, too.
+    assert judged.cost[0] - told.judge(X_PO).cost[0] == pytest.approx(-math.log(FLIPPED * 1e-4), abs=0.5)
+    hessian = flipped.normal_equations(X_PO).hessian
+    np.testing.assert_allclose(hessian, told.normal_equations(X_PO).hessian, rtol=0.01, atol=1e-3 * hessian.max())
+    left = flipped.alternatives(X_PO, hessian)
+    np.testing.assert_allclose(
+        left, told.alternatives(X_PO, told.normal_equations(X_PO).hessian), rtol=0.02, atol=2e-3 * hessian.max()
+    )
 
 
 def test_the_noise_scale_is_found(box: ObjectModel) -> None:
