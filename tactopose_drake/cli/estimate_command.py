@@ -16,6 +16,8 @@ from tactopose_drake.cli.symmetry_option import SYMMETRY_HELP, parse_symmetries
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import told_of
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.descriptions import false_contacts_line, free_line, status_line
 from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.estimation.far_origins import about_middle
@@ -77,13 +79,16 @@ def estimate(
     touch = hand.load_touch(contacts_file)
     prior = None if prior_file is None else load_prior(prior_file)
     volumes = None if volume_file is None else hand.load_hand_volume(volume_file)
-    balance = None if gravity is None else ForceBalance(np.array(gravity))
+    with told_of("--gravity: "):
+        balance = None if gravity is None else ForceBalance(np.array(gravity))
     check_outputs((out, html), inputs=(mesh, contacts_file, prior_file, volume_file))
     remote = None
     if meshcat_url is not None:
         remote = click.get_current_context().with_resource(visualization.RemoteMeshcat(meshcat_url))
     with _progress(f"reading {mesh}"):
         model = _load(mesh, scale, symmetry, mass)
+    if balance is not None and not model.mass_is_known:
+        raise InvalidInputError(f"--gravity: the mass of {mesh} is not known; `--mass` tells it, kg.")
     with _progress("searching (the first run on a machine compiles its kernels, about a minute)"):
         found = estimate_pose(
             model,

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, InputPort
 from tactopose_drake.core.sensing.intrinsic_contact import MIN_FORCE, ContactSolution, FingertipSolver
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Surface
-from tactopose_drake.core.validation import FloatArray, params_of, positive_number
+from tactopose_drake.core.validation import FloatArray, instance_of, params_of, positive_number
 from tactopose_drake.systems.collectable_system import CollectableSystem
 
 _NO_READING = np.full(6, np.nan)
@@ -65,6 +65,7 @@ class ContactSolver(CollectableSystem):
         """
         super().__init__()
         self._params = params_of(ContactSolverParams, params)
+        instance_of("surfaces", surfaces, Mapping)
         layers, told = layers or {}, self._params
         self._solvers = {
             finger: FingertipSolver(surface, layers.get(finger), told.min_force, told.friction_coefficient)

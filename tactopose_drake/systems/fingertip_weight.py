@@ -5,7 +5,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.ports import eval_input
@@ -44,6 +44,7 @@ class FingertipWeight(CollectableSystem):
             num_positions: of the hand's joints.
         """
         super().__init__()
+        instance_of("weights", weights, FingertipWeights)
         self._weights, self._fingers = weights, fingers
         self._positions = self.DeclareVectorInputPort("joint_positions", num_positions)
         self._palm = self.DeclareAbstractInputPort("palm_pose", AbstractValue.Make(RigidTransform()))

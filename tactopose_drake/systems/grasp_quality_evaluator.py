@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import cast
+from typing import cast, get_args
 
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
@@ -12,7 +12,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.grasping.quality import ClosureProbability, force_closure_probability, grasp_quality
 from tactopose_drake.core.grasping.wrench_space import Norm
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import instance_of, params_of, positive_number, whole_number
+from tactopose_drake.core.validation import instance_of, known_name, params_of, positive_number, whole_number
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
@@ -30,7 +30,8 @@ class GraspQualityParams:
     seed: int = 0  # of the draws, the same at each judgement
 
     def validate(self) -> None:
-        """Raises InvalidInputError if a number is out of its range; the rest is named by `grasp_quality`."""
+        """Raises InvalidInputError if a number is out of its range or the norm unknown."""
+        known_name("GraspQualityParams.norm", self.norm, get_args(Norm))
         positive_number("GraspQualityParams.period", self.period)
         positive_number("GraspQualityParams.friction", self.friction, allow_zero=True)
         for name, least in (("edges", 3), ("samples", 1), ("seed", 0)):

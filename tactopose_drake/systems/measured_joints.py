@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.systems.collectable_system import CollectableSystem
 
 
@@ -32,6 +32,7 @@ class MeasuredJoints(CollectableSystem):
             offsets: `joint_offsets` of the hand, shape (nq,), where its couplings have any.
         """
         super().__init__()
+        matrix = finite_array("matrix", matrix, (None, None))
         self._column = np.argmax(matrix != 0.0, axis=1)
         self._ratio = matrix[np.arange(len(matrix)), self._column]
         self._offsets = offsets

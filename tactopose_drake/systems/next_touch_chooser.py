@@ -19,7 +19,14 @@ from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.finger_sides import sides
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, known_name, params_of, positive_number, whole_number
+from tactopose_drake.core.validation import (
+    FloatArray,
+    instance_of,
+    known_name,
+    params_of,
+    positive_number,
+    whole_number,
+)
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
@@ -124,6 +131,8 @@ class NextTouchChooser(CollectableSystem):
             InvalidInputError: parameters out of their range, or a hand of which fewer than two fingertips feel forces.
         """
         super().__init__()
+        instance_of("hand", hand, HandConfig)
+        instance_of("model", model, ObjectModel)
         self._params = params_of(NextTouchParams, params)
         self._criterion = TouchCriterion(tolerance=self._params.tolerance)
         self._model = model

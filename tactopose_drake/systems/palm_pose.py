@@ -5,6 +5,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
+from tactopose_drake.core.validation import instance_of
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input
 
@@ -27,6 +28,7 @@ class PalmPose(CollectableSystem):
     def __init__(self, palm_frame: Frame) -> None:
         """Takes numbers from the frame P of a finalized plant; keeps no reference to it."""
         super().__init__()
+        instance_of("palm_frame", palm_frame, Frame)
         self._body, self._X_BP = int(palm_frame.body().index()), palm_frame.GetFixedPoseInBodyFrame()
         self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         self.DeclareAbstractOutputPort(

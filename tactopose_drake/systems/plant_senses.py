@@ -64,20 +64,22 @@ def add_touch_sensors(
     return ports
 
 
-def connect_plant(
+def add_with_plant(
     builder: DiagramBuilder,
+    name: str,
     estimation: Diagram,
     config: HandConfig,
     plant: MultibodyPlant | None,
     simulated_senses: bool,
-) -> None:
-    """Connects an estimation or a tracking to the plant that holds its hand, among whatever else.
+) -> Diagram:
+    """Adds an estimation or a tracking, connected to the plant that holds its hand, among whatever else.
 
     Joint positions, and where there are such inputs joint velocities and the palm's pose, come from the plant's state;
     with `simulated_senses` wrenches and pressures come from its reaction forces and contacts.
 
     Args:
-        builder: of the plant's diagram, which has the estimation already.
+        builder: of the plant's diagram; as it was where an error is raised.
+        name: of what is added.
         estimation: of `AddPoseEstimation` or `AddPoseTracking`.
         config: the hand.
         plant: finalized plant; None where somebody else connects it all.
@@ -86,9 +88,16 @@ def connect_plant(
     Raises:
         InvalidInputError: if the plant is not finalized, or its models are none or several of the hand.
     """
-    if plant is None:
-        return
-    hand = _find_in(plant, config)
+    hand = None if plant is None else _find_in(plant, config)
+    added: Diagram = builder.AddNamedSystem(name, estimation)
+    if plant is not None and hand is not None:
+        _connect(builder, added, plant, hand, simulated_senses)
+    return added
+
+
+def _connect(
+    builder: DiagramBuilder, estimation: Diagram, plant: MultibodyPlant, hand: Hand, simulated_senses: bool
+) -> None:
     name = estimation.get_name()
     for port, matrix in _selectors(plant, hand).items():
         if estimation.HasInputPort(port):
@@ -112,7 +121,8 @@ def _find_in(plant: MultibodyPlant, config: HandConfig) -> Hand:
     instance_of("plant", plant, MultibodyPlant)
     if not plant.is_finalized():
         raise InvalidInputError("plant: is not finalized; allowed is one that is.")
-    instances = [ModelInstanceIndex(index) for index in range(plant.num_model_instances())]
+    every = [ModelInstanceIndex(index) for index in range(plant.num_model_instances())]
+    instances = [index for index in every if plant.GetJointIndices(index)]
     hands, reasons = [], []
     for instance in instances:
         try:
@@ -120,6 +130,7 @@ def _find_in(plant: MultibodyPlant, config: HandConfig) -> Hand:
         except UnknownNameError as error:
             reasons.append(f"{plant.GetModelInstanceName(instance)}: {error}")
     if not hands:
+        reasons = reasons or ["None has any joint."]
         raise InvalidInputError(f"plant: none of its models is the hand. {' '.join(reasons)}")
     if len(hands) > 1:
         names = ", ".join(plant.GetModelInstanceName(hand.model_instance) for hand in hands)

@@ -5,6 +5,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context
 
+from tactopose_drake.core.validation import instance_of
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.signals import Signal
 
@@ -28,6 +29,7 @@ class PlayedVector(CollectableSystem):
             InvalidInputError: if its values are not vectors of one length.
         """
         super().__init__()
+        instance_of("signal", signal, Signal)
         self._signal = signal
         self.DeclareVectorOutputPort("value", signal.size, self._calc, prerequisites_of_calc={self.time_ticket()})
 
@@ -52,6 +54,7 @@ class PlayedValue(CollectableSystem):
     def __init__(self, signal: Signal) -> None:
         """Keeps the signal."""
         super().__init__()
+        instance_of("signal", signal, Signal)
         self._signal = signal
         self._before = signal.values[0] if isinstance(signal.values[0], RigidTransform) else None
         model = AbstractValue.Make(self._before)

@@ -6,10 +6,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import instance_of, params_of
+from tactopose_drake.core.validation import flag, instance_of, params_of
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig
-from tactopose_drake.systems.plant_senses import connect_plant
+from tactopose_drake.systems.plant_senses import add_with_plant
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
 from tactopose_drake.systems.touch_sensing import TouchParams, add_touch
 
@@ -24,6 +24,7 @@ class PoseEstimationParams(TouchParams):
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         TouchParams.validate(self)
+        flag("PoseEstimationParams.check_collisions", self.check_collisions)
         self.estimator.validate()
 
 
@@ -84,9 +85,8 @@ def AddPoseEstimation(
     Returns:
         The diagram; all other ports are to be connected by name.
     """
-    diagram = builder.AddNamedSystem(name, MakePoseEstimation(hand, model, params))
-    connect_plant(builder, diagram, hand, plant, simulated_senses)
-    return diagram
+    estimation = MakePoseEstimation(hand, model, params)
+    return add_with_plant(builder, name, estimation, hand, plant, simulated_senses)
 
 
 def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimationParams | None = None) -> Diagram:

@@ -18,6 +18,7 @@ from tactopose_drake.core.validation import (
     MOST_FRICTION,
     MOST_OUTLIERS,
     FloatArray,
+    flag,
     instance_of,
     known_name,
     params_of,
@@ -59,6 +60,7 @@ class PoseEstimatorParams:
         whole_number("PoseEstimatorParams.seed", self.seed, least=0)
         positive_number("PoseEstimatorParams.period", self.period)
         positive_number("PoseEstimatorParams.collision_tolerance", self.collision_tolerance, allow_zero=True)
+        flag("PoseEstimatorParams.balance", self.balance)
         if self.max_duration is not None:
             positive_number("PoseEstimatorParams.max_duration", self.max_duration)
         if self.friction is not None:

@@ -7,7 +7,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
 from tactopose_drake.core.calibration.offset_refinement import OffsetRefinementParams
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import instance_of, params_of
+from tactopose_drake.core.validation import flag, instance_of, params_of
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
@@ -15,7 +15,7 @@ from tactopose_drake.systems.belief_inputs import pad_source
 from tactopose_drake.systems.fingertip_velocities import FingertipVelocities
 from tactopose_drake.systems.joint_offset_refiner import JointOffsetRefiner
 from tactopose_drake.systems.live_pose_belief_estimator import LivePoseBeliefEstimator
-from tactopose_drake.systems.plant_senses import connect_plant
+from tactopose_drake.systems.plant_senses import add_with_plant
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams
 from tactopose_drake.systems.touch_sensing import TouchParams, add_touch
 
@@ -34,6 +34,8 @@ class PoseTrackingParams(TouchParams):
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         TouchParams.validate(self)
+        for name in ("check_collisions", "use_joint_velocities", "live"):
+            flag(f"PoseTrackingParams.{name}", getattr(self, name))
         self.belief.validate()
         if self.refinement is not None:
             self.refinement.validate()
@@ -95,9 +97,7 @@ def AddPoseTracking(
         plant: as of `AddPoseEstimation`.
         simulated_senses: likewise.
     """
-    diagram: Diagram = builder.AddNamedSystem(name, MakePoseTracking(hand, model, params))
-    connect_plant(builder, diagram, hand, plant, simulated_senses)
-    return diagram
+    return add_with_plant(builder, name, MakePoseTracking(hand, model, params), hand, plant, simulated_senses)
 
 
 def MakePoseTracking(hand: HandConfig, model: ObjectModel, params: PoseTrackingParams | None = None) -> Diagram:

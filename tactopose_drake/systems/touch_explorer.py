@@ -9,7 +9,7 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.grasping.finger_reach import ReachParams
-from tactopose_drake.core.validation import FloatArray, params_of, positive_number, whole_number
+from tactopose_drake.core.validation import FloatArray, instance_of, params_of, positive_number, whole_number
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_joints import HandJoints
@@ -113,6 +113,7 @@ class TouchExplorer(CollectableSystem):
             InvalidInputError: parameters out of their range, or a hand of which fewer than two fingertips feel forces.
         """
         super().__init__()
+        instance_of("hand", hand, HandConfig)
         self._params = params_of(TouchExplorerParams, params)
         self._fingers = {name: part.geometry for name, part in make_hand_reach(hand, ReachParams()).fingers.items()}
         plant, parts = make_hand_plant(hand)

@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
+from tactopose_drake.core.validation import flag
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig
@@ -32,6 +33,8 @@ class TouchParams:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
+        for name in ("use_uncertainty", "use_hand_volume"):
+            flag(f"{type(self).__name__}.{name}", getattr(self, name))
         for part in (self.solver, self.contacts, self.patches):
             part.validate()
 

@@ -94,8 +94,8 @@ def test_what_does_not_go_together_is_one_line(folder: Path, capsys: pytest.Capt
         (["--contacts", bare, "--friction", 0.5], "contacts: have no forces; friction needs them."),
         (["--contacts", folder / "touch.yaml", "--friction", -1], "friction: is -1"),
         (["--contacts", folder / "touch.yaml", "--outlier-probability", 1], "outlier_probability: is 1; allowed"),
-        (["--contacts", folder / "touch.yaml", "--gravity", 0, 0, -9.81], "mass"),
-        (["--contacts", folder / "touch.yaml", "--gravity", 0, 0, "nan"], "gravity_P[2]: is nan"),
+        (["--contacts", folder / "touch.yaml", "--gravity", 0, 0, -9.81], "--gravity: the mass of"),
+        (["--contacts", folder / "touch.yaml", "--gravity", 0, 0, "nan"], "--gravity: gravity_P[2]: is nan"),
         (["--contacts", folder / "touch.yaml", "--mass", -1], "mass: is -1"),
         (["--contacts", folder / "touch.yaml", "--hand-volume", folder / "none.yaml"], "none.yaml: cannot be read"),
     ):

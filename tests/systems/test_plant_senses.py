@@ -141,6 +141,13 @@ def test_a_plant_without_the_hand_with_two_or_unfinished_is_refused(box: ObjectM
     plant, _ = full_plant(builder, "barrett_like")
     with pytest.raises(InvalidInputError, match=r"none of its models is the hand. .*h0: .*is unknown; valid names"):
         AddPoseEstimation(builder, config, box, params, plant=plant)
+    # What was not added has no name that is taken: another hand's estimation may be added instead.
+    added = AddPoseEstimation(builder, load_hand_config("barrett_like"), box, params, plant=plant)
+    assert [each for each in builder.GetSystems() if each.get_name() == "pose_estimation"] == [added]
+    empty = MultibodyPlant(0.0)
+    empty.Finalize()
+    with pytest.raises(InvalidInputError, match=r"none of its models is the hand\. None has any joint\.$"):
+        AddPoseTracking(DiagramBuilder(), config, box, PoseTrackingParams(use_hand_volume=False), plant=empty)
     builder = DiagramBuilder()
     plant, _ = full_plant(builder, "shadow_like", "shadow_like")
     with pytest.raises(InvalidInputError, match="its models h0, h1 are all such hands"):

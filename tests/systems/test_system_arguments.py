@@ -1,0 +1,54 @@
+"""What systems are made of is checked when they are made: one clear line, and not an error of what is inside."""
+
+from collections.abc import Callable
+
+import pytest
+
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.systems.contact_solver import ContactSolver
+from tactopose_drake.systems.fingertip_weight import FingertipWeight
+from tactopose_drake.systems.measured_joints import MeasuredJoints
+from tactopose_drake.systems.next_touch_chooser import NextTouchChooser
+from tactopose_drake.systems.palm_pose import PalmPose
+from tactopose_drake.systems.played_signal import PlayedValue, PlayedVector
+from tactopose_drake.systems.pose_estimation import PoseEstimationParams
+from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
+from tactopose_drake.systems.pose_tracking import PoseTrackingParams
+from tactopose_drake.systems.touch_explorer import TouchExplorer
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ContactSolver(3), "surfaces: is a int; allowed is a Mapping"),
+        (lambda: FingertipWeight({}, ("thumb",), 22), "weights: is a dict; allowed is a FingertipWeights"),
+        (lambda: MeasuredJoints([1, 2]), r"matrix: has shape \(2,\)"),
+        (lambda: NextTouchChooser("shadow_like", None), "hand: is a str; allowed is a HandConfig"),
+        (lambda: NextTouchChooser(load_hand_config("shadow_like"), "mug.obj"), "model: is a str; allowed is an Object"),
+        (lambda: PalmPose("palm"), "palm_frame: is a str; allowed is a Frame"),
+        (lambda: PlayedValue(3), "signal: is a int; allowed is a Signal"),
+        (lambda: PlayedVector(3), "signal: is a int; allowed is a Signal"),
+        (lambda: TouchExplorer("shadow_like"), "hand: is a str; allowed is a HandConfig"),
+    ],
+)
+def test_arguments_of_another_type_are_named(make: Callable[[], object], message: str) -> None:
+    with pytest.raises(InvalidInputError, match=f"^{message}"):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("params", "name"),
+    [
+        (PoseEstimationParams(use_uncertainty="no"), "PoseEstimationParams.use_uncertainty"),
+        (PoseEstimationParams(check_collisions=1), "PoseEstimationParams.check_collisions"),
+        (PoseEstimatorParams(balance="yes"), "PoseEstimatorParams.balance"),
+        (PoseTrackingParams(live=0.0), "PoseTrackingParams.live"),
+        (PoseTrackingParams(use_hand_volume=None), "PoseTrackingParams.use_hand_volume"),
+    ],
+)
+def test_what_is_on_or_off_is_neither_text_nor_a_number(
+    params: PoseEstimationParams | PoseEstimatorParams | PoseTrackingParams, name: str
+) -> None:
+    with pytest.raises(InvalidInputError, match=f"^{name}: is .*; allowed are True and False"):
+        params.validate()
