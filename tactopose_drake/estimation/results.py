@@ -282,7 +282,8 @@ def status_of(hypotheses: Sequence[PoseHypothesis], undetermined: bool, kept_sha
     """Of hypotheses by falling probability, which carry so much of the belief; see `PoseEstimate`."""
     share = DEFAULT_PARAMS.modes.answer_share
     best, explained = hypotheses[0], sum(each.probability for each in hypotheses if each.explains_touch)
-    if explained <= 1.0 - share:
+    # Where whole families of poses are left, that in the middle of one need not explain what others of it do.
+    if explained <= (0.0 if undetermined else 1.0 - share):
         return "no_solution"
     if undetermined or kept_share * best.probability < share or not best.explains_touch:
         return "ambiguous"

@@ -7,24 +7,23 @@ from typing import NamedTuple
 class KindShares(NamedTuple):
     """The probabilities of what a contact is before the touch; their sum is 1.
 
-    What is told of one that is `lost` or `other`, of something else, says nothing: neither its point nor its normal.
+    What is told of one that is `other` says nothing of the object, neither its point nor its normal.
     """
 
     as_told: float
     flipped: float
     turned: float
     displaced: float
-    lost: float
     other: float
 
     @property
     def false(self) -> float:
         """That it is not as told, in whatever way."""
-        return self.flipped + self.turned + self.displaced + self.lost + self.other
+        return self.flipped + self.turned + self.displaced + self.other
 
     def without_normals(self) -> "KindShares":
         """Those where no normal is measured: of a contact whose normal is another, all that is told is true."""
-        return KindShares(self.as_told + self.flipped + self.turned, 0.0, 0.0, self.displaced, self.lost, self.other)
+        return KindShares(self.as_told + self.flipped + self.turned, 0.0, 0.0, self.displaced, self.other)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -52,7 +51,7 @@ class ContactKinds:
         per_kind = q / (q + (self.flipped + self.turned + self.displaced + self.lost) * p)
         each = p * per_kind
         return KindShares(
-            q * per_kind, self.flipped * each, self.turned * each, self.displaced * each, self.lost * each, p
+            q * per_kind, self.flipped * each, self.turned * each, self.displaced * each, p + self.lost * each
         )
 
 
@@ -91,23 +90,23 @@ USUAL = ContactDoubt()
 """That of a good hand."""
 
 SCEPTICAL = ContactDoubt(
-    kinds=ContactKinds(flipped=2.0, turned=4.0, displaced=20.0, lost=250.0),
+    kinds=ContactKinds(flipped=2.0, turned=4.0, displaced=20.0, lost=25.0),
     doublings=(
-        (0, 0, 0.34),
-        (1, 0, 0.08),
-        (2, 0, 0.06),
-        (3, 0, 0.04),
-        (4, 0, 0.02),
-        (1, 1, 0.16),
-        (2, 2, 0.16),
-        (3, 3, 0.10),
-        (4, 4, 0.04),
+        (0, 0, 0.40),
+        (1, 0, 0.12),
+        (2, 0, 0.10),
+        (3, 0, 0.07),
+        (4, 0, 0.05),
+        (1, 1, 0.10),
+        (2, 2, 0.08),
+        (3, 3, 0.05),
+        (4, 4, 0.03),
     ),
 )
 """That of an estimate of one touch, which somebody is to act on.
 
-Who takes false contacts for rare is sure and wrong where one is, and hardly surer where none is. That so many are lost
-makes up for where they are taken to be, anywhere about the object with any normal, which is thin: those that mislead
-are near its surface. But so all objects explain a touch better, which tells them apart less well; and a belief over
-time sees for itself what lasts.
+Where one of fifty contacts is of something else, ten are displaced, twelve are lost, two have any normal, one has its
+normal flipped, and half are as told. Who takes false contacts for rarer is sure and wrong where one is, and hardly
+surer where none is. But so all objects explain a touch better, which tells them apart less well; and a belief over time
+sees for itself what lasts.
 """

@@ -132,12 +132,9 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
     volume = math.prod((model.grid.upper - model.grid.origin + 2.0 * doubt.surroundings).tolist())
     any_point = np.minimum(model.area * math.sqrt(2.0 * math.pi) * sigma_p / volume, 1.0)
     any_normal = np.minimum(0.5 * sigma_n**2, 1.0) if has_normals else np.ones(len(sigma_n))
-    ratio = np.minimum(sigma_p / doubt.displacement, 1.0)
-    # What is off by no more than the noise that is told is neither displaced nor lost.
-    farther = 1.0 - ratio**2
+    displaced = np.minimum(sigma_p / doubt.displacement, 1.0)
     shares = doubt.kinds.shares(outlier_probability)
     shares = shares if has_normals else shares.without_normals()
-    anywhere = shares.other + shares.lost * farther
     s, t, per_s, per_t, probability = _scales(doubt.doublings)
     return Doubts(
         s,
@@ -148,8 +145,8 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
         # Relative to a contact as told.
         read_only(np.full(len(sigma_n), shares.flipped / shares.as_told)),
         read_only(shares.turned / shares.as_told * any_normal),
-        read_only(shares.displaced / shares.as_told * farther * ratio),
-        read_only(np.maximum(anywhere / shares.as_told * any_point * any_normal, _LEAST_DENSITY)),
-        read_only(ratio**2),
+        read_only(shares.displaced / shares.as_told * displaced),
+        read_only(np.maximum(shares.other / shares.as_told * any_point * any_normal, _LEAST_DENSITY)),
+        read_only(displaced**2),
         has_normals,
     )

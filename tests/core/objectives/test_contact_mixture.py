@@ -62,7 +62,7 @@ def formula(model: ObjectModel, contacts: Contacts, X_PO: np.ndarray, share: flo
     for doubled, doubled_n, probability in DOUBT.doublings:
         point = np.exp(-d / 2.0**doubled) / math.sqrt(2.0**doubled)
         turn = np.exp(-n / 2.0**doubled_n) / 2.0**doubled_n if has_normals else 1.0
-        displaced = moved * ratio * (1.0 - ratio**2) * np.exp(-(ratio**2) * d) * turn
+        displaced = moved * ratio * np.exp(-(ratio**2) * d) * turn
         back = np.exp(-m / 2.0**doubled_n) / 2.0**doubled_n if has_normals else 0.0
         each = (
             point * (turn + flipped * back) + turned * any_normal * point + displaced + other * any_point * any_normal
