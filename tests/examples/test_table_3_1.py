@@ -63,7 +63,7 @@ def test_every_method_improves_and_ours_explains_the_touch_best(rows: dict[tuple
             assert theirs[MDTS] < initial
             assert theirs[ITS] <= 200
             for own in ours:
-                assert own[MDTS] < theirs[MDTS]
+                assert own[MDTS] - 0.0005 < 0.1 * theirs[MDTS]  # Cells are rounded to thousandths.
                 assert own[SPEED] < theirs[SPEED]
             assert ours[1][MATN] < theirs[MATN]
     # Four touches of a cube from known sides leave no rotation open.

@@ -6,7 +6,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
-from tactopose_drake.core.poses import increments_between, retract
+from tactopose_drake.core.poses import retract
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_patch import flat_pad, touch_with_pads
@@ -173,24 +173,17 @@ def test_how_often_contacts_are_of_something_else_reaches_the_estimate(box: Obje
     np.testing.assert_array_equal(bench.step()[1].best.inlier_probability, expected.best.inlier_probability)
 
 
-@pytest.mark.parametrize("rpy", [(0.3, 0.9, -0.5), (-2.0, 0.4, 1.7), (1.2, -1.1, 2.9), (0.0, 0.0, 3.0)])
-def test_the_pose_turns_with_the_touch(box: ObjectModel, rpy: tuple[float, float, float]) -> None:
-    """The same touch, seen from a palm that is elsewhere, gives the same pose, seen from there.
-
-    The samples that tell how wide it is, and where its middle is, are others there.
-    """
-    X_QP = RigidTransform(RollPitchYaw(*rpy), [0.2, 0.1, -0.3])
+def test_the_pose_turns_with_the_touch(box: ObjectModel) -> None:
+    """The same touch, seen from a palm that is elsewhere, gives the same pose, seen from there."""
+    X_QP = RigidTransform(RollPitchYaw(0.3, 0.9, -0.5), [0.2, 0.1, -0.3])
     bench = Bench(box)
     bench.fix(contacts=touch(), prior=PRIOR)
-    here = X_QP @ bench.step()[0]
+    pose = bench.step()[0]
     contacts = touch()
     moved = Contacts(X_QP.multiply(contacts.p_PC.T).T, X_QP.rotation().multiply(contacts.n_PC.T).T)
     bench = Bench(box)
     bench.fix(contacts=moved, prior=PosePrior(X_QP @ PRIOR.X_PO, 0.02, math.radians(8)))
-    there, estimate = bench.step()[:2]
-    u = increments_between(there.GetAsMatrix34(), here.GetAsMatrix34()[None])[0]
-    assert np.sqrt(u @ np.linalg.solve(estimate.best.covariance, u)) < 0.5
-    assert np.linalg.norm(u[3:]) < 0.001
+    assert (X_QP @ pose).IsNearlyEqualTo(bench.step()[0], 1e-4)
 
 
 def test_a_table_says_how_far_the_object_has_slid(box: ObjectModel) -> None:
