@@ -1,13 +1,14 @@
 """What is doubted of contacts: what each may be beside as told, how often, and whether all noise is as told."""
 
 import dataclasses
+import math
 from typing import NamedTuple
 
 
 class KindShares(NamedTuple):
     """The probabilities of what a contact is before the touch; their sum is 1.
 
-    What is told of one that is `other` says nothing of the object, neither its point nor its normal.
+    What is told of one that is `other` or `lost` says nothing of the object, neither its point nor its normal.
     """
 
     as_told: float
@@ -15,15 +16,16 @@ class KindShares(NamedTuple):
     turned: float
     displaced: float
     other: float
+    lost: float
 
     @property
     def false(self) -> float:
         """That it is not as told, in whatever way."""
-        return self.flipped + self.turned + self.displaced + self.other
+        return self.flipped + self.turned + self.displaced + self.other + self.lost
 
     def without_normals(self) -> "KindShares":
         """Those where no normal is measured: of a contact whose normal is another, all that is told is true."""
-        return KindShares(self.as_told + self.flipped + self.turned, 0.0, 0.0, self.displaced, self.other)
+        return KindShares(self.as_told + self.flipped + self.turned, 0.0, 0.0, self.displaced, self.other, self.lost)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -37,7 +39,8 @@ class ContactKinds:
         flipped: the odds that a contact's normal shows the other way, over those of something else.
         turned: the odds that one has any normal, likewise.
         displaced: the odds that one is displaced, likewise.
-        lost: the odds that one tells no more than one of something else, likewise: two touches taken for one, say.
+        lost: the odds that one tells no more than one of something else, likewise: two touches taken for one, say. So
+            many where others judge it: see `among`.
     """
 
     flipped: float = 0.0
@@ -51,8 +54,12 @@ class ContactKinds:
         per_kind = q / (q + (self.flipped + self.turned + self.displaced + self.lost) * p)
         each = p * per_kind
         return KindShares(
-            q * per_kind, self.flipped * each, self.turned * each, self.displaced * each, p + self.lost * each
+            q * per_kind, self.flipped * each, self.turned * each, self.displaced * each, p, self.lost * each
         )
+
+    def among(self, count: int) -> "ContactKinds":
+        """Of each of so many contacts: three tell too little to doubt that they do, of five four are left."""
+        return dataclasses.replace(self, lost=self.lost * min(max(0.5 * (count - 3), 0.0), 1.0))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -62,6 +69,8 @@ class ContactDoubt:
     Attributes:
         surroundings: a contact with something else is anywhere within so much of the object, m.
         displacement: standard deviation of how far a displaced contact is off, along each axis, m.
+        most_noise: with more noise than this of points, m, and of normals, rad, no contact is likelier to be lost: one
+            that is would, among so much noise, be about as likely as one that is as told.
         kinds: how often a contact is not as told otherwise, by how often it is of something else.
         doublings: how often the variance of points and that of normals may be twice what is told, and the probability
             of that before the touch. That it is as told is the most probable: data sheets are. Errors of joints, of the
@@ -71,6 +80,7 @@ class ContactDoubt:
 
     surroundings: float = 0.025
     displacement: float = 0.015
+    most_noise: tuple[float, float] = (0.001, math.radians(5.0))
     kinds: ContactKinds = dataclasses.field(default_factory=ContactKinds)
     doublings: tuple[tuple[int, int, float], ...] = (
         (0, 0, 0.56),
@@ -90,7 +100,7 @@ USUAL = ContactDoubt()
 """That of a good hand."""
 
 SCEPTICAL = ContactDoubt(
-    kinds=ContactKinds(flipped=2.0, turned=4.0, displaced=20.0, lost=25.0),
+    kinds=ContactKinds(flipped=2.0, turned=4.0, displaced=20.0, lost=250.0),
     doublings=(
         (0, 0, 0.40),
         (1, 0, 0.12),
@@ -105,8 +115,9 @@ SCEPTICAL = ContactDoubt(
 )
 """That of an estimate of one touch, which somebody is to act on.
 
-Where one of fifty contacts is of something else, ten are displaced, twelve are lost, two have any normal, one has its
-normal flipped, and half are as told. Who takes false contacts for rarer is sure and wrong where one is, and hardly
+The odds are those with which five contacts, one of them false, lead to no more wrong certainty than is stated, and are
+far above how often contacts are false: a touch without a false one is then believed as much, for all its contacts
+agree, and one with a false one is not. Who takes them for rarer is sure and wrong where one is, and hardly
 surer where none is. But so all objects explain a touch better, which tells them apart less well; and a belief over time
 sees for itself what lasts.
 """

@@ -130,11 +130,16 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
     # Of a contact as told the density is by area, that across the surface a Gaussian; of one of something else by
     # volume. Of a normal as told the density is a Gaussian on the sphere, of any normal one over its area.
     volume = math.prod((model.grid.upper - model.grid.origin + 2.0 * doubt.surroundings).tolist())
-    any_point = np.minimum(model.area * math.sqrt(2.0 * math.pi) * sigma_p / volume, 1.0)
+    per_sigma = model.area * math.sqrt(2.0 * math.pi) / volume
+    most_p, most_n = doubt.most_noise
+    any_point = np.minimum(per_sigma * sigma_p, 1.0)
+    lost_point = np.minimum(any_point, per_sigma * most_p)
     any_normal = np.minimum(0.5 * sigma_n**2, 1.0) if has_normals else np.ones(len(sigma_n))
+    lost_normal = np.minimum(any_normal, 0.5 * most_n**2) if has_normals else any_normal
     displaced = np.minimum(sigma_p / doubt.displacement, 1.0)
-    shares = doubt.kinds.shares(outlier_probability)
+    shares = doubt.kinds.among(len(sigma_p)).shares(outlier_probability)
     shares = shares if has_normals else shares.without_normals()
+    other, lost = shares.other * any_point * any_normal, shares.lost * lost_point * lost_normal
     s, t, per_s, per_t, probability = _scales(doubt.doublings)
     return Doubts(
         s,
@@ -146,7 +151,7 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
         read_only(np.full(len(sigma_n), shares.flipped / shares.as_told)),
         read_only(shares.turned / shares.as_told * any_normal),
         read_only(shares.displaced / shares.as_told * displaced),
-        read_only(np.maximum(shares.other / shares.as_told * any_point * any_normal, _LEAST_DENSITY)),
+        read_only(np.maximum((other + lost) / shares.as_told, _LEAST_DENSITY)),
         read_only(displaced**2),
         has_normals,
     )

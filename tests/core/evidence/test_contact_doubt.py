@@ -31,14 +31,21 @@ def test_the_odds_of_the_other_kinds_are_as_many_times_those_of_something_else(p
     assert shares.displaced / shares.as_told == pytest.approx(6.0 * p / (1.0 - p), rel=1e-9)
     assert shares.turned / shares.as_told == pytest.approx(p / (1.0 - p), rel=1e-9)
     more = dataclasses.replace(KINDS, flipped=3.0, lost=2.0).shares(p)
-    assert (more.other - p) / more.as_told == pytest.approx(2.0 * p / (1.0 - p), rel=1e-5)
+    assert more.lost / more.as_told == pytest.approx(2.0 * p / (1.0 - p), rel=1e-9)
+    assert more.other == p
     assert more.flipped / more.as_told == pytest.approx(3.0 * p / (1.0 - p), rel=1e-9)
     assert more.false == pytest.approx(1.0 - more.as_told, abs=1e-12)
     assert sum(more) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_without_doubt_every_contact_is_as_told_and_where_there_is_no_normal_none_is_another() -> None:
-    assert KINDS.shares(0.0) == KindShares(1.0, 0.0, 0.0, 0.0, 0.0)
+    assert KINDS.shares(0.0) == KindShares(1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     shares = dataclasses.replace(KINDS, flipped=3.0).shares(0.02)
     told = shares.as_told + shares.flipped + shares.turned
-    assert shares.without_normals() == (told, 0.0, 0.0, shares.displaced, 0.02)
+    assert shares.without_normals() == (told, 0.0, 0.0, shares.displaced, 0.02, 0.0)
+
+
+@pytest.mark.parametrize(("count", "share"), [(1, 0.0), (3, 0.0), (4, 0.5), (5, 1.0), (12, 1.0)])
+def test_contacts_are_lost_the_more_often_the_more_others_are_left_to_judge_them(count: int, share: float) -> None:
+    kinds = dataclasses.replace(KINDS, lost=8.0)
+    assert kinds.among(count) == dataclasses.replace(kinds, lost=8.0 * share)

@@ -15,8 +15,9 @@ from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, re
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 
-FLIPPED = 3.0
-DOUBT = ContactDoubt(kinds=ContactKinds(flipped=FLIPPED))
+FLIPPED, LOST = 3.0, 4.0
+MOST_NOISE = 0.0006, math.radians(4.0)
+DOUBT = ContactDoubt(kinds=ContactKinds(flipped=FLIPPED, lost=LOST), most_noise=MOST_NOISE)
 
 
 @pytest.fixture(scope="module")
@@ -36,11 +37,12 @@ def touch(model: ObjectModel, X_PO: np.ndarray, seed: int, noise: float = 1.0, c
     return Contacts(felt.p_PC, felt.n_PC, **told)
 
 
-def odds(share: float, has_normals: bool) -> tuple[float, float, float, float]:
-    """Of contacts with a flipped normal, any, displaced and of something else, over those as told."""
-    w = share / (1.0 - share)  # Of something else, over contacts of the object; of those 1 : 3 w : w : 6 w are what.
+def odds(share: float, has_normals: bool) -> tuple[float, float, float, float, float]:
+    """Of contacts with a flipped normal, any, displaced, of something else and lost, over those as told."""
+    w = share / (1.0 - share)  # Of something else, over contacts of the object: 1 : 3 w : w : 6 w : 4 w are what.
     told = 1.0 if has_normals else 1.0 + (FLIPPED + 1.0) * w
-    return FLIPPED * w * has_normals, w * has_normals, 6.0 * w / told, w * (1.0 + (FLIPPED + 7.0) * w) / told
+    other = w * (1.0 + (FLIPPED + 7.0 + LOST) * w) / told
+    return FLIPPED * w * has_normals, w * has_normals, 6.0 * w / told, other, LOST * w / told
 
 
 def formula(model: ObjectModel, contacts: Contacts, X_PO: np.ndarray, share: float) -> float:
@@ -56,7 +58,10 @@ def formula(model: ObjectModel, contacts: Contacts, X_PO: np.ndarray, share: flo
     volume = np.prod(model.grid.upper - model.grid.origin + 2.0 * DOUBT.surroundings)
     any_point = model.area * math.sqrt(2.0 * math.pi) * sigma_p / volume
     any_normal = 0.5 * sigma_n**2 if has_normals else 1.0
-    flipped, turned, moved, other = odds(share, has_normals)
+    flipped, turned, moved, other, lost = odds(share, has_normals)
+    lost_point = any_point * MOST_NOISE[0] / sigma_p
+    lost_normal = 0.5 * MOST_NOISE[1] ** 2 if has_normals else 1.0
+    nothing = other * any_point * any_normal + lost * lost_point * lost_normal
     ratio = sigma_p / DOUBT.displacement
     total = 0.0
     for doubled, doubled_n, probability in DOUBT.doublings:
@@ -64,9 +69,7 @@ def formula(model: ObjectModel, contacts: Contacts, X_PO: np.ndarray, share: flo
         turn = np.exp(-n / 2.0**doubled_n) / 2.0**doubled_n if has_normals else 1.0
         displaced = moved * ratio * np.exp(-(ratio**2) * d) * turn
         back = np.exp(-m / 2.0**doubled_n) / 2.0**doubled_n if has_normals else 0.0
-        each = (
-            point * (turn + flipped * back) + turned * any_normal * point + displaced + other * any_point * any_normal
-        )
+        each = point * (turn + flipped * back) + turned * any_normal * point + displaced + nothing
         total += probability * float(np.prod(each))
     return -math.log(total / DOUBT.doublings[0][2])
 

@@ -119,7 +119,7 @@ def on_the_box(seed: int, count: int) -> tp.Contacts:
 
 
 def test_covariances_are_those_of_many_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, samples=8000, most_samples=8000, most_densities=10**6)
+    sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, samples=40_000, most_samples=40_000, most_densities=10**7)
     ratios = []
     for seed in range(8):
         prior = tp.PosePrior(retract(np.eye(3, 4), 0.1 * SCALE * np.random.default_rng(seed).normal(size=6)))
@@ -129,7 +129,7 @@ def test_covariances_are_those_of_many_samples(monkeypatch: pytest.MonkeyPatch) 
             patch.setattr(importance_sampling, "widen_by_doubt", lambda modes, posterior: modes)
             sampled = tp.estimate_pose(BOX, on_the_box(seed, 5), prior=prior).best.covariance
         ratios += [np.sqrt(np.trace(stated[i, i]) / np.trace(sampled[i, i])) for i in (slice(3), slice(3, None))]
-    assert min(ratios) > 0.4
+    assert min(ratios) > 0.5
     assert max(ratios) < 3.0
     assert 0.8 < np.median(ratios) < 1.25
 
