@@ -5,13 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.validation import FloatArray, known_name, number_array
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand
-
-_MARGIN_RAD, _MARGIN_M = 0.5, 0.05  # by which a reading may be beyond a joint's limits
+from tactopose_drake.hand.reading_ranges import ReadingRange
 
 
 class NamedJoints:
@@ -86,10 +84,10 @@ def check_near_limits(name: str, values: Mapping[str, float], plant: MultibodyPl
     """
     for joint_name, value in values.items():
         joint = plant.GetJointByName(joint_name, hand.model_instance)
-        low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
-        unit, margin = ("m", _MARGIN_M) if isinstance(joint, PrismaticJoint) else ("rad", _MARGIN_RAD)
-        if low < high and not np.isnan(value) and not low - margin <= value <= high + margin:
+        least, most, unit = ReadingRange.of(joint)
+        if not np.isnan(value) and not least <= value <= most:
+            low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
             raise InvalidInputError(
                 f"{name}[{joint_name}]: is {value:g} {unit}; the joint's limits are {low:.4g} and {high:.4g}, and "
-                f"allowed is up to {margin:g} {unit} beyond."
+                f"allowed is from {least:.4g} to {most:.4g}."
             )
