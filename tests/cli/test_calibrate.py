@@ -152,7 +152,7 @@ def test_a_finger_that_makes_no_contact_is_said(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert calibrate_with_forces_first(folder, tmp_path, ["thumb"]) == 0
-    said = "No wrench of thumb makes a contact, so that nothing is known of it: the force is below min_force."
+    said = "No wrench of thumb makes a contact, so that nothing is known of it: the force is below min_force (0.05 N)."
     assert said in capsys.readouterr().out
 
 
