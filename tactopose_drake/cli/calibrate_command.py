@@ -1,5 +1,6 @@
 """`tactopose calibrate`: what a hand is off by, from grasps of a known object."""
 
+from collections.abc import Collection
 from pathlib import Path
 
 import click
@@ -60,7 +61,7 @@ def calibrate(hand: str, mesh: Path, scale: float, folder: Path, out: Path, html
             CalibrationParams(seed=seed),
             on_progress=lambda share, doing: progress.update(task, completed=share, description=doing),
         )
-    OUT.print(calibration_table(result.calibration))
+    OUT.print(calibration_table(result.calibration, result.sliding))
     for line in calibration_lines(result, [grasp.name for grasp in grasps]):
         OUT.print(line, soft_wrap=True)
     result.save(out)
@@ -78,14 +79,20 @@ def _grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:
     return (*files, *(quiet_grasp(read_recording(path), model, str(path)) for path in recordings))
 
 
-def calibration_table(found: HandCalibration) -> Table:
-    """One row an error, or three of the same kind."""
+def calibration_table(found: HandCalibration, sliding: Collection[str]) -> Table:
+    """One row an error, or three of the same kind.
+
+    Args:
+        found: what was found.
+        sliding: names of the joints that slide.
+    """
     table = Table(title=f"The hand by {found.grasps} grasps", box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("off by")
     for heading in ("found", "standard deviation", "unit"):
         table.add_column(heading, justify="right")
     for joint, offset in found.joint_offsets.items():
-        table.add_row(f"{joint} offset", f"{offset.value:.2f}", f"{offset.sigma:.2f}", "deg (m if it slides)")
+        scale, unit = (1e3, "mm") if joint in sliding else (1.0, "deg")
+        table.add_row(f"{joint} offset", f"{scale * offset.value:.2f}", f"{scale * offset.sigma:.2f}", unit)
     for name, finger in found.fingers.items():
         for what, vector, scale, unit in (
             ("moment bias", finger.moment_bias, 1e3, "N mm"),

@@ -49,6 +49,7 @@ from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
+from tactopose_drake.hand.reading_ranges import ReadingRanges
 from tactopose_drake.hand.shape_depth import ShapeDepth, shape_depth
 from tactopose_drake.hand.thinned_hull import thinned_hull
 
@@ -104,6 +105,7 @@ class HandCollision:
         self._hand = add_hand(self._plant, hand, RigidTransform())
         self._object = _add_object(self._plant, model)
         self._plant.Finalize()
+        self._ranges = ReadingRanges.of(self._plant)
         self._solids = _soften(self._plant, scene_graph, self._hand)
         if not self._solids:
             raise InvalidInputError(f"hand: {hand.model} has no collision geometry.")
@@ -115,6 +117,12 @@ class HandCollision:
     def num_positions(self) -> int:
         """The number of the hand's joint positions."""
         return int(self._plant.num_positions(self._hand.model_instance))
+
+    def knows_all(self, q: FloatArray) -> bool:
+        """Whether all readings of the hand's joints, shape (nq,), can be true: none is NaN or far beyond its limits."""
+        every = np.zeros(self._plant.num_positions())
+        self._plant.SetPositionsInArray(self._hand.model_instance, q, every)
+        return bool(self._ranges.told(every).all())
 
     def make_scratch(self) -> Context:
         """What `check` works in; to be used by one thread at a time."""

@@ -189,7 +189,7 @@ class FeltGrasps:
 
 
 def check_grasps(plant: MultibodyPlant, hand: Hand, grasps: Sequence[RecordedGrasp]) -> None:
-    """Raises InvalidInputError if a grasp holds what the hand has not, or what is no reading."""
+    """Raises InvalidInputError if a grasp holds what the hand has not, what is no reading, or what another holds."""
     named, paths = NamedJoints(plant, hand), JointPaths(plant, hand.palm_frame)
     for i, grasp in enumerate(grasps):
         instance_of(f"grasps[{i}]", grasp, RecordedGrasp)
@@ -197,6 +197,7 @@ def check_grasps(plant: MultibodyPlant, hand: Hand, grasps: Sequence[RecordedGra
         instance_of(f"{where}: model", grasp.model, ObjectModel)
         q = named.positions(f"{where}: joint_positions", dict(grasp.joint_positions))
         check_near_limits(f"{where}: joint_positions", grasp.joint_positions, plant, hand)
+        named.check_couplings(f"{where}: joint_positions", grasp.joint_positions)
         known = paths.known(q)
         if not all(known[int(frame.body().index())] for frame in hand.sensor_frames.values()):
             missing = [joint for joint in measured_joints(plant, hand) if joint not in grasp.joint_positions]
@@ -210,3 +211,19 @@ def check_grasps(plant: MultibodyPlant, hand: Hand, grasps: Sequence[RecordedGra
                 finite_array(f"{where}: {key}.{finger}", wrench, (6,))
         if grasp.time is not None:
             finite_array(f"{where}: time", [grasp.time], (1,))
+    _check_different(grasps)
+
+
+def _check_different(grasps: Sequence[RecordedGrasp]) -> None:
+    """Raises InvalidInputError if a grasp is there twice: no sensor reads the very same numbers in two."""
+    seen: dict[object, str] = {}
+    for i, grasp in enumerate(grasps):
+        wrenches = (
+            tuple(sorted((finger, *np.asarray(wrench, dtype=float).tolist()) for finger, wrench in of_kind.items()))
+            for of_kind in (grasp.wrenches, grasp.out_of_touch)
+        )
+        readings = (grasp.time, tuple(sorted(grasp.joint_positions.items())), *wrenches)
+        where = grasp.name or f"grasps[{i}]"
+        if readings in seen:
+            raise InvalidInputError(f"{where}: has the readings of {seen[readings]}; allowed is each grasp once.")
+        seen[readings] = where

@@ -16,7 +16,8 @@ GRASP_ENDINGS = (".json", ".yaml", ".yml")
 class GraspFile:
     """One recorded grasp: what the hand read at an instant at which it held the object still."""
 
-    # Readings by the joints' names in the model, rad, of joints that slide m; not of joints that follow others.
+    # Readings by the joints' names in the model, rad, of joints that slide m. Those of joints that follow others may be
+    # left out, and must not contradict their couplings.
     joint_positions: dict[str, float] = dataclasses.field(default_factory=dict)
     # [m_x, m_y, m_z, f_x, f_y, f_z] of the fingers that touch the object, and of no others: on the fingertip about its
     # sensor's origin, in the sensor's frame, without the fingertip's weight, N m and N.

@@ -91,6 +91,7 @@ class CalibrationResult:
         before: residuals of the hand as its files have it, by finger, each grasp's pose being the best for it.
         after: residuals of the calibrated hand, by finger.
         converged: whether the fit had come to its end.
+        sliding: the measured joints that slide; their offsets are in m, those of the others in rad.
     """
 
     calibration: HandCalibration
@@ -105,6 +106,7 @@ class CalibrationResult:
     before: dict[str, FingerResiduals]
     after: dict[str, FingerResiduals]
     converged: bool
+    sliding: tuple[str, ...]
 
     @property
     def sigma(self) -> FloatArray:
@@ -237,6 +239,7 @@ def _result(felt: FeltGrasps, errors: HandErrors, problem: SharedProblem, found:
         before,
         after,
         solution.converged,
+        tuple(joint for joint, slides in zip(errors.joints, errors.slides, strict=True) if slides),
     )
 
 

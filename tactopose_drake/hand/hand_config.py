@@ -120,6 +120,10 @@ class HandConfig:
                 raise InvalidInputError(
                     f"HandConfig.fingers[{finger.name}].joints: is empty; allowed is a joint or more."
                 )
+            if len(set(finger.joints)) < len(finger.joints):
+                raise InvalidInputError(
+                    f"HandConfig.fingers[{finger.name}].joints: are {finger.joints}; allowed are different names."
+                )
             for coupling in finger.couplings:
                 positive_number(f"coupling of {coupling.joint!r}: ratio", abs(coupling.ratio))
                 finite_array(f"coupling of {coupling.joint!r}: offset", [coupling.offset], (1,))

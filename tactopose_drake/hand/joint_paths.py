@@ -32,6 +32,10 @@ class JointPaths:
         self._all = np.ones(plant.num_bodies(), dtype=np.bool_)
         self._all.setflags(write=False)
 
+    def between(self, body: int) -> NDArray[np.intp]:
+        """The places of the positions that must be known to know a body's pose in the frame, shape (k,)."""
+        return np.flatnonzero(self._needed[body])
+
     def known(self, q: FloatArray) -> NDArray[np.bool_]:
         """Whether each body's pose in the frame is known, shape (number of bodies,).
 

@@ -12,9 +12,10 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 
-from tactopose_drake.core.validation import FARTHEST, FloatArray
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.joint_paths import JointPaths
+from tactopose_drake.hand.reading_ranges import ReadingRanges
 
 
 class HandKinematics:
@@ -34,7 +35,8 @@ class HandKinematics:
         self._plant, self._frame, self._context = plant, frame, plant.CreateDefaultContext()
         self._paths = JointPaths(plant, frame)
         self._known = np.ones(plant.num_bodies(), dtype=np.bool_)
-        self._farthest = _farthest(plant)
+        self._ranges, self._q = ReadingRanges.of(plant), plant.GetPositions(self._context)
+        self._told = np.ones(len(self._q), dtype=np.bool_)
 
     def __deepcopy__(self, memo: Any) -> HandKinematics:
         copied = copy.copy(self)
@@ -42,14 +44,33 @@ class HandKinematics:
         return copied
 
     def move(self, q: FloatArray) -> None:
-        """Sets the positions, shape (nq,), rad; NaN where one is not known, nor is one that slides out of reach."""
-        told = np.isfinite(q) & (np.abs(q) <= self._farthest)
+        """Sets the positions, shape (nq,), rad; NaN where one is not known."""
+        self._set(q, np.isfinite(q))
+
+    def move_to_readings(self, q: FloatArray) -> None:
+        """As `move`, by what encoders read: what is far beyond a joint's limits is not known."""
+        self._set(q, self._ranges.told(q))
+
+    def _set(self, q: FloatArray, told: NDArray[np.bool_]) -> None:
+        self._q, self._told = np.array(q), told
         self._known = self._paths.known(np.where(told, q, np.nan))
         self._plant.SetPositions(self._context, np.where(told, q, 0.0))
 
     def is_known(self, bodies: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether all joints between the frame and the bodies of these indices (k,) are known, shape (k,)."""
         return self._known[bodies]
+
+    @property
+    def knows_all(self) -> bool:
+        """Whether all joints are known."""
+        return bool(self._told.all())
+
+    def fault(self, frame: Frame) -> str:
+        """Why the pose of a part is not known: the joint whose reading cannot be true, or that there is none."""
+        between = self._paths.between(int(frame.body().index()))
+        beyond = between[~self._told[between]]
+        faults = [self._ranges.fault(int(place), self._q[place]) for place in beyond]
+        return next(filter(None, faults), "a joint position is not known")
 
     def poses(self, frames: Mapping[str, Frame]) -> dict[str, RigidTransform]:
         """The poses of those frames, by name, whose joints are known."""
@@ -90,13 +111,3 @@ class HandKinematics:
         )
         velocity: FloatArray = J @ v
         return velocity
-
-
-def _farthest(plant: MultibodyPlant) -> FloatArray:
-    """Up to where each position may be, shape (nq,): a joint that slides takes no finger to where no contact can be."""
-    farthest = np.full(plant.num_positions(), np.inf)
-    for index in plant.GetJointIndices():
-        joint = plant.get_joint(index)
-        if joint.type_name() == "prismatic":
-            farthest[joint.position_start()] = 0.5 * FARTHEST
-    return farthest

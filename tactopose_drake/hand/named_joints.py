@@ -10,8 +10,9 @@ from pydrake.multibody.tree import PrismaticJoint
 from tactopose_drake.core.validation import FloatArray, known_name, number_array
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.reading_ranges import ReadingRange
 
-_MARGIN_RAD, _MARGIN_M = 0.5, 0.05  # by which a reading may be beyond a joint's limits
+_GIVE_RAD, _GIVE_M = 0.05, 0.003  # by which a coupled joint may be from where its coupling says
 
 
 class NamedJoints:
@@ -33,6 +34,7 @@ class NamedJoints:
         self.names = tuple(joint.name() for joint in moving)
         self._size = plant.num_positions()
         self._place = {joint.name(): joint.position_start() for joint in moving}
+        self._sliding = frozenset(joint.name() for joint in moving if isinstance(joint, PrismaticJoint))
         self._couplings = hand.config.couplings
 
     def positions(self, name: str, values: Mapping[str, float] | ArrayLike) -> FloatArray:
@@ -56,6 +58,27 @@ class NamedJoints:
     def velocities(self, name: str, values: Mapping[str, float] | ArrayLike) -> FloatArray:
         """Velocities likewise, rad/s, m/s."""
         return self._in_order(name, values)
+
+    def check_couplings(self, name: str, values: Mapping[str, float]) -> None:
+        """Tells readings of coupled joints that contradict those of the joints that they follow.
+
+        Args:
+            name: of the argument, for messages.
+            values: by the joints' names, which are known; NaN passes.
+
+        Raises:
+            InvalidInputError: if one is farther from where its coupling says than compliant couplings give way.
+        """
+        for joint, coupling in self._couplings.items():
+            if joint not in values or coupling.follows not in values:
+                continue
+            unit, give = ("m", _GIVE_M) if joint in self._sliding else ("rad", _GIVE_RAD)
+            told, coupled = values[joint], coupling.ratio * values[coupling.follows] + coupling.offset
+            if abs(told - coupled) > give:
+                raise InvalidInputError(
+                    f"{name}[{joint}]: is {told:.4g} {unit}, and by the coupling with {coupling.follows} {coupled:.4g} "
+                    f"{unit}; allowed is to leave out joints that follow others, or a difference up to {give:g} {unit}."
+                )
 
     def _in_order(self, name: str, values: Mapping[str, float] | ArrayLike) -> FloatArray:
         if not isinstance(values, Mapping):
@@ -86,10 +109,10 @@ def check_near_limits(name: str, values: Mapping[str, float], plant: MultibodyPl
     """
     for joint_name, value in values.items():
         joint = plant.GetJointByName(joint_name, hand.model_instance)
-        low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
-        unit, margin = ("m", _MARGIN_M) if isinstance(joint, PrismaticJoint) else ("rad", _MARGIN_RAD)
-        if low < high and not np.isnan(value) and not low - margin <= value <= high + margin:
+        least, most, unit = ReadingRange.of(joint)
+        if not np.isnan(value) and not least <= value <= most:
+            low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
             raise InvalidInputError(
                 f"{name}[{joint_name}]: is {value:g} {unit}; the joint's limits are {low:.4g} and {high:.4g}, and "
-                f"allowed is up to {margin:g} {unit} beyond."
+                f"allowed is from {least:.4g} to {most:.4g}."
             )

@@ -56,4 +56,5 @@ class CollisionInput:
         if not self._positions.HasValue(context):
             return None
         q: FloatArray = np.array(self._positions.Eval(context))
-        return PosedHandCollision(self._collision, q, self._scratch.Eval(context)) if np.isfinite(q).all() else None
+        known = self._collision.knows_all(q)
+        return PosedHandCollision(self._collision, q, self._scratch.Eval(context)) if known else None

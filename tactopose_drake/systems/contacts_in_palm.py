@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -64,7 +63,7 @@ class ContactsInPalm(CollectableSystem):
         - status
 
     - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad. NaN where one
-      is not known; fingers that it moves then give no contact.
+      is not known or is far beyond its limits; fingers that it moves then give no contact.
     - contact_solutions: dict of `ContactSolution` by finger.
     - contacts: `Contacts` in P of the fingers whose solution is valid, with normals and forces; changes with either
       input. Normals point out of the object, against the fingertip's own.
@@ -117,12 +116,12 @@ class ContactsInPalm(CollectableSystem):
 
     def _calc_touch(self, context: Context, cached: AbstractValue) -> None:
         solutions = eval_input(self._solutions, context, dict)
-        X_PS = self._kinematics.Eval(context).poses(self._sensor_frames)
+        kinematics = self._kinematics.Eval(context)
+        X_PS = kinematics.poses(self._sensor_frames)
         fingers = tuple(finger for finger in X_PS if finger in solutions and solutions[finger].valid)
         p_PC, n_PC, f_PC = _move([X_PS[finger] for finger in fingers], [solutions[finger] for finger in fingers])
         covariance = None
         if self._uncertainty is not None:
-            kinematics = self._kinematics.Eval(context)
             each = [self._uncertainty.covariance(f, solutions[f], X_PS[f], kinematics) for f in fingers]
             covariance = np.array(each).reshape(-1, 6, 6) + _LEAST
         contacts = Contacts(
@@ -134,7 +133,10 @@ class ContactsInPalm(CollectableSystem):
             covariance=covariance,
         )
         untouched = tuple(finger for finger in X_PS if finger in solutions and solutions[finger].is_untouched)
-        reasons = {finger: _reason(finger, X_PS, solutions) for finger in self._sensor_frames}
+        reasons = {
+            finger: _reason(finger, solutions) if finger in X_PS else kinematics.fault(frame)
+            for finger, frame in self._sensor_frames.items()
+        }
         status = "; ".join(f"{finger}: {reason}" for finger, reason in reasons.items() if reason) or "ok"
         cached.set_value(_Touch(contacts, fingers, untouched, status))
 
@@ -148,8 +150,6 @@ def _move(X_PS: list[RigidTransform], solutions: list[ContactSolution]) -> Float
     return np.swapaxes(rows_P, 0, 1)
 
 
-def _reason(finger: str, known: Mapping[str, Any], solutions: Mapping[str, ContactSolution]) -> str:
-    """Why a finger gives no contact; empty where it does."""
-    if finger not in known:
-        return "a joint position is not known"
+def _reason(finger: str, solutions: Mapping[str, ContactSolution]) -> str:
+    """Why a finger whose joints are known gives no contact; empty where it does."""
     return solutions[finger].reason if finger in solutions else "no solution"

@@ -19,7 +19,7 @@ from pydrake.systems.sensors import CameraInfo, ImageDepth32F, RgbdSensor
 
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, noisy_depth
 from tactopose_drake.systems.collectable_system import CollectableSystem
-from tactopose_drake.systems.ports import eval_input
+from tactopose_drake.systems.ports import check_name_is_free, eval_input
 
 _RENDERER = "depth_camera_renderer"
 _CLIPPING = 0.01, 10.0  # m
@@ -84,7 +84,11 @@ def AddDepthCamera(
 
     Returns:
         The port of the images, `ImageDepth32F`, m; 0 where nothing is seen.
+
+    Raises:
+        InvalidInputError: if a system of the builder has the name already.
     """
+    check_name_is_free(builder, name)
     if not scene_graph.HasRenderer(_RENDERER):
         scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(RenderEngineVtkParams()))
     # Drake's renderers take a pixel's middle to be half a pixel beyond its number, as `rays` has it.

@@ -51,12 +51,12 @@ class FingertipVelocities(CollectableSystem):
         )
 
     def _calc(self, context: Context, output: AbstractValue) -> None:
-        q, v = self._positions.Eval(context), np.array([np.nan])
+        v = np.array([np.nan])
         if self._velocities.HasValue(context):
             v = self._velocities.Eval(context)
-        if not (np.all(np.isfinite(q)) and np.all(np.isfinite(v))):
+        kinematics = self._kinematics.Eval(context)
+        if not (kinematics.knows_all and np.all(np.isfinite(v))):
             output.set_value(None)
             return
-        kinematics = self._kinematics.Eval(context)
         with np.errstate(over="ignore", invalid="ignore"):  # Whoever reads them tells what is beyond arithmetic.
             output.set_value({finger: kinematics.velocity(frame, v) for finger, frame in self._tip_frames.items()})

@@ -16,11 +16,12 @@ def declare_kinematics(system: LeafSystem, plant: MultibodyPlant, frame: Frame, 
         system: whose it is.
         plant: finalized plant of the hand alone.
         frame: that everything is expressed in.
-        positions: the system's port of the joint positions; NaN where one is not known.
+        positions: the system's port of the joint positions; NaN where one is not known. One far beyond its limits
+            is not known either.
     """
 
     def move(context: Context, cached: AbstractValue) -> None:
-        cached.get_mutable_value().move(positions.Eval(context))
+        cached.get_mutable_value().move_to_readings(positions.Eval(context))
 
     return declare_cache(
         system,

@@ -45,7 +45,7 @@ class HandVolume(CollectableSystem):
 
     - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
     - fingers_untouched: tuple of the names of the fingers that nothing touches; may stay unconnected.
-    - hand: `HandGeometry` in P of all links but those that a joint moves whose position is not finite.
+    - hand: `HandGeometry` in P of all links but those that a joint moves whose position is not known.
     - untouched: `HandGeometry` in P of the fingertips of those fingers; None where there are none.
     """
 

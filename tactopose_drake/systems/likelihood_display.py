@@ -15,6 +15,7 @@ from tactopose_drake.estimation.identities import Identification
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_optional_input
 from tactopose_drake.visualization.likelihood_bars import add_bars, set_bars
+from tactopose_drake.visualization.meshcat import check_meshcat
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -59,9 +60,10 @@ class LikelihoodDisplay(CollectableSystem):
             params: where in the tree, and how often.
 
         Raises:
-            InvalidInputError: if there is no object.
+            InvalidInputError: if there is no display or no object.
         """
         super().__init__()
+        check_meshcat(meshcat)
         self._params = params_of(LikelihoodDisplayParams, params)
         if not models:
             raise InvalidInputError("models: there are 0; the display needs at least 1.")

@@ -32,6 +32,7 @@ from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.hand_reach import make_hand_reach
+from tactopose_drake.hand.reading_ranges import ReadingRanges
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
@@ -139,7 +140,7 @@ class NextTouchChooser(CollectableSystem):
         reach = make_hand_reach(hand, ReachParams())
         self._fingers: Mapping[str, FingerGeometry] = {name: part.geometry for name, part in reach.fingers.items()}
         plant, parts = make_hand_plant(hand)
-        joints = HandJoints.of(plant, parts)
+        joints, self._ranges = HandJoints.of(plant, parts), ReadingRanges.of(plant)
         self._joints = {name: tuple(hand.finger(name).joints) for name in self._fingers}
         self._places = {name: joints.positions(names) for name, names in self._joints.items()}
         self._hypotheses = self.DeclareAbstractInputPort("hypotheses", AbstractValue.Make(None))
@@ -178,7 +179,7 @@ class NextTouchChooser(CollectableSystem):
     def _choose(self, context: Context, belief: GaussianMixture) -> tuple[GuardedMove | None, str]:
         """The motion, and the status that says why there may be none."""
         q = self._positions.Eval(context)
-        if not np.all(np.isfinite(q)):
+        if not self._ranges.told(q).all():
             return None, "held: a joint position is not known"
         fingers = eval_input(self._holding, context, tuple)
         hold = Hold(eval_input(self._contacts, context, Contacts), fingers, self._params.friction)

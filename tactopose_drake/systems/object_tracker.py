@@ -33,8 +33,9 @@ class ObjectTracker:
     """Keeps the belief of a held object's pose: one call for each reading of the hand's senses gives the next belief.
 
     It is the diagram of `AddPoseTracking`, whose clock is the readings'. What a sensor cannot say never raises, but
-    stands in the belief's status: a finger with NaN or without a reading, joints that are not known, a clock that goes
-    back. What can only be a mistake raises before anything is changed: a name that the hand lacks, a wrong shape, text.
+    stands in the belief's status: a finger with NaN or without a reading, joints that are not known or read what is far
+    beyond their limits, a clock that goes back. What can only be a mistake raises before anything is changed: a name
+    that the hand lacks, a wrong shape, text.
 
     Attributes:
         diagram: of `MakePoseTracking`.

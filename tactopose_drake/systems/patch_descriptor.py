@@ -144,7 +144,7 @@ class PatchDescriptor(CollectableSystem):
             pressure = port.Eval(context) if port.HasValue(context) else np.full(port.size(), np.nan)
             age = float(self._ages[name].Eval(context)[0]) if self._ages[name].HasValue(context) else 0.0
             if name not in X_PT:
-                described[name] = _Described(None, "a joint position is not known")
+                described[name] = _Described(None, kinematics.fault(self._pad_frames[name]))
             elif not np.isfinite(age) or (abs(age) <= self._params.max_age and np.all(np.isnan(pressure))):
                 described[name] = _Described(None, NO_READING)
             elif abs(age) > self._params.max_age:  # One of the future is no fresher: two clocks differ.

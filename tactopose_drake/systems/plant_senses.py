@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
@@ -11,13 +12,15 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import MatrixGain
 
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
-from tactopose_drake.core.validation import instance_of
+from tactopose_drake.core.validation import flag, instance_of
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import Hand, find_hand, make_hand_plant
+from tactopose_drake.hand.hand_likeness import check_likeness
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.systems.force_torque_sensor import ForceTorqueSensor, load_force_torque_model
 from tactopose_drake.systems.palm_pose import PalmPose
+from tactopose_drake.systems.ports import check_name_is_free
 from tactopose_drake.systems.simulated_array import TactileArray
 
 _SENSOR_PERIOD = 0.008  # s, of the simulated force-torque sensors, unless the plant's step is longer
@@ -86,20 +89,35 @@ def add_with_plant(
         simulated_senses: whether what is felt is simulated, too.
 
     Raises:
-        InvalidInputError: if the plant is not finalized, or its models are none or several of the hand.
+        InvalidInputError: if the name is taken, or the plant is not finalized or not the builder's, or its models are
+            none or several of the hand, or the one is of another geometry.
     """
-    hand = None if plant is None else _find_in(plant, config)
+    check_name_is_free(builder, name)
+    felt = flag("simulated_senses", simulated_senses)
+    if plant is None:
+        return builder.AddNamedSystem(name, estimation)
+    hand = _find_in(plant, config)
+    if not any(system is plant for system in builder.GetSystems()):
+        raise InvalidInputError(
+            "plant: is not among the builder's systems; allowed is one that was added to the same builder."
+        )
+    alone, hand_alone = make_hand_plant(dataclasses.replace(config, calibration=""))
+    check_likeness(plant, hand, alone, hand_alone)
     added: Diagram = builder.AddNamedSystem(name, estimation)
-    if plant is not None and hand is not None:
-        _connect(builder, added, plant, hand, simulated_senses)
+    _connect(builder, added, plant, hand, _selectors(plant, hand, alone, hand_alone), felt)
     return added
 
 
 def _connect(
-    builder: DiagramBuilder, estimation: Diagram, plant: MultibodyPlant, hand: Hand, simulated_senses: bool
+    builder: DiagramBuilder,
+    estimation: Diagram,
+    plant: MultibodyPlant,
+    hand: Hand,
+    selectors: Mapping[str, np.ndarray],
+    simulated_senses: bool,
 ) -> None:
     name = estimation.get_name()
-    for port, matrix in _selectors(plant, hand).items():
+    for port, matrix in selectors.items():
         if estimation.HasInputPort(port):
             selector = builder.AddNamedSystem(f"{name}_{port}", MatrixGain(matrix))
             builder.Connect(plant.get_state_output_port(), selector.get_input_port())
@@ -140,9 +158,8 @@ def _find_in(plant: MultibodyPlant, config: HandConfig) -> Hand:
     return hands[0]
 
 
-def _selectors(plant: MultibodyPlant, hand: Hand) -> dict[str, np.ndarray]:
+def _selectors(plant: MultibodyPlant, hand: Hand, alone: MultibodyPlant, hand_alone: Hand) -> dict[str, np.ndarray]:
     """What picks the hand's joints, in the order of a plant of the hand alone, out of the plant's state."""
-    alone, hand_alone = make_hand_plant(hand.config)
     positions = np.zeros((alone.num_positions(), plant.num_multibody_states()))
     velocities = np.zeros((alone.num_velocities(), plant.num_multibody_states()))
     for index in alone.GetJointIndices(hand_alone.model_instance):

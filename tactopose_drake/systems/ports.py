@@ -1,12 +1,34 @@
-"""Reading abstract input ports with a check of what they hold."""
+"""Reading abstract input ports with a check of what they hold, and checks of the names of systems."""
 
 from typing import Any, TypeVar
 
-from pydrake.systems.framework import Context, InputPort
+from pydrake.systems.framework import Context, DiagramBuilder, InputPort
 
-from tactopose_drake.errors import PortTypeError
+from tactopose_drake.core.validation import instance_of
+from tactopose_drake.errors import InvalidInputError, PortTypeError
 
 Kind = TypeVar("Kind")
+
+
+def check_name_is_free(builder: DiagramBuilder, name: str) -> None:
+    """Checks the name of a system that is to be added: Drake ends the process at the builder's `Build` otherwise.
+
+    Args:
+        builder: of the diagram.
+        name: of the system.
+
+    Raises:
+        InvalidInputError: if it is empty or no string, or another system of the builder has it.
+    """
+    instance_of("builder", builder, DiagramBuilder)
+    instance_of("name", name, str)
+    if not name:
+        raise InvalidInputError("name: is empty; allowed is any other string.")
+    if any(system.get_name() == name for system in builder.GetSystems()):
+        raise InvalidInputError(
+            f"name: is {name!r}, which a system of the builder has already; allowed is another, such as "
+            f"name={name + '_2'!r}."
+        )
 
 
 def eval_input(port: InputPort, context: Context, kind: type[Kind]) -> Kind:

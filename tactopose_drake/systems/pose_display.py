@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context, EventStatus
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import params_of, positive_number
+from tactopose_drake.core.validation import instance_of, params_of, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
@@ -20,7 +20,7 @@ from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 from tactopose_drake.visualization.appearance import MOST_ALTERNATIVES, MOVING_ALTERNATIVES
 from tactopose_drake.visualization.frame_marks import add_frames
-from tactopose_drake.visualization.meshcat import aim_camera
+from tactopose_drake.visualization.meshcat import aim_camera, check_meshcat
 from tactopose_drake.visualization.patch_marks import add_patches, move_patches
 from tactopose_drake.visualization.pose_marks import add_hypotheses, add_object, move_hypotheses, place
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis, false_contacts, touch_of, worth_drawing
@@ -109,6 +109,8 @@ class PoseDisplay(CollectableSystem):
                 solid, a simulated object would hide the estimate.
         """
         super().__init__()
+        check_meshcat(meshcat)
+        instance_of("model", model, ObjectModel)
         self._params = params_of(PoseDisplayParams, params)
         self._meshcat, self._model = meshcat, model
         self._palm_body = None if palm_frame is None else int(palm_frame.body().index())

@@ -13,6 +13,7 @@ from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.systems.hand_volume import HandVolume
 from tactopose_drake.systems.next_touch_chooser import NextTouchChooser, NextTouchParams
+from tactopose_drake.systems.ports import check_name_is_free
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
 from tactopose_drake.systems.touch_explorer import TouchExplorer, TouchExplorerParams
 
@@ -87,7 +88,11 @@ def AddTouchExploration(
 
     Returns:
         The diagram; its ports are to be connected by name.
+
+    Raises:
+        InvalidInputError: if a parameter is out of its range, or a system of the builder has the name already.
     """
+    check_name_is_free(builder, name)
     params = params_of(TouchExplorationParams, params)
     inner = DiagramBuilder()
     _connect(inner, _add_parts(inner, hand, model, params))

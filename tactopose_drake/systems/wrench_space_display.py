@@ -11,6 +11,7 @@ from tactopose_drake.core.grasping.quality import GraspQuality
 from tactopose_drake.core.validation import finite_array, params_of, positive_number
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_optional_input
+from tactopose_drake.visualization.meshcat import check_meshcat
 from tactopose_drake.visualization.wrench_spaces import draw_wrench_space
 
 
@@ -44,8 +45,13 @@ class WrenchSpaceDisplay(CollectableSystem):
     """
 
     def __init__(self, meshcat: Meshcat, params: WrenchSpaceDisplayParams | None = None) -> None:
-        """Keeps a reference to the display."""
+        """Keeps a reference to the display.
+
+        Raises:
+            InvalidInputError: if there is no display, or a parameter is out of its range.
+        """
         super().__init__()
+        check_meshcat(meshcat)
         self._params = params_of(WrenchSpaceDisplayParams, params)
         self._meshcat = meshcat
         self._quality = self.DeclareAbstractInputPort("quality", AbstractValue.Make(None))

@@ -7,6 +7,7 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.visualization.appearance import HAND
 from tactopose_drake.visualization.frame_marks import add_frames
 from tactopose_drake.visualization.patch_marks import add_patches, move_patches
@@ -19,6 +20,19 @@ from tactopose_drake.visualization.viewpoint import choose_view, points_of_inter
 # Of Meshcat's camera, vertical, rad.
 _FIELD_OF_VIEW = np.radians(75.0)
 _HAND_OPACITY = 0.5
+
+
+def check_meshcat(meshcat: object) -> None:
+    """Checks a display when it is given, which is drawn upon only later.
+
+    Raises:
+        InvalidInputError: if it has no method of Meshcat's.
+    """
+    if not hasattr(meshcat, "SetTransform"):
+        raise InvalidInputError(
+            f"meshcat: is a {type(meshcat).__name__}; allowed are a Meshcat, such as of `StartMeshcat`, and what has "
+            "its methods."
+        )
 
 
 def draw_scene(meshcat: Meshcat | RemoteMeshcat, scene: Scene, *, path: str = "/tactopose") -> None:

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 import yaml
 
+from tactopose_drake.cli.calibrate_command import calibration_table
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.hand.calibration_file import HandCalibration, Measured
 from tactopose_drake.hand.closed_grasps import ClosedGraspParams
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
@@ -81,6 +83,13 @@ def test_what_is_written_is_what_the_hand_then_knows(
         np.testing.assert_allclose(surface.shape[0], 0.009 + found[finger]["radius"]["value"], atol=1e-12)
 
 
+def test_offsets_are_shown_in_degrees_and_of_joints_that_slide_in_millimetres() -> None:
+    offsets = {"left_slide": Measured(value=0.0021, sigma=0.0008), "knuckle": Measured(value=-1.25, sigma=0.5)}
+    table = calibration_table(HandCalibration(grasps=10, joint_offsets=offsets), ("left_slide",))
+    rows = list(zip(*(column.cells for column in table.columns), strict=True))
+    assert rows == [("left_slide offset", "2.10", "0.80", "mm"), ("knuckle offset", "-1.25", "0.50", "deg")]
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
@@ -89,6 +98,10 @@ def test_what_is_written_is_what_the_hand_then_knows(
         ("joint_positions: {FFJ9: 0.1}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "FFJ9"),
         ("joint_positions: {FFJ2: 60.5}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "joint_positions[FFJ2]: is 60.5 rad;"),
         ("joint_positions: [0.1]", "joint_positions: is no mapping"),
+        (
+            "joint_positions: {FFJ2: 1.44, FFJ1: 0.1}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}",
+            "joint_positions[FFJ1]: is 0.1 rad, and by the coupling with FFJ2 1.44 rad; allowed is to leave out",
+        ),
     ],
 )
 def test_a_bad_grasp_is_one_line(
@@ -105,6 +118,21 @@ def test_a_bad_grasp_is_one_line(
     assert "bad.yaml" in line
     assert said in line
     assert not (tmp_path / "calibration.yaml").exists()
+
+
+def test_a_grasp_that_is_there_twice_is_refused(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    grasps = tmp_path / "grasps"
+    grasps.mkdir()
+    for path in (folder / "grasps").iterdir():
+        (grasps / path.name).write_text(path.read_text())
+    (grasps / "copy.yaml").write_text((grasps / "grasp_1.yaml").read_text())
+    files = ("--hand", folder / "mine.hand.yaml", "--object", folder / "blob.stl", "--grasps", grasps)
+    assert run("calibrate", *files, "--out", tmp_path / "calibration.yaml") == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    first, second = grasps / "copy.yaml", grasps / "grasp_1.yaml"
+    assert f"{second}: has the readings of {first}; allowed is each grasp once." in line
 
 
 def calibrate_with_forces_first(folder: Path, tmp_path: Path, fingers: Collection[str]) -> int:
@@ -124,7 +152,7 @@ def test_a_finger_that_makes_no_contact_is_said(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert calibrate_with_forces_first(folder, tmp_path, ["thumb"]) == 0
-    said = "No wrench of thumb makes a contact, so that nothing is known of it: the force is below min_force."
+    said = "No wrench of thumb makes a contact, so that nothing is known of it: the force is below min_force (0.05 N)."
     assert said in capsys.readouterr().out
 
 

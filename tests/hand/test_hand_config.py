@@ -318,6 +318,20 @@ def test_half_a_sensor_is_refused(tmp_path):
         load_hand_config(path)
 
 
+def test_a_joint_stands_once_in_a_finger_and_may_be_of_several(tmp_path):
+    path = write_gripper(tmp_path)
+    twice = path.read_text().replace("joints: [left_hinge]", "joints: [left_hinge, left_hinge]")
+    assert "hinge, left" in twice
+    path.write_text(twice)
+    with pytest.raises(
+        InvalidInputError, match=r"fingers\[left\].joints: are \['left_hinge', 'left_hinge'\]; allowed are diff"
+    ):
+        load_hand_config(path)
+    config = load_hand_config("shadow_like")
+    config.finger("middle").joints.insert(0, config.finger("first").joints[0])
+    config.validate()
+
+
 @pytest.mark.parametrize(
     ("finger", "joint", "follows", "message"),
     [

@@ -65,3 +65,27 @@ def test_a_copy_moves_by_itself(parts: tuple[MultibodyPlant, Hand], again) -> No
     for finger, X_PS in kinematics.poses(hand.sensor_frames).items():
         assert X_PS.IsExactlyEqualTo(before[finger])
         assert not copied.poses(hand.sensor_frames)[finger].IsNearlyEqualTo(X_PS, 1e-3)
+
+
+@pytest.mark.parametrize("reading", [30.0, -30.0, np.inf])
+def test_a_reading_far_beyond_its_joints_limits_is_not_known_and_named(
+    parts: tuple[MultibodyPlant, Hand], reading: float
+) -> None:
+    plant, hand = parts
+    kinematics, q = HandKinematics(plant, hand.palm_frame), np.full(plant.num_positions(), 0.1)
+    moved = hand.fingers[1]
+    joint = plant.GetJointByName(hand.config.finger(moved).joints[-1])
+    q[joint.position_start()] = joint.position_upper_limits()[0] + 0.4
+    kinematics.move_to_readings(q)
+    assert kinematics.knows_all
+    q[joint.position_start()] = reading
+    kinematics.move_to_readings(q)
+    assert not kinematics.knows_all
+    assert set(kinematics.poses(hand.sensor_frames)) == set(hand.sensor_frames) - {moved}
+    fault = kinematics.fault(hand.sensor_frames[moved])
+    assert fault.startswith(f"joint {joint.name()} reads {reading:g} rad, not from ")
+    kinematics.move(q)  # What is no reading may be anywhere, but not at infinity.
+    assert kinematics.knows_all == np.isfinite(reading)
+    q[joint.position_start()] = np.nan
+    kinematics.move_to_readings(q)
+    assert kinematics.fault(hand.sensor_frames[moved]) == "a joint position is not known"

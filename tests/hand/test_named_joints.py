@@ -91,6 +91,20 @@ def test_positions_of_a_file_are_near_the_limits_of_their_joints(tmp_path: Path)
         check_near_limits("joints", {"left_slide": 20.0}, gripper, parts)
 
 
+def test_coupled_joints_give_way_a_little_and_no_more(tmp_path: Path) -> None:
+    named = NamedJoints(*make_hand_plant(load_hand_config("shadow_like")))
+    for near in ({"FFJ2": 1.44}, {"FFJ2": 1.44, "FFJ1": 1.41}, {"FFJ1": 0.1}, {"FFJ2": np.nan, "FFJ1": 0.1}):
+        named.check_couplings("joints", near)
+    with pytest.raises(InvalidInputError, match=r"joints\[FFJ1\]: is 0.1 rad, and by the coupling with FFJ2 1.44 rad"):
+        named.check_couplings("joints", {"FFJ2": 1.44, "FFJ1": 0.1})
+    coupled = "joints: [left_slide]\n  couplings: [{joint: right_slide, follows: left_slide, ratio: 0.5}]"
+    yaml = YAML.replace("joints: [left_slide]", coupled).replace("joints: [right_slide]", coupled)
+    slides = NamedJoints(*make_hand_plant(load_hand_config(write_gripper(tmp_path, yaml=yaml))))
+    slides.check_couplings("joints", {"left_slide": 0.02, "right_slide": 0.012})
+    with pytest.raises(InvalidInputError, match=r"right_slide\]: is 0.02 m, .* left_slide 0.01 m; .* up to 0.003 m"):
+        slides.check_couplings("joints", {"left_slide": 0.02, "right_slide": 0.02})
+
+
 def _limits(plant: MultibodyPlant, joint: str) -> tuple[np.ndarray, np.ndarray]:
     found = plant.GetJointByName(joint)
     return found.position_lower_limits(), found.position_upper_limits()

@@ -139,6 +139,8 @@ def test_impossible_parameters_and_inputs_are_refused(box: ObjectModel) -> None:
         GraspQualityEvaluator(box, 3)
     with pytest.raises(InvalidInputError, match=r"WrenchSpaceDisplayParams\.scale: is 0"):
         WrenchSpaceDisplay(RecordingMeshcat(), WrenchSpaceDisplayParams(scale=0.0))
+    with pytest.raises(InvalidInputError, match=r"^meshcat: is a NoneType; allowed are a Meshcat"):
+        WrenchSpaceDisplay(None)
     with pytest.raises(UnknownNameError, match=r"GraspQualityParams\.norm: 'L2' is unknown; valid names: L1, Linf"):
         GraspQualityEvaluator(box, GraspQualityParams(norm="L2"))
     with pytest.raises(PortTypeError, match="'hypotheses' of system"):

@@ -110,8 +110,8 @@ def test_no_touch_is_needed_where_enough_of_the_belief_is_about_one_pose(bust: O
 def test_what_is_wanting_is_said(bust: ObjectModel) -> None:
     assert choose(bust, None)[2] == "held: no estimate yet"
     assert choose(bust, estimate(0.6, 0.4, status="no_solution"))[2] == "held: no pose explains the touch"
-    lost = np.full(24, np.nan)
-    assert choose(bust, estimate(0.6, 0.4), joint_positions=lost)[2] == "held: a joint position is not known"
+    for lost in (np.full(24, np.nan), np.append(np.zeros(23), 30.0)):
+        assert choose(bust, estimate(0.6, 0.4), joint_positions=lost)[2] == "held: a joint position is not known"
     five = ("thumb", "first", "middle", "ring", "little")
     all_hold = choose(bust, estimate(0.6, 0.4), contacts=Contacts(np.tile(MIDDLE, (5, 1))), fingers_in_contact=five)
     assert all_hold[2] == "held: no motion is allowed"

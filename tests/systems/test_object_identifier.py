@@ -112,6 +112,8 @@ def test_bad_parameters_and_inputs_are_named(models: list[ObjectModel]) -> None:
         LikelihoodDisplay(RecordingMeshcat(), models, params=LikelihoodDisplayParams(period=-1.0))
     with pytest.raises(InvalidInputError, match="models: there are 0"):
         LikelihoodDisplay(RecordingMeshcat(), [])
+    with pytest.raises(InvalidInputError, match=r"^meshcat: is a NoneType; allowed are a Meshcat"):
+        LikelihoodDisplay(None, models)
 
 
 def test_bars_are_as_long_as_the_likelihoods(models: list[ObjectModel], contacts: Contacts) -> None:

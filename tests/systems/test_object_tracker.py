@@ -150,8 +150,18 @@ def test_a_joint_that_slides_out_of_all_reach_is_not_known(tmp_path: Path, value
     pressed = {finger: [0.0, 0.0, 0.0, push, 0.0, 0.0] for finger, push in (("left", -1.0), ("right", 1.0))}
     assert "not known" not in tracker.update(pressed, [0.01, 0.01], 0.0, joint_velocities=[0.0, 0.0]).message
     belief = tracker.update(pressed, [value, 0.01], 0.01, joint_velocities=[0.0, 0.0])
-    assert "left: a joint position is not known" in belief.message
+    assert f"left: joint left_slide reads {value:.4g} m, not from -0.05 to 0.095" in belief.message
     assert "right" not in belief.message
+
+
+def test_a_joint_that_reads_degrees_is_a_fault_of_that_joint(tracker: ObjectTracker) -> None:
+    joints = dict(zip(tracker.joint_names, held_cube.Q, strict=True))
+    assert "joint" not in tracker.update(noisy(0), joints, 0.0, vision=held_cube.prior()).message
+    belief = tracker.update(noisy(1), joints | {"THJ4": 30.0}, 0.01)
+    assert "thumb: joint THJ4 reads 30 rad, not from " in belief.message
+    assert len(belief.p_PC) == 4
+    # A little beyond its limit it may be: encoders are off.
+    assert "joint" not in tracker.update(noisy(2), joints | {"THJ4": 1.3}, 0.02).message
 
 
 def test_no_reading_at_all_is_no_contact_and_then_lost(tracker: ObjectTracker) -> None:

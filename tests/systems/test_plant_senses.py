@@ -1,5 +1,7 @@
 """Estimation and tracking that take joints, palm and touch from a plant with more in it than the hand."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -12,13 +14,15 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand, make_hand_plant
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.resources import model_path
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation, PoseEstimationParams
 from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
+from tactopose_drake.systems.touch_exploration import AddTouchExploration
 from tests.core.tracking.boxes import make_box
+from tests.hand.grippers import write_gripper
 
 X_WBASE = RigidTransform(RollPitchYaw(0.4, -0.3, 0.8), [0.3, 0.2, 1.0])
 
@@ -157,3 +161,73 @@ def test_a_plant_without_the_hand_with_two_or_unfinished_is_refused(box: ObjectM
         AddPoseEstimation(DiagramBuilder(), config, box, params, plant=plant)
     with pytest.raises(InvalidInputError, match="plant: is a str; allowed is a MultibodyPlant"):
         AddPoseEstimation(DiagramBuilder(), config, box, params, plant="plant")
+
+
+BARE = PoseEstimationParams(use_hand_volume=False, check_collisions=False)
+
+
+def gripper_plant(builder: DiagramBuilder, config: HandConfig, urdf: str) -> MultibodyPlant:
+    """A plant with the gripper as another file has it; its names are those of the hand."""
+    plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.004), builder)
+    (model,) = Parser(plant).AddModelsFromString(urdf, "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(config.base_link, model), X_WBASE)
+    plant.Finalize()
+    return plant
+
+
+@pytest.mark.parametrize(
+    ("told", "other", "message"),
+    [
+        (
+            'xyz="-0.06 0 0.1"',
+            'xyz="-0.06 0 0.14"',
+            "sensor of finger 'left' is 40.0 mm and 0.0 deg from where",
+        ),
+        ('xyz="-0.06 0 0.1"', 'xyz="-0.06 0 0.1" rpy="0 0.5 0"', "sensor of finger 'left' is 0.0 mm and 28.6 deg from"),
+        ('<axis xyz="-1 0 0"/>', '<axis xyz="0 1 0"/>', "sensor of finger 'right' is .* mm and 0.0 deg from where"),
+        ('"left_slide" type="prismatic"', '"left_slide" type="revolute"', "'left_slide' is revolute; allowed is a pri"),
+    ],
+)
+@pytest.mark.parametrize("add", [AddPoseEstimation, AddPoseTracking])
+def test_a_hand_of_another_geometry_is_refused(add, told, other, message, box: ObjectModel, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    config = load_hand_config(write_gripper(tmp_path))
+    urdf = (tmp_path / "two_finger.urdf").read_text()
+    assert told in urdf
+    builder = DiagramBuilder()
+    plant = gripper_plant(builder, config, urdf.replace(told, other))
+    params = BARE if add is AddPoseEstimation else PoseTrackingParams(use_hand_volume=False, check_collisions=False)
+    with pytest.raises(InvalidInputError, match=f"^plant: .*{message}"):
+        add(builder, config, box, params, plant=plant)
+    assert len(builder.GetSystems()) == 2  # Plant and scene.
+
+
+def test_a_hand_whose_file_is_rounded_is_the_same(box: ObjectModel, tmp_path: Path) -> None:
+    config = load_hand_config(write_gripper(tmp_path))
+    urdf = (tmp_path / "two_finger.urdf").read_text()
+    builder = DiagramBuilder()
+    plant = gripper_plant(builder, config, urdf.replace('xyz="-0.06 0 0.1"', 'xyz="-0.06004 0 0.1" rpy="0.001 0 0"'))
+    estimation = AddPoseEstimation(builder, config, box, BARE, plant=plant)
+    assert estimation in builder.GetSystems()
+
+
+def test_another_builders_plant_and_a_switch_that_is_none_leave_the_builder_as_it_was(box: ObjectModel) -> None:
+    builder, other = DiagramBuilder(), DiagramBuilder()
+    plant, (hand,) = full_plant(other, "shadow_like")
+    with pytest.raises(InvalidInputError, match=r"^plant: is not among the builder's systems; allowed is one that"):
+        AddPoseEstimation(builder, hand.config, box, BARE, plant=plant)
+    with pytest.raises(InvalidInputError, match=r"^simulated_senses: is 'no'; allowed are True and False"):
+        AddPoseEstimation(builder, hand.config, box, BARE, simulated_senses="no")
+    assert builder.empty()
+
+
+@pytest.mark.parametrize("add", [AddPoseEstimation, AddPoseTracking, AddTouchExploration])
+def test_a_second_one_needs_another_name(add, box: ObjectModel) -> None:  # type: ignore[no-untyped-def]
+    builder = DiagramBuilder()
+    config = load_hand_config("shadow_like")
+    first = add(builder, config, box)
+    name = first.get_name()
+    with pytest.raises(InvalidInputError, match=rf"^name: is '{name}', which .* such as name='{name}_2'"):
+        add(builder, config, box)
+    assert builder.GetSystems() == [first]
+    add(builder, config, box, name=f"{name}_2")
+    builder.Build()

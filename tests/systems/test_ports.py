@@ -1,10 +1,11 @@
 import pytest
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import PassThrough
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.errors import PortTypeError
-from tactopose_drake.systems.ports import eval_input, eval_optional_input
+from tactopose_drake.errors import InvalidInputError, PortTypeError
+from tactopose_drake.systems.ports import check_name_is_free, eval_input, eval_optional_input
 
 
 class Reader(LeafSystem):
@@ -45,3 +46,17 @@ def test_an_optional_port_that_holds_none_gives_none() -> None:
     context = reader.CreateDefaultContext()
     reader.contacts.FixValue(context, AbstractValue.Make(None))
     assert eval_optional_input(reader.contacts, context, Contacts) is None
+
+
+def test_a_name_is_free_until_a_system_has_it() -> None:
+    builder = DiagramBuilder()
+    check_name_is_free(builder, "touch")
+    builder.AddNamedSystem("touch", PassThrough(1))
+    check_name_is_free(builder, "touch_2")
+    for name, message in (
+        ("touch", r"^name: is 'touch', which .* has already; allowed is another, such as name='touch_2'\.$"),
+        ("", "^name: is empty"),
+        (None, "^name: is a NoneType; allowed is a str"),
+    ):
+        with pytest.raises(InvalidInputError, match=message):
+            check_name_is_free(builder, name)

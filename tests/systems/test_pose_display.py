@@ -246,3 +246,10 @@ def test_the_camera_looks_at_a_simulated_object_of_which_nothing_is_known_yet(mo
 def test_a_bad_parameter_is_named(name: str, value: float) -> None:
     with pytest.raises(InvalidInputError, match=f"{name}: is {value:g}"):
         PoseDisplayParams(**{name: value}).validate()
+
+
+def test_what_is_no_display_and_no_object_is_refused_at_once(model: ObjectModel) -> None:
+    with pytest.raises(InvalidInputError, match=r"^meshcat: is a NoneType; allowed are a Meshcat, such as of"):
+        PoseDisplay(None, model)
+    with pytest.raises(InvalidInputError, match=r"^model: is a str; allowed is an ObjectModel"):
+        PoseDisplay(RecordingMeshcat(), "bust")

@@ -96,3 +96,12 @@ def test_the_hands_volume_is_evidence(box: ObjectModel, port: str) -> None:
     estimate = bench.step()[1]
     lying = [h.probability for h, height in zip(estimate.hypotheses, heights(estimate), strict=True) if height < 0.11]
     assert sum(lying) > 0.999
+
+
+@pytest.mark.parametrize("reading", [np.nan, 6.0, -6.0])
+def test_a_reading_that_cannot_be_leaves_collisions_unchecked(
+    box: ObjectModel, slab: HandCollision, reading: float
+) -> None:
+    estimate, status = step_over_slab(slab, box, reading)
+    assert len(estimate.hypotheses) == 2
+    assert status.endswith("collisions are not checked: a joint position is not known")

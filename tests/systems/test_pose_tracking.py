@@ -41,7 +41,7 @@ def test_a_hand_that_feels_nothing_knows_what_vision_says(box: ObjectModel, hand
     X_PO, X_WP = RigidTransform([0.0, -0.5, 0.0]), RigidTransform([1.0, 0.0, 0.0])
     tracking.GetInputPort("palm_pose").FixValue(context, AbstractValue.Make(X_WP))
     simulator.AdvanceTo(0.02)
-    untouched = "no contact" if config.pads else "the force is below min_force"
+    untouched = "no contact" if config.pads else "the force is below min_force (0.05 N)"
     silent = "; ".join(f"{part.name}: {untouched}" for part in config.pads or config.fingers)
     assert tracking.GetOutputPort("status").Eval(context) == f"lost: nothing is touched; {silent}"
     tracking.GetInputPort("vision").FixValue(context, AbstractValue.Make(PosePrior(X_PO)))

@@ -92,7 +92,7 @@ class ContactSolution:
     @property
     def is_untouched(self) -> bool:
         """Whether the sensor says that nothing touches the fingertip."""
-        return self.reason == _REASONS[contact_kernels.TOO_WEAK]
+        return self.reason.startswith(_REASONS[contact_kernels.TOO_WEAK])
 
 
 @dataclasses.dataclass(frozen=True, eq=False, slots=True)
@@ -243,7 +243,7 @@ class FingertipSolver:
             float(row[16]),
             0 if code else int(row[17]),
             code == contact_kernels.VALID,
-            _REASONS[code],
+            self._too_weak if code == contact_kernels.TOO_WEAK else _REASONS[code],
         )
 
     def solve_all(self, F_S: ArrayLike) -> ContactSolutions:
@@ -253,7 +253,8 @@ class FingertipSolver:
             InvalidInputError: wrenches of another shape.
         """
         out, codes = self._run(number_array("F_S", F_S, (None, 6)))
-        valid = codes == contact_kernels.VALID
+        valid, reasons = codes == contact_kernels.VALID, _REASON_TABLE[codes]
+        reasons[codes == contact_kernels.TOO_WEAK] = self._too_weak
         return ContactSolutions(
             out[:, 0:3],
             out[:, 3:6],
@@ -264,8 +265,12 @@ class FingertipSolver:
             out[:, 16],
             np.where(valid, out[:, 17], 0.0).astype(np.int64),
             valid,
-            _REASON_TABLE[codes],
+            reasons,
         )
+
+    @property
+    def _too_weak(self) -> str:
+        return f"{_REASONS[contact_kernels.TOO_WEAK]} ({self.min_force:g} N)"
 
     def _run(self, wrenches: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
         """Rows (B, RESULT_SIZE), read-only, and codes (B,)."""

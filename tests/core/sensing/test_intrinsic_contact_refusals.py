@@ -100,7 +100,11 @@ def test_too_weak_a_force_is_no_contact(surface: Surface, seed: int) -> None:
     strong = touch(surface, generator, 20, force=1.001 * MIN_FORCE).F_S
     found = solve_contacts(weak, surface)
     assert not found.valid.any()
-    assert set(found.reason) == {"the force is below min_force"}
+    assert set(found.reason) == {"the force is below min_force (0.05 N)"}
+    assert all(found[k].is_untouched for k in range(len(found)))
+    lone = solve_contact(weak[0], surface, min_force=1.5)
+    assert lone.reason == "the force is below min_force (1.5 N)"
+    assert lone.is_untouched
     assert np.isnan(found.normal_force).all()
     assert solve_contacts(strong, surface).valid.all()
     assert solve_contacts(weak, surface, min_force=0.01).valid.all()

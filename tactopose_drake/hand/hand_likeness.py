@@ -1,0 +1,81 @@
+"""Whether the hand in a plant moves its sensors as its files say: names alone do not tell."""
+
+import math
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import Context
+
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.hand_in_plant import Hand
+
+_NEAR, _NEAR_DEG = 1e-4, 0.1  # m and deg, by which a sensor may be elsewhere: files are rounded
+_FREE = 1.0  # rad or m, to which a joint without limits is moved
+
+
+def check_likeness(plant: MultibodyPlant, hand: Hand, alone: MultibodyPlant, hand_alone: Hand) -> None:
+    """Compares where sensors and pads are in the palm, with all joints at zero, at either limit and in the middle.
+
+    Args:
+        plant: finalized plant that holds the hand among whatever else.
+        hand: the hand in it.
+        alone: plant of the hand alone, without a calibration.
+        hand_alone: the hand in that.
+
+    Raises:
+        InvalidInputError: if a joint moves in one of the plants only, or a sensor or pad is elsewhere in the other.
+    """
+    here, there = plant.CreateDefaultContext(), alone.CreateDefaultContext()
+    for share in (None, 0.0, 0.5, 1.0):
+        _move(plant, hand, here, alone, there, share)
+        for name, frame in _sensing_frames(hand_alone).items():
+            X = plant.CalcRelativeTransform(here, hand.palm_frame, _sensing_frames(hand)[name])
+            X_alone = alone.CalcRelativeTransform(there, hand_alone.palm_frame, frame)
+            _check_near(name, X_alone.InvertAndCompose(X))
+
+
+def _sensing_frames(hand: Hand) -> dict[str, Frame]:
+    fingers = {f"sensor of finger {name!r}": frame for name, frame in hand.sensor_frames.items()}
+    return fingers | {f"pad {name!r}": frame for name, frame in hand.pad_frames.items()}
+
+
+def _move(
+    plant: MultibodyPlant, hand: Hand, here: Context, alone: MultibodyPlant, there: Context, share: float | None
+) -> None:
+    """Moves the hand in both plants to a share of the way between its joints' limits; None is to zero."""
+    names = {plant.get_joint(index).name() for index in plant.GetJointIndices(hand.model_instance)}
+    q, q_alone = plant.GetPositions(here), alone.GetPositions(there)
+    for index in alone.GetJointIndices():
+        joint = alone.get_joint(index)
+        if joint.num_positions() != 1:
+            continue
+        name, kind = joint.name(), joint.type_name()
+        same = plant.GetJointByName(name, hand.model_instance) if name in names else None
+        if same is None or same.type_name() != kind:
+            is_there = "is not there" if same is None else f"is {same.type_name()}"
+            raise InvalidInputError(
+                f"plant: the hand's joint {name!r} {is_there}; allowed is a {kind} one, as in {hand.config.model}."
+            )
+        moved = _at(joint.position_lower_limits()[0], joint.position_upper_limits()[0], share)
+        q_alone[joint.position_start()] = q[same.position_start()] = moved
+    plant.SetPositions(here, q)
+    alone.SetPositions(there, q_alone)
+
+
+def _at(low: float, high: float, share: float | None) -> float:
+    if share is None:
+        return 0.0
+    low, high = low if math.isfinite(low) else -_FREE, high if math.isfinite(high) else _FREE
+    return low + share * (high - low)
+
+
+def _check_near(name: str, X: RigidTransform) -> None:
+    moved, turned = float(np.linalg.norm(X.translation())), math.degrees(X.rotation().ToAngleAxis().angle())
+    if moved > _NEAR or turned > _NEAR_DEG:
+        raise InvalidInputError(
+            f"plant: the {name} is {1e3 * moved:.1f} mm and {turned:.1f} deg from where the HandConfig's model has it "
+            f"in the palm; allowed are {1e3 * _NEAR:g} mm and {_NEAR_DEG:g} deg. Without `plant=` the "
+            "ports are connected one by one."
+        )

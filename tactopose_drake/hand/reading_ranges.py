@@ -1,0 +1,76 @@
+"""Between which positions a joint's reading can be true: what is far beyond its limits is in degrees, or a fault."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint, PrismaticJoint
+
+from tactopose_drake.core.validation import FARTHEST, FloatArray
+
+_MARGIN_RAD, _MARGIN_M = 0.5, 0.05  # by which a reading may be beyond a joint's limits: encoders may be off
+
+
+class ReadingRange(NamedTuple):
+    """Of one joint.
+
+    Attributes:
+        least: reading that can be true, rad or m.
+        most: likewise.
+        unit: of both.
+    """
+
+    least: float
+    most: float
+    unit: str
+
+    @classmethod
+    def of(cls, joint: Joint) -> ReadingRange:
+        """The range of a joint of one position; one that slides without limits reaches no contact beyond 5 m."""
+        low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
+        slides = isinstance(joint, PrismaticJoint)
+        unit, margin, free = ("m", _MARGIN_M, 0.5 * FARTHEST) if slides else ("rad", _MARGIN_RAD, math.inf)
+        least, most = (low - margin, high + margin) if low < high else (-free, free)
+        return cls(max(least, -free), min(most, free), unit)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ReadingRanges:
+    """Of all joints of a plant of a hand alone.
+
+    Attributes:
+        names: of the joints, by the place of their position.
+        ranges: likewise.
+    """
+
+    names: dict[int, str]
+    ranges: dict[int, ReadingRange]
+    _least: FloatArray
+    _most: FloatArray
+
+    @classmethod
+    def of(cls, plant: MultibodyPlant) -> ReadingRanges:
+        """The ranges by a finalized plant."""
+        joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+        moving = {joint.position_start(): joint for joint in joints if joint.num_positions() == 1}
+        ranges = {place: ReadingRange.of(joint) for place, joint in moving.items()}
+        least, most = np.full((2, plant.num_positions()), [[-np.inf], [np.inf]])
+        for place, of_joint in ranges.items():
+            least[place], most[place] = of_joint.least, of_joint.most
+        return cls({place: joint.name() for place, joint in moving.items()}, ranges, least, most)
+
+    def told(self, q: FloatArray) -> NDArray[np.bool_]:
+        """Whether each reading can be true, shape (nq,); NaN is none."""
+        return np.isfinite(q) & (q >= self._least) & (q <= self._most)
+
+    def fault(self, place: int, reading: float) -> str:
+        """What is wrong with a reading that cannot be true; empty where there is none (NaN)."""
+        if np.isnan(reading):
+            return ""
+        least, most, unit = self.ranges[place]
+        return f"joint {self.names[place]} reads {reading:.4g} {unit}, not from {least:.4g} to {most:.4g}"
