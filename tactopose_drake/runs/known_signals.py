@@ -1,6 +1,7 @@
 """What a scenario with CAN devices knows without them: joint angles, the palm's pose, the object's by other means."""
 
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,31 @@ def known_signals(scenario: Scenario) -> dict[str, Signal]:
             "to run the scenario by itself, allowed are !FixedJoints and !JointFile."
         )
     return signals
+
+
+def check_ends(scenario: Scenario, signals: Mapping[str, Signal], end: float) -> None:
+    """Checks that no file's last row is too old by the end of a run: what is after it, nobody knows.
+
+    Args:
+        scenario: with CAN devices; the longest `max_age` among them counts.
+        signals: its `known_signals`.
+        end: of the run, s; infinite where an interrupt ends it.
+
+    Raises:
+        InvalidInputError: if one is.
+    """
+    senses = scenario.senses
+    assert isinstance(senses, CanSenses)
+    devices = [*senses.fingers.values(), *([] if senses.barrett_hand is None else [senses.barrett_hand])]
+    max_age = max(device.max_age for device in devices)
+    joints = senses.joints.path if isinstance(senses.joints, JointFile) else ""
+    for name, path in (("joint_positions", joints), ("palm_pose", senses.palm)):
+        if path and signals[name].times[-1] + max_age < end:
+            run = f"the run ends at {end:g} s" if np.isfinite(end) else "the run has no end"
+            raise InvalidInputError(
+                f"{path}: ends at {signals[name].times[-1]:g} s, and {run}; allowed are a file that goes on until "
+                "the run ends, or a shorter duration."
+            )
 
 
 def _positions(scenario: Scenario, where: str, names: list[str], rows: FloatArray) -> FloatArray:
