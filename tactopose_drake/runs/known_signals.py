@@ -66,8 +66,8 @@ def check_ends(scenario: Scenario, signals: Mapping[str, Signal], end: float) ->
     """
     senses = scenario.senses
     assert isinstance(senses, CanSenses)
-    devices = [*senses.fingers.values(), *([] if senses.barrett_hand is None else [senses.barrett_hand])]
-    max_age = max(device.max_age for device in devices)
+    ages = [board.max_age for board in senses.fingers.values()]
+    max_age = max([*ages, *([] if senses.barrett_hand is None else [senses.barrett_hand.max_age])])
     joints = senses.joints.path if isinstance(senses.joints, JointFile) else ""
     for name, path in (("joint_positions", joints), ("palm_pose", senses.palm)):
         if path and signals[name].times[-1] + max_age < end:
