@@ -13,7 +13,7 @@ from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import load_typed_yaml, sensor_file
 
-_LONGEST = 0.1  # edge of a cell, m: one that is longer must be in millimetres
+_LONGEST, _FARTHEST = 0.1, 1.0  # edge of a cell, and its distance from T, m: what is more must be in millimetres
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -62,8 +62,13 @@ def load_tactile_pad(name_or_path: str | Path) -> TactilePad:
 def _check_metres(layout: TactileLayout) -> None:
     """Raises InvalidInputError if a cell is evidently in millimetres."""
     edges = np.linalg.norm(np.roll(layout.corners, -1, axis=1) - layout.corners, axis=2).max(axis=1)
-    if edges.max() > _LONGEST:
-        raise InvalidInputError(
-            f"pattern: cell {edges.argmax()} has an edge of {edges.max():g} m; allowed are edges up to {_LONGEST:g} m. "
-            "Multiply by 0.001 what is in millimetres."
-        )
+    distances = np.linalg.norm(layout.p_TC, axis=1)
+    for lengths, most, what in (
+        (edges, _LONGEST, "has an edge of"),
+        (distances, _FARTHEST, "is off its frame by"),
+    ):
+        if lengths.max() > most:
+            raise InvalidInputError(
+                f"pattern: cell {lengths.argmax()} {what} {lengths.max():g} m; allowed are {most:g} m at most. "
+                "Multiply by 0.001 what is in millimetres."
+            )
