@@ -92,6 +92,8 @@ def check_devices(scenario: Scenario, duration: float | None) -> None:
                 raise UnknownNameError(f"scenario: the hand {scenario.hand!r} lacks a pad", pad, hand.pad_frames)
     if senses.simulated != SimulatedDevices():
         check_ends(scenario, known_signals(scenario), _end(scenario, duration))
+    if senses.simulated is not None and senses.simulated.folder:
+        loads_of_files(senses, Path(senses.simulated.folder))
 
 
 def _end(scenario: Scenario, duration: float | None) -> float:

@@ -113,6 +113,16 @@ def test_a_run_does_not_outlast_the_files_of_joints_and_palm(folder: Path, tmp_p
     check_devices(scenario, 0.6)  # the last row is not older by then than a sample may be
 
 
+def test_what_simulated_devices_feel_is_read_before_any_work(folder: Path, tmp_path: Path) -> None:
+    scenario = load_scenario(folder / "cube.scenario.yaml")
+    scenario.senses.simulated.folder = str(shutil.copytree(folder, tmp_path / "felt"))
+    (tmp_path / "felt" / "ring.csv").write_text("0.0, 0, 0, 0, 0, 0, 1.0\n")
+    told: list[str] = []
+    with pytest.raises(InvalidFileError, match=r"ring\.csv: row 1 has numbers; allowed first is a header"):
+        run_scenario(scenario, tell=told.append)
+    assert told == []
+
+
 def test_a_bus_that_is_not_there_is_one_error(folder: Path) -> None:
     scenario = load_scenario(folder / "cube.scenario.yaml")
     scenario.senses.simulated = None
