@@ -45,7 +45,7 @@ class UnknownNameError(InvalidInputError):
     """A name that is not one of those that exist."""
 
     def __init__(self, what: str, name: object, valid: Iterable[str]) -> None:
-        super().__init__(f"{what}: {name!r} is unknown; valid names: {', '.join(valid)}.")
+        super().__init__(f"{what}: {name!r} is unknown; valid names: {', '.join(valid) or 'none'}.")
 
 
 class InvalidFileError(InvalidInputError):

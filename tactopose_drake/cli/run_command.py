@@ -11,7 +11,7 @@ from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.titles import grasp_title
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.output_files import check_outputs
-from tactopose_drake.runs.monitor import Monitor, estimate_line
+from tactopose_drake.runs.monitor import Monitor, estimate_line, explained_estimate
 from tactopose_drake.runs.page_recorder import PageRecorder
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.runs.stepping import Observer, Progress, RunView
@@ -94,5 +94,5 @@ def print_end(view: RunView) -> None:
     OUT.print(f"{view.context.get_time():.2f} s: {estimate_line(view)}", soft_wrap=True, highlight=False)
     if view.outcome:
         OUT.print(f"{view.outcome[0].upper()}{view.outcome[1:]}.", soft_wrap=True, highlight=False)
-    if view.diagram.GetOutputPort("hypotheses").Eval(view.context) is None:
+    if explained_estimate(view) is None:
         raise click.exceptions.Exit(1)

@@ -5,11 +5,13 @@ They are as good as what lcm-gen makes of that file, byte by byte: `lcm` and Dra
 """
 
 import dataclasses
+from collections.abc import Iterable, Mapping
 from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, instance_of, number_array, whole_number
 from tactopose_drake.drivers.lcm_codec import LcmReader, LcmWriter
 from tactopose_drake.errors import ProtocolError
 
@@ -24,6 +26,9 @@ class HandSensesMessage:
         joints: positions by the names in the hand's model, rad, of prismatic joints m; NaN where not known.
         wrenches: F_S on the fingertip by the fingers' names, shape (6,) each, N m and N; NaN where there is none.
         pressures: by the pads' names, of each cell, shape (n,), Pa; NaN where a cell says nothing.
+
+    Raises:
+        InvalidInputError: if a value is of another type or shape.
     """
 
     utime: int = 0
@@ -31,6 +36,13 @@ class HandSensesMessage:
     joints: dict[str, float] = dataclasses.field(default_factory=dict)
     wrenches: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
     pressures: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _check_integers(self, ("utime", "sequence"))
+        joints = _arrays("HandSensesMessage.joints", self.joints, ())
+        self.joints = {name: float(position) for name, position in joints.items()}
+        self.wrenches = _arrays("HandSensesMessage.wrenches", self.wrenches, (6,))
+        self.pressures = _arrays("HandSensesMessage.pressures", self.pressures, (None,))
 
     def encode(self) -> bytes:
         """The message as LCM sends it."""
@@ -86,6 +98,9 @@ class ObjectPoseMessage:
         position: p_PO, shape (3,), m.
         quaternion_wxyz: of R_PO, shape (4,).
         covariance: of the increment (w, v) from it to the true pose, shape (6, 6), rad and m.
+
+    Raises:
+        InvalidInputError: if a value is of another type or shape.
     """
 
     utime: int = 0
@@ -93,12 +108,17 @@ class ObjectPoseMessage:
     quaternion_wxyz: FloatArray = dataclasses.field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
     covariance: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((6, 6)))
 
+    def __post_init__(self) -> None:
+        _check_integers(self, ("utime",))
+        for name, shape in _POSE_SHAPES.items():
+            setattr(self, name, number_array(f"ObjectPoseMessage.{name}", getattr(self, name), shape))
+
     def encode(self) -> bytes:
         """The message as LCM sends it."""
         out = LcmWriter(_OBJECT_POSE)
         out.integers(self.utime)
-        for values, shape in ((self.position, (3,)), (self.quaternion_wxyz, (4,)), (self.covariance, (6, 6))):
-            out.numbers(np.reshape(values, shape))
+        for name, shape in _POSE_SHAPES.items():
+            out.numbers(np.reshape(getattr(self, name), shape))
         return out.message()
 
     @classmethod
@@ -110,7 +130,7 @@ class ObjectPoseMessage:
         """
         read = LcmReader(data, _OBJECT_POSE, "lcmt_object_pose")
         (utime,) = read.integers(1)
-        position, quaternion, covariance = (read.numbers(shape) for shape in ((3,), (4,), (6, 6)))
+        position, quaternion, covariance = (read.numbers(shape) for shape in _POSE_SHAPES.values())
         read.end()
         return cls(utime=utime, position=position, quaternion_wxyz=quaternion, covariance=covariance)
 
@@ -131,6 +151,9 @@ class ObjectBeliefMessage:
         position: p_PO, shape (n, 3), m.
         quaternion_wxyz: of R_PO, shape (n, 4).
         covariance: of the increments (w, v), shape (n, 6, 6), rad and m.
+
+    Raises:
+        InvalidInputError: if a value is of another type or shape.
     """
 
     utime: int = 0
@@ -145,6 +168,14 @@ class ObjectBeliefMessage:
     quaternion_wxyz: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
     covariance: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 6, 6)))
 
+    def __post_init__(self) -> None:
+        _check_integers(self, ("utime", "sequence", "session", "received", "lost", "passed_over"))
+        instance_of("ObjectBeliefMessage.status", self.status, str)
+        self.probability = number_array("ObjectBeliefMessage.probability", self.probability, (None,))
+        for name, shape in _POSE_SHAPES.items():
+            shapes = (len(self.probability), *shape)
+            setattr(self, name, number_array(f"ObjectBeliefMessage.{name}", getattr(self, name), shapes))
+
     def encode(self) -> bytes:
         """The message as LCM sends it."""
         out, count = LcmWriter(_OBJECT_BELIEF), len(self.probability)
@@ -152,8 +183,8 @@ class ObjectBeliefMessage:
         out.texts(self.status)
         out.counts(count)
         out.numbers(self.probability)
-        for values, shape in ((self.position, (3,)), (self.quaternion_wxyz, (4,)), (self.covariance, (6, 6))):
-            out.numbers(np.reshape(values, (count, *shape)))
+        for name, shape in _POSE_SHAPES.items():
+            out.numbers(np.reshape(getattr(self, name), (count, *shape)))
         return out.message()
 
     @classmethod
@@ -167,7 +198,7 @@ class ObjectBeliefMessage:
         utime, sequence, session, received, lost, passed_over = read.integers(6)
         (status,) = read.texts(1)
         (count,) = read.counts(1)
-        arrays = [read.numbers((count, *shape)) for shape in ((), (3,), (4,), (6, 6))]
+        arrays = [read.numbers((count, *shape)) for shape in ((), *_POSE_SHAPES.values())]
         read.end()
         return cls(
             utime=utime,
@@ -184,10 +215,27 @@ class ObjectBeliefMessage:
         )
 
 
+def _check_integers(message: object, names: Iterable[str]) -> None:
+    """Raises InvalidInputError if one of a message's integers is none, or none of 64 bits."""
+    for name in names:
+        value = getattr(message, name)
+        whole_number(f"{type(message).__name__}.{name}", value, least=-(2**63), most=2**63 - 1)
+
+
+def _arrays(what: str, given: Mapping[str, ArrayLike], shape: tuple[int | None, ...]) -> dict[str, FloatArray]:
+    """Numbers by name, each of one shape; raises InvalidInputError if they are not."""
+    instance_of(what, given, Mapping)
+    for name in given:
+        instance_of(f"{what}: the name {name!r}", name, str)
+    return {name: number_array(f"{what}[{name}]", values, shape) for name, values in given.items()}
+
+
 def _fingerprint(number: int) -> bytes:
     """Of a type without types in it: lcm-gen's number, its bits turned left by one."""
     return ((number << 1 | number >> 63) & 0xFFFF_FFFF_FFFF_FFFF).to_bytes(8, "big")
 
+
+_POSE_SHAPES: dict[str, tuple[int, ...]] = {"position": (3,), "quaternion_wxyz": (4,), "covariance": (6, 6)}
 
 # As lcm-gen computes them of `tactopose.lcm`.
 _HAND_SENSES = _fingerprint(0xB95DA6B012AA2FEF)

@@ -3,6 +3,8 @@
 import dataclasses
 from pathlib import Path
 
+import numpy as np
+
 from tactopose_drake.core.sensing.cell_patterns import CornerPattern, PointPattern
 from tactopose_drake.core.sensing.tactile_array import TactileModel
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
@@ -10,6 +12,8 @@ from tactopose_drake.core.sensing.tactile_patterns import CapsulePattern, RowPat
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import load_typed_yaml, sensor_file
+
+_LONGEST, _FARTHEST = 0.1, 1.0  # edge of a cell, and its distance from T, m: what is more must be in millimetres
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -47,8 +51,24 @@ def load_tactile_pad(name_or_path: str | Path) -> TactilePad:
     file = load_typed_yaml(TactilePadFile, path)
     try:
         layout = file.pattern.make()
+        _check_metres(layout)
         file.model.validate(len(layout))
         positive_number("period", file.period)
     except InvalidInputError as error:
         raise type(error)(f"{path}: {error}") from error
     return TactilePad(layout, file.model, file.period)
+
+
+def _check_metres(layout: TactileLayout) -> None:
+    """Raises InvalidInputError if a cell is evidently in millimetres."""
+    edges = np.linalg.norm(np.roll(layout.corners, -1, axis=1) - layout.corners, axis=2).max(axis=1)
+    distances = np.linalg.norm(layout.p_TC, axis=1)
+    for lengths, most, what in (
+        (edges, _LONGEST, "has an edge of"),
+        (distances, _FARTHEST, "is off its frame by"),
+    ):
+        if lengths.max() > most:
+            raise InvalidInputError(
+                f"pattern: cell {lengths.argmax()} {what} {lengths.max():g} m; allowed are {most:g} m at most. "
+                "Multiply by 0.001 what is in millimetres."
+            )

@@ -107,7 +107,11 @@ def add_model(parser: Parser, model: str | Path) -> ModelInstanceIndex:
     """
     try:
         instances = parser.AddModels(url=model) if "://" in str(model) else parser.AddModels(str(model))
-    except (RuntimeError, SystemExit) as error:  # Drake would end the process, as where a joint's limits are swapped.
+    except (
+        RuntimeError,
+        ValueError,
+        SystemExit,
+    ) as error:  # Drake would end the process, as where a joint's limits are swapped.
         reason = " ".join(str(error).split()).removesuffix(".")
         advice = " Write meshes to collide with as OBJ, glTF or VTK." if "unsupported extension" in reason else ""
         raise InvalidFileError(f"{model}: is no model that Drake can read ({reason}).{advice}") from None

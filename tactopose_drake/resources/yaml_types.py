@@ -5,6 +5,7 @@ import dataclasses
 import functools
 import types
 import typing
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -82,7 +83,7 @@ def check_type(kind: Any, node: yaml.Node, place: str = "") -> None:
         options = tuple(option for option in options if option.__name__ == tag)
     kind = options[0]
     if dataclasses.is_dataclass(kind):
-        _check_dataclass(typing.cast(type, kind), node, place)
+        _check_dataclass(typing.cast(type, kind), node, place, [f"!{option.__name__}" for option in options[1:]])
     elif _is_drakes(kind):
         _check_drakes(kind, node, place)
     elif typing.get_origin(kind) is list:
@@ -100,7 +101,8 @@ def check_type(kind: Any, node: yaml.Node, place: str = "") -> None:
         _check_scalar(options, node, place)
 
 
-def _check_dataclass(kind: type, node: yaml.Node, place: str) -> None:
+def _check_dataclass(kind: type, node: yaml.Node, place: str, others: Sequence[str]) -> None:
+    """Of a mapping, which with one of the other tags would be read into another dataclass."""
     types_of = typing.get_type_hints(kind)
     if not isinstance(node, yaml.MappingNode):
         raise InvalidFileError(f"{where(node, place)}is no mapping; its keys may be {', '.join(types_of)}.")
@@ -108,9 +110,9 @@ def _check_dataclass(kind: type, node: yaml.Node, place: str) -> None:
         if not place and key.value.startswith("_"):  # what is only there to be referred to
             continue
         if key.value not in types_of:
-            raise InvalidFileError(
-                f"{where(key, place)}key {shown(key.value)} is unknown; allowed are {', '.join(types_of)}."
-            )
+            allowed = ", ".join(types_of) or "none"
+            allowed += f"; with a tag, {', '.join(others)}, its own" if others else ""
+            raise InvalidFileError(f"{where(key, place)}key {shown(key.value)} is unknown; allowed are {allowed}.")
         check_type(types_of[key.value], value, f"{place}.{key.value}".lstrip("."))
 
 

@@ -15,7 +15,7 @@ from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix
-from tactopose_drake.runs.known_signals import known_signals
+from tactopose_drake.runs.known_signals import check_ends, known_signals
 from tactopose_drake.runs.recording import Recording
 from tactopose_drake.runs.rehearsal import rehearse
 from tactopose_drake.runs.simulated_devices import SimulatedRig, loads_of_files, simulated_loads
@@ -65,18 +65,21 @@ def run_devices(
             recording.begin(origin, devices.biases)
         simulator = _start(station, signals.get(TRUE_POSE), recording)
         tell("running")
-        if duration is None:
-            duration = math.inf if rig is None else scenario.duration
         with contextlib.suppress(KeyboardInterrupt):
-            advance(simulator, devices, scenario.estimation.estimator.period, duration, observer)
+            advance(simulator, devices, scenario.estimation.estimator.period, _end(scenario, duration), observer)
         return RunView(station.diagram, simulator.get_context())
 
 
-def check_devices(scenario: Scenario) -> None:
+def check_devices(scenario: Scenario, duration: float | None) -> None:
     """Makes the drivers, and reads what is known without them, before anything takes its time; nothing is opened.
 
+    Args:
+        scenario: with CAN devices.
+        duration: of the run, s; if not given, the scenario's with simulated devices, and endless with real ones.
+
     Raises:
-        InvalidInputError: if a value of a device is out of its range, or a name leads nowhere.
+        InvalidInputError: if a value of a device is out of its range, a name leads nowhere, or a file ends long before
+            the run does.
     """
     senses = scenario.senses
     assert isinstance(senses, CanSenses)
@@ -88,7 +91,17 @@ def check_devices(scenario: Scenario) -> None:
             if pad not in hand.pad_frames:
                 raise UnknownNameError(f"scenario: the hand {scenario.hand!r} lacks a pad", pad, hand.pad_frames)
     if senses.simulated != SimulatedDevices():
-        known_signals(scenario)
+        check_ends(scenario, known_signals(scenario), _end(scenario, duration))
+    if senses.simulated is not None and senses.simulated.folder:
+        loads_of_files(senses, Path(senses.simulated.folder))
+
+
+def _end(scenario: Scenario, duration: float | None) -> float:
+    """When a run ends, s; infinite where an interrupt ends it."""
+    assert isinstance(scenario.senses, CanSenses)
+    if duration is not None:
+        return duration
+    return math.inf if scenario.senses.simulated is None else scenario.duration
 
 
 def _prepare(

@@ -1,13 +1,14 @@
 """What a scenario with CAN devices knows without them: joint angles, the palm's pose, the object's by other means."""
 
-import warnings
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, told_of
+from tactopose_drake.drivers.simulation.csv_tables import read_csv_table
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.files import load_prior
 from tactopose_drake.hand.hand_config import load_hand_config
@@ -18,7 +19,7 @@ from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.senses import CanSenses, FixedJoints, JointFile
 from tactopose_drake.systems.signals import Signal
 
-_PALM = ["x", "y", "z", "qw", "qx", "qy", "qz"]
+_PALM = ["time", "x", "y", "z", "qw", "qx", "qy", "qz"]
 
 
 def known_signals(scenario: Scenario) -> dict[str, Signal]:
@@ -41,15 +42,42 @@ def known_signals(scenario: Scenario) -> dict[str, Signal]:
         positions = _positions(scenario, "CanSenses.joints.positions", names, rows)
         signals["joint_positions"] = Signal([-np.inf], list(positions))
     elif isinstance(senses.joints, JointFile):
-        names, times, rows = _read(Path(senses.joints.path), "joints' names")
-        positions = _positions(scenario, f"{senses.joints.path}: positions", names, rows)
-        signals["joint_positions"] = Signal(times.tolist(), list(positions))
+        path = Path(senses.joints.path)
+        (first, *names), table = read_csv_table(path)
+        _check_columns(path, [first, *names], ["time", *names])
+        positions = _positions(scenario, f"{path}: positions", names, table[:, 1:])
+        signals["joint_positions"] = Signal(table[:, 0].tolist(), list(positions))
     elif senses.barrett_hand is None:
         raise InvalidInputError(
             "CanSenses.joints: is !JointPort, which is for a diagram of your own; "
             "to run the scenario by itself, allowed are !FixedJoints and !JointFile."
         )
     return signals
+
+
+def check_ends(scenario: Scenario, signals: Mapping[str, Signal], end: float) -> None:
+    """Checks that no file's last row is too old by the end of a run: what is after it, nobody knows.
+
+    Args:
+        scenario: with CAN devices; the longest `max_age` among them counts.
+        signals: its `known_signals`.
+        end: of the run, s; infinite where an interrupt ends it.
+
+    Raises:
+        InvalidInputError: if one is.
+    """
+    senses = scenario.senses
+    assert isinstance(senses, CanSenses)
+    ages = [board.max_age for board in senses.fingers.values()]
+    max_age = max([*ages, *([] if senses.barrett_hand is None else [senses.barrett_hand.max_age])])
+    joints = senses.joints.path if isinstance(senses.joints, JointFile) else ""
+    for name, path in (("joint_positions", joints), ("palm_pose", senses.palm)):
+        if path and signals[name].times[-1] + max_age < end:
+            run = f"the run ends at {end:g} s" if np.isfinite(end) else "the run has no end"
+            raise InvalidInputError(
+                f"{path}: ends at {signals[name].times[-1]:g} s, and {run}; allowed are a file that goes on until "
+                "the run ends, or a shorter duration."
+            )
 
 
 def _positions(scenario: Scenario, where: str, names: list[str], rows: FloatArray) -> FloatArray:
@@ -63,7 +91,9 @@ def _positions(scenario: Scenario, where: str, names: list[str], rows: FloatArra
     ]
     measured = [*names, *resting]
     values = np.column_stack([rows, np.zeros((len(rows), len(resting)))])
-    positions: FloatArray = values @ joint_matrix(plant, hand, measured).T + joint_offsets(plant, hand, measured)
+    with told_of(f"{where}: "):
+        matrix = joint_matrix(plant, hand, measured)
+    positions: FloatArray = values @ matrix.T + joint_offsets(plant, hand, measured)
     for extremes in (rows.min(axis=0), rows.max(axis=0)):
         check_near_limits(where, dict(zip(names, extremes, strict=True)), plant, hand)
     return positions
@@ -71,25 +101,19 @@ def _positions(scenario: Scenario, where: str, names: list[str], rows: FloatArra
 
 def _palm(path: Path) -> Signal:
     """X_WP over time."""
-    names, times, rows = _read(path, "x, y, z, qw, qx, qy, qz")
-    lengths = np.linalg.norm(rows[:, 3:], axis=1)
-    if names != _PALM or np.any(np.abs(lengths - 1.0) > 1e-3):
-        raise InvalidFileError(f"{path}: must have the columns time, {', '.join(_PALM)}; quaternions of length 1.")
-    poses = [RigidTransform(Quaternion(row[3:] / length), row[:3]) for row, length in zip(rows, lengths, strict=True)]
-    return Signal(times.tolist(), poses)
+    names, table = read_csv_table(path)
+    _check_columns(path, names, _PALM)
+    p, lengths = table[:, 1:4], np.linalg.norm(table[:, 4:], axis=1)
+    if np.any(np.abs(lengths - 1.0) > 1e-3):
+        wrong = int(np.abs(lengths - 1.0).argmax())
+        raise InvalidFileError(
+            f"{path}: at {table[wrong, 0]:g} s, the quaternion has the length {lengths[wrong]:g}; allowed is 1."
+        )
+    turns = [Quaternion(q / length) for q, length in zip(table[:, 4:], lengths, strict=True)]
+    return Signal(table[:, 0].tolist(), [RigidTransform(*pose) for pose in zip(turns, p, strict=True)])
 
 
-def _read(path: Path, columns: str) -> tuple[list[str], FloatArray, FloatArray]:
-    """Names, times (n,) and numbers (n, k) of a CSV file whose columns after the first are these."""
-    try:
-        with path.open(encoding="utf-8") as file:
-            first, *names = (name.strip() for name in file.readline().split(","))
-            with warnings.catch_warnings(action="ignore"):  # that there are no rows
-                table = np.loadtxt(file, delimiter=",", ndmin=2)
-    except (OSError, ValueError) as error:
-        raise InvalidFileError(f"{path}: {' '.join(str(error).split())}") from None
-    if first != "time" or table.shape[1:] != (1 + len(names),) or not np.all(np.isfinite(table)):
-        raise InvalidFileError(f"{path}: must have a line of `time` and {columns}, then rows of as many numbers.")
-    if not np.all(np.diff(table[:, 0]) > 0):
-        raise InvalidFileError(f"{path}: its times, the first column, must rise.")
-    return names, table[:, 0], table[:, 1:]
+def _check_columns(path: Path, names: list[str], allowed: list[str]) -> None:
+    """Raises InvalidFileError if a file has other columns."""
+    if names != allowed:
+        raise InvalidFileError(f"{path}: has the columns {', '.join(names)}; allowed are {', '.join(allowed)}.")

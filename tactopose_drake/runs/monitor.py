@@ -10,7 +10,8 @@ from rich.live import Live
 from rich.table import Table
 
 from tactopose_drake.drivers.device import Device
-from tactopose_drake.runs.stepping import RunView
+from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.runs.stepping import RunView, belief_port
 
 _RATE_WINDOW = 1.0  # s, over which rates are counted
 _LINE_PERIOD = 1.0  # s of a run between two lines, where there is no terminal
@@ -146,14 +147,20 @@ def _title(view: RunView) -> str:
 
 
 def estimate_line(view: RunView) -> str:
-    """The estimate, and what its status is."""
-    status, estimate = _value(view, "status"), _value(view, "hypotheses")
+    """The status, and the pose of which it is; where the station tracks, those of the belief over time."""
+    status, estimate = _value(view, belief_port(view, "status")), explained_estimate(view)
     if estimate is None:
         return str(status)
-    position = " ".join(f"{1e3 * x:.1f}" for x in _value(view, "object_pose").translation())
+    position = " ".join(f"{1e3 * x:.1f}" for x in _value(view, belief_port(view, "object_pose")).translation())
     count = len(estimate.hypotheses)
     many = "1 hypothesis" if count == 1 else f"{count} hypotheses"
     return f"{status}; object at {position} mm; {many}, the best with {estimate.best.probability:.0%}"
+
+
+def explained_estimate(view: RunView) -> PoseEstimate | None:
+    """The last estimate; None before the first, and where none of its poses explains the touch."""
+    estimate: PoseEstimate | None = _value(view, belief_port(view, "hypotheses"), None)
+    return None if estimate is None or estimate.status == "no_solution" else estimate
 
 
 def _value(view: RunView, port: str, otherwise: Any = "") -> Any:

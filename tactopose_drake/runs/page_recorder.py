@@ -16,8 +16,8 @@ from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.resources import fixed_pose
-from tactopose_drake.runs.stepping import RunView
-from tactopose_drake.runs.timeline_recorder import TimelineRecorder, belief_port
+from tactopose_drake.runs.stepping import RunView, belief_port
+from tactopose_drake.runs.timeline_recorder import TimelineRecorder
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.visualization.appearance import MOVING_ALTERNATIVES
 from tactopose_drake.visualization.body_meshes import BodyMeshes

@@ -1,23 +1,30 @@
-"""Whether a replay gives what the run gave that was recorded, and if not, from when on and why."""
+"""Whether a replay gives what the recorded run gave; and if not, from when on, by how much, and why where known."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.runs.estimate_writer import estimates_now
 from tactopose_drake.runs.stepping import RunView
 
 _SAME = 1e-6  # m: another processor may round otherwise
+_CLOSE = 0.005  # m: as far as the best pose of one touch moves from one sample to the next
+
+
+class _Instant(NamedTuple):
+    """What is compared of a line of estimates: time, s, fingers in contact, and p_PO of the hypotheses, if any."""
+
+    time: float
+    fingers: frozenset[str]
+    places: FloatArray | None
 
 
 class ReplayComparison:
-    """Compares the estimates of a replay with those in the recording.
-
-    Attributes:
-        difference: in a sentence; empty where all estimates so far were the run's.
-    """
+    """Compares the estimates of a replay with those in the recording."""
 
     def __init__(self, path: Path, *, is_live: bool) -> None:
         """Reads the run's estimates.
@@ -26,42 +33,91 @@ class ReplayComparison:
             path: of the recording's `estimates.jsonl`.
             is_live: whether the run was on devices.
         """
-        self.difference = ""
-        self._is_live = is_live
-        self._count = 0
+        self._is_live, self._damage = is_live, ""
+        self._replayed: list[_Instant] = []
+        self._recorded: list[_Instant] = []
         try:
             self._lines = path.read_text(encoding="utf-8").splitlines()
         except (OSError, UnicodeDecodeError):
             self._lines = []
 
     def compare(self, view: RunView) -> None:
-        """Compares the present estimate, if the run has one of this number."""
-        if self.difference or self._count >= len(self._lines):
+        """Takes the present estimate, if the run has one of this number."""
+        count = len(self._recorded)
+        if self._damage or count >= len(self._lines):
             return
-        given = estimates_now(view.diagram, view.context)
+        given = _instant(estimates_now(view.diagram, view.context))
         try:
-            recorded = json.loads(self._lines[self._count])
-            same = _is_same(given, recorded)
+            self._recorded.append(_instant(json.loads(self._lines[count])))
         except (ArithmeticError, LookupError, RecursionError, TypeError, ValueError):
-            self.difference = f"The recorded estimates cannot be read from line {self._count + 1} on."
+            self._damage = f"The recorded estimates cannot be read from line {count + 1} on."
             return
-        self._count += 1
-        if not same:
-            because = "."
-            if self._is_live:
-                because = (
-                    ": a live run works with what has arrived when its computer comes to it, a replay with what had "
-                    "been sent. All replays give the same."
-                )
-            self.difference = f"From {given['time']:.2f} s on, the estimates are not those of the run{because}"
+        self._replayed.append(given)
+
+    @property
+    def difference(self) -> str:
+        """From when on the estimates were not the run's, in a sentence; empty where all so far were."""
+        pairs = list(zip(self._replayed, self._recorded, strict=True))
+        different = [row for row, pair in enumerate(pairs) if not _is_same(*pair)]
+        if not different:
+            return self._damage
+        text = f"From {self._replayed[different[0]].time:.2f} s on, the estimates are not those of the run"
+        if self._is_live and all(self._may_be_timing(row) for row in different):
+            return (
+                f"{text}: a live run works with what has arrived when its computer comes to it, a replay with what had "
+                "been sent. All replays give the same."
+            )
+        moves = np.array([_distance(*pairs[row]) for row in different])
+        unlike, said = int(np.isinf(moves).sum()), []
+        if unlike < len(moves):
+            said.append(f"the best poses are up to {1e3 * moves[np.isfinite(moves)].max():.3g} mm apart")
+        if unlike:
+            said.append(f"at {unlike} of {len(pairs)} times, other fingers touch or one of the two has no pose")
+        return f"{text}: {'; '.join(said)}."
+
+    def _may_be_timing(self, row: int) -> bool:
+        """Whether samples that arrive up to a period earlier or later can make two lines of one number differ."""
+        ours, theirs = self._replayed, self._recorded
+        around = slice(max(row - 1, 0), row + 2)
+        is_at_once = abs(ours[row].time - theirs[row].time) < 1e-9
+        return is_at_once and _is_between(ours[row], theirs[around]) and _is_between(theirs[row], ours[around])
 
 
-def _is_same(given: dict[str, Any], recorded: dict[str, Any]) -> bool:
-    """Whether two lines of estimates agree in when, whether and where the object is."""
-    if abs(given["time"] - recorded["time"]) > 1e-9 or given["fingers_in_contact"] != recorded["fingers_in_contact"]:
+def _instant(line: dict[str, Any]) -> _Instant:
+    """Of a line of `EstimateWriter`; any of several errors where it is none."""
+    hypotheses = line["hypotheses"]
+    places = None if hypotheses is None else np.array([each["translation"] for each in hypotheses], dtype=np.float64)
+    if places is not None and (places.ndim, places.shape[-1]) != (2, 3):
+        raise ValueError("translation")
+    return _Instant(float(line["time"]), frozenset(line["fingers_in_contact"]), places)
+
+
+def _is_same(ours: _Instant, theirs: _Instant) -> bool:
+    """Whether two agree in when, whether and where the object is."""
+    if abs(ours.time - theirs.time) > 1e-9 or ours.fingers != theirs.fingers:
         return False
-    ours, theirs = given["hypotheses"], recorded["hypotheses"]
-    if ours is None or theirs is None:
-        return ours is theirs
-    places = [np.array([hypothesis["translation"] for hypothesis in each], dtype=np.float64) for each in (ours, theirs)]
-    return places[0].shape == places[1].shape and bool(np.abs(places[0] - places[1]).max() < _SAME)
+    if ours.places is None or theirs.places is None:
+        return ours.places is theirs.places
+    return ours.places.shape == theirs.places.shape and bool(np.abs(ours.places - theirs.places).max() < _SAME)
+
+
+def _distance(ours: _Instant, theirs: _Instant) -> float:
+    """Between the best poses, m; infinite where the two do not touch alike, or only one has a pose."""
+    if ours.fingers != theirs.fingers or (ours.places is None) != (theirs.places is None):
+        return np.inf
+    return 0.0 if ours.places is None or theirs.places is None else _gap(ours.places[0], theirs.places[0])
+
+
+def _gap(p: FloatArray, q: FloatArray) -> float:
+    return float(np.linalg.norm(p - q))
+
+
+def _is_between(instant: _Instant, others: Sequence[_Instant]) -> bool:
+    """Whether an instant is like others that follow each other: in its touch between them, and its pose near one's."""
+    fingers = [other.fingers for other in others]
+    if not frozenset.intersection(*fingers) <= instant.fingers <= frozenset.union(*fingers):
+        return False
+    known = [other.places for other in others if other.places is not None]
+    if instant.places is None:
+        return len(known) < len(others)
+    return any(_gap(instant.places[0], place) < _CLOSE for places in known for place in places)

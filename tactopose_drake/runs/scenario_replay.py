@@ -22,7 +22,7 @@ from tactopose_drake.runs.stepping import Observer, Progress, RunView, advance
 from tactopose_drake.station.can_devices import CanDevices, logged_buses
 from tactopose_drake.station.hardware import HardwareStation, make_hardware_station
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses, JointPort
+from tactopose_drake.station.senses import CanSenses, JointPort, SimulatedDevices
 from tactopose_drake.systems.signals import Signal, read_signals
 
 _LONGEST_SILENCE = 60.0  # s, from the beginning of a run to the first frame
@@ -36,8 +36,8 @@ class Replay:
         view: of the run at its end.
         ends: how each file ended, in a sentence: after how many frames, and whether it was cut off.
         whole: whether none was cut off.
-        difference: from when on, and why, the estimates are not those of the run; empty where they are, or where the
-            scenario estimates otherwise.
+        difference: from when on the estimates are not those of the run, and by how much, or why where that is known;
+            empty where they are, or where the scenario estimates otherwise.
     """
 
     view: RunView
@@ -177,6 +177,8 @@ def _check_signals(signals: Mapping[str, Signal], scenario: Scenario, state: str
         needed.append("joint_positions")
     if isinstance(senses, CanSenses) and senses.palm:
         needed.append("palm_pose")
+    if isinstance(senses, CanSenses) and (senses.prior or senses.simulated == SimulatedDevices()):
+        needed.append("prior")
     for name in needed:
         if name not in signals:
             raise InvalidFileError(f"{state} It has no {name}, which the run has recorded.")

@@ -73,7 +73,7 @@ def run_scenario(
     if devices is None or devices.simulated == SimulatedDevices():
         check_bodies(scenario)
     if devices is not None:
-        check_devices(scenario)
+        check_devices(scenario, duration)
     with contextlib.ExitStack() as parts:
         recording = None if record is None else parts.enter_context(Recording(record, scenario))
 

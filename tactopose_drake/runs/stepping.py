@@ -31,6 +31,12 @@ class RunView:
     true_pose: RigidTransform | None = None
 
 
+def belief_port(view: RunView, name: str) -> str:
+    """The port of what is believed: of the tracking where there is one, or else of the estimation."""
+    tracked = f"tracked_{name}"
+    return tracked if view.diagram.HasOutputPort(tracked) else name
+
+
 Observer = Callable[[RunView], None]
 Progress = Callable[[str], None]
 

@@ -11,7 +11,7 @@ from tactopose_drake.estimation.descriptions import determined_sigmas
 from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import HandConfig
-from tactopose_drake.runs.stepping import RunView
+from tactopose_drake.runs.stepping import RunView, belief_port
 from tactopose_drake.visualization.appearance import MOST_FREE, MOVING_ALTERNATIVES
 from tactopose_drake.visualization.estimate_page import instant_of
 from tactopose_drake.visualization.page_tables import Instant
@@ -101,12 +101,6 @@ class TimelineRecorder:
         rotation, translation = determined_sigmas(about_middle(estimate.best, self._model), self._model.size)
         widths = {"width_position": 1e3 * translation, "width_angle": math.degrees(rotation)}
         return {name: width for name, width in widths.items() if not math.isnan(width)}
-
-
-def belief_port(view: RunView, name: str) -> str:
-    """The port of what is believed: of the tracking where there is one, or else of the estimation."""
-    tracked = f"tracked_{name}"
-    return tracked if view.diagram.HasOutputPort(tracked) else name
 
 
 def _now(view: RunView, port: str) -> Any:

@@ -27,6 +27,7 @@ from tactopose_drake.station.senses import (
     Ros2Publishing,
     Ros2Senses,
     SimulatedSenses,
+    check_apart,
 )
 from tactopose_drake.station.simulated_errors import SimulatedErrors
 from tactopose_drake.systems.depth_tracker import DepthTrackerParams
@@ -168,6 +169,7 @@ class Scenario:
             self.senses.validate()
         if self.publish is not None:
             self.publish.validate()
+            check_apart(self.senses, self.publish)
         for path in (self.object_sdf(), self.object_mesh()):
             if not os.path.isfile(path):
                 known = ", ".join(sorted(shipped.stem for shipped in model_path("objects").glob("*.sdf")))

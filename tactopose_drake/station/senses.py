@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import re
+from collections.abc import Mapping
 
 from tactopose_drake.core.validation import positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
@@ -38,7 +39,12 @@ class LcmSenses:
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         _check_lcm("LcmSenses", self.url, self.channel)
+        _check_different("channel", self.channels())
         positive_number("LcmSenses.max_age", self.max_age)
+
+    def channels(self) -> dict[str, str]:
+        """The channels that are heard, by their keys."""
+        return {"LcmSenses.channel": self.channel} | ({"LcmSenses.vision": self.vision} if self.vision else {})
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -65,8 +71,19 @@ class Ros2Senses:
             for name in given:
                 if name not in known:
                     raise UnknownNameError(f"Ros2Senses.{what}", name, known)
-        for topic in (self.joints, *self.wrenches.values(), *self.pressures.values(), *filter(None, [self.vision])):
-            _check_topic("Ros2Senses", topic)
+        for key, topic in self.topics().items():
+            _check_topic(key, topic)
+        _check_different("topic", self.topics())
+        if not self.wrenches and not self.pressures:
+            raise InvalidInputError("Ros2Senses: has neither wrenches nor pressures; allowed are one or both.")
+
+    def topics(self) -> dict[str, str]:
+        """The topics that are heard, by their keys."""
+        named = {"wrenches": self.wrenches, "pressures": self.pressures}
+        topics = {"Ros2Senses.joints": self.joints} | ({"Ros2Senses.vision": self.vision} if self.vision else {})
+        return topics | {
+            f"Ros2Senses.{kind}[{name}]": topic for kind, each in named.items() for name, topic in each.items()
+        }
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -84,9 +101,14 @@ class Ros2Publishing:
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         _check_domain("Ros2Publishing.domain", self.domain)
-        for topic in (self.pose, self.markers, self.status):
-            _check_topic("Ros2Publishing", topic)
+        for key, topic in self.topics().items():
+            _check_topic(key, topic)
+        _check_different("topic", self.topics())
         whole_number("Ros2Publishing.max_modes", self.max_modes, least=1)
+
+    def topics(self) -> dict[str, str]:
+        """The topics that are sent to, by their keys."""
+        return {f"Ros2Publishing.{key}": getattr(self, key) for key in ("pose", "markers", "status")}
 
 
 def _check_domain(name: str, domain: int) -> None:
@@ -106,6 +128,14 @@ def _check_lcm(name: str, url: str, channel: str) -> None:
 def _check_topic(name: str, topic: str) -> None:
     if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", topic):
         raise InvalidInputError(f"{name}: the topic is {topic!r}; allowed are names such as /hand/joint_states.")
+
+
+def _check_different(kind: str, names: Mapping[str, str]) -> None:
+    """What comes by one name could not be told apart."""
+    keys: dict[str, str] = {}
+    for key, name in names.items():
+        if keys.setdefault(name, key) != key:
+            raise InvalidInputError(f"{key}: is the {kind} {name!r}, as is {keys[name]}; allowed are different ones.")
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -182,7 +212,8 @@ class FixedJoints:
 class JointFile:
     """Joint positions over time, `!JointFile` in YAML."""
 
-    path: str = ""  # CSV: a header of `time` and joints' names, then rows of s and rad; others follow, or are 0
+    # CSV: a header of `time` and joints' names, then rows of s and rad until the run ends; others follow, or are 0
+    path: str = ""
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -208,7 +239,8 @@ class CanSenses:
     joints: JointPort | FixedJoints | JointFile = dataclasses.field(default_factory=JointPort)
     prior: str = ""  # a prior.yaml with the object's pose by other means; empty: the diagram's input port `prior`
     # CSV of where an arm holds the palm in the world, whose z points up: a header of `time, x, y, z, qw, qx, qy, qz`,
-    # then rows of s, m, and a unit quaternion; empty: the diagram's input port `palm_pose`, or a base that stands still
+    # then rows of s, m, and a unit quaternion until the run ends; empty: the diagram's input port `palm_pose`, or a
+    # base that stands still
     palm: str = ""
     tare_samples: int = 50  # of each board before the start, while nothing touches the hand; 0: no tare
     compensate_weight: bool = True  # whether a fingertip's weight is followed as the fingertip turns after the tare
@@ -259,4 +291,9 @@ class CanSenses:
             positive_number(f"{name}.{what}", getattr(device, what))
 
 
-Senses = SimulatedSenses | CanSenses | LcmSenses | Ros2Senses | RecordedSenses
+def check_apart(senses: object, publish: object) -> None:
+    """Raises InvalidInputError if what is believed were sent where the senses are heard."""
+    if isinstance(senses, LcmSenses) and isinstance(publish, LcmPublishing) and senses.url == publish.url:
+        _check_different("channel", {**senses.channels(), "LcmPublishing.channel": publish.channel})
+    if isinstance(senses, Ros2Senses) and isinstance(publish, Ros2Publishing) and senses.domain == publish.domain:
+        _check_different("topic", senses.topics() | publish.topics())

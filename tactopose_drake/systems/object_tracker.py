@@ -136,6 +136,9 @@ class ObjectTracker:
         sizes = self._sizes[kind]
         if not isinstance(given, Mapping):
             raise InvalidInputError(f"{argument}: is a {type(given).__name__}; allowed is a mapping by name.")
+        if given and not sizes:
+            parts = {"wrench": "force-torque sensors", "pressures": "tactile pads"}[kind]
+            raise InvalidInputError(f"{argument}: are of {list(given)}, but the hand has no {parts}; allowed are none.")
         values = {f"{kind}_{name}": np.full(size, np.nan) for name, size in sizes.items()}
         for name, value in given.items():
             known_name(argument, name, sizes)

@@ -117,6 +117,9 @@ class Station:
     def __init__(self, estimate: object) -> None:
         self.estimate = estimate
 
+    def HasOutputPort(self, name: str) -> bool:
+        return not name.startswith("tracked_")
+
     def GetOutputPort(self, name: str) -> "Station":
         return self
 
@@ -142,7 +145,10 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize(("estimate", "status"), [(None, 1), (object(), 0)])
+@pytest.mark.parametrize(
+    ("estimate", "status"),
+    [(None, 1), (SimpleNamespace(status="no_solution"), 1), (SimpleNamespace(status="ambiguous"), 0)],
+)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_exit_status_says_whether_there_is_an_estimate(
     monkeypatch: pytest.MonkeyPatch, command: str, estimate: object, status: int

@@ -14,7 +14,7 @@ import pytest
 
 import tactopose_drake
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectBeliefMessage, ObjectPoseMessage
-from tactopose_drake.errors import ProtocolError
+from tactopose_drake.errors import InvalidInputError, ProtocolError
 
 TYPES = Path(tactopose_drake.__file__).parent / "drivers" / "tactopose.lcm"
 LCM_GEN = shutil.which("lcm-gen", path=Path(sys.executable).parent)
@@ -99,6 +99,30 @@ def test_a_message_that_is_cut_off_or_too_long_is_refused(make) -> None:
             type(make()).decode(data[:end])
     with pytest.raises(ProtocolError, match="1 bytes too many"):
         type(make()).decode(data + b"\0")
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "message"),
+    [
+        (
+            HandSensesMessage,
+            {"wrenches": {"thumb": np.zeros(5)}},
+            r"wrenches\[thumb\]: has shape \(5,\); allowed is \(6,",
+        ),
+        (HandSensesMessage, {"wrenches": np.zeros(6)}, "wrenches: is a ndarray; allowed is a Mapping"),
+        (HandSensesMessage, {"pressures": {"palm": 3.0}}, r"pressures\[palm\]: has shape \(\); allowed is \(n,"),
+        (HandSensesMessage, {"joints": {3: 0.1}}, "joints: the name 3: is a int; allowed is a str"),
+        (HandSensesMessage, {"joints": {"FFJ3": "0.1"}}, r"joints\[FFJ3\]: not an array of numbers"),
+        (HandSensesMessage, {"utime": 1.5}, "utime: is 1.5; allowed are integers"),
+        (HandSensesMessage, {"sequence": 2**63}, "sequence: is 9223372036854775808; allowed are integers"),
+        (ObjectPoseMessage, {"covariance": np.eye(3)}, r"covariance: has shape \(3, 3\); allowed is \(6, 6\)"),
+        (ObjectBeliefMessage, {"status": None}, "status: is a NoneType; allowed is a str"),
+        (ObjectBeliefMessage, {"probability": [1.0]}, r"position: has shape \(0, 3\); allowed is \(1, 3\)"),
+    ],
+)
+def test_what_no_message_can_hold_is_refused_when_it_is_made(kind: type, values: dict, message: str) -> None:
+    with pytest.raises(InvalidInputError, match=rf"^{kind.__name__}\.{message}"):
+        kind(**values)
 
 
 def test_another_type_is_refused() -> None:

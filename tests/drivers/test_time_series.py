@@ -45,14 +45,25 @@ def test_a_row_of_a_hand() -> None:
 
 
 @pytest.mark.parametrize(
-    "rows",
-    [np.zeros((2, 7)), np.array([[1.0] * 7, [0.0] * 7]), np.zeros((1, 6)), np.full((1, 7), np.nan), np.zeros((0, 7))],
+    ("rows", "message"),
+    [
+        (np.zeros((2, 7)), "row 3: time: is 0, after 0; times must rise"),
+        (np.array([[1.0] * 7, [0.0] * 7]), "row 3: time: is 0, after 1; times must rise"),
+        (np.zeros((1, 6)), "row 2 has 6 columns; allowed are 7"),
+        (np.full((1, 7), np.nan), "row 2: time: is 'nan'; allowed are finite numbers"),
+        (np.zeros((0, 7)), "has no rows below its header"),
+    ],
 )
-@pytest.mark.filterwarnings("ignore:loadtxt")
-def test_bad_files_are_one_clear_error(tmp_path: Path, rows: np.ndarray) -> None:
+def test_bad_files_are_one_clear_error(tmp_path: Path, rows: np.ndarray, message: str) -> None:
     path = write(tmp_path / "wrench.csv", rows)
-    with pytest.raises(InvalidFileError, match=r"wrench\.csv"):
+    with pytest.raises(InvalidFileError, match=rf"wrench\.csv: {message}"):
         load_time_series(path, 6)
+
+
+def test_a_file_without_a_header_does_not_lose_its_first_row(tmp_path: Path) -> None:
+    (tmp_path / "load.csv").write_text("0.0, 0, 0, 0, 0, 0, 1.0\n0.5, 0, 0, 0, 0, 0, 2.0\n")
+    with pytest.raises(InvalidFileError, match=r"load\.csv: row 1 has numbers; allowed first is a header"):
+        load_time_series(tmp_path / "load.csv", 6)
 
 
 def test_missing_files_are_one_clear_error(tmp_path: Path) -> None:
@@ -60,7 +71,10 @@ def test_missing_files_are_one_clear_error(tmp_path: Path) -> None:
         load_time_series(tmp_path / "nowhere.csv", 6)
 
 
-def test_a_file_without_rows_is_one_clear_error(tmp_path: Path) -> None:
-    (tmp_path / "load.csv").write_text("time, m_x, m_y, m_z, f_x, f_y, f_z\n")
-    with pytest.raises(InvalidFileError, match=r"load\.csv"):
+def test_a_file_of_other_columns_is_one_clear_error(tmp_path: Path) -> None:
+    (tmp_path / "load.csv").write_text("time, f_x, f_y, f_z\n0.0, 1, 2, 3\n")
+    with pytest.raises(InvalidFileError, match=r"load\.csv: row 2 has 4 columns; allowed are 7"):
+        load_time_series(tmp_path / "load.csv", 6)
+    (tmp_path / "load.csv").write_text("time and wrench\n0.0, 1, 2, 3, 4, x, 6\n")
+    with pytest.raises(InvalidFileError, match=r"load\.csv: row 2: column 6: is 'x'; allowed are finite numbers"):
         load_time_series(tmp_path / "load.csv", 6)

@@ -316,7 +316,11 @@ def test_a_pad_on_its_link_has_no_fault(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("points", "normal", "text"),
     [
-        ([[1e3 * x for x in point] for point in GRID], (0, 0, 1), "0% of its cells lie within 5 mm"),
+        (
+            [[1e3 * x for x in point] for point in GRID],
+            (0, 0, 1),
+            "m; allowed are 1 m at most. Multiply by 0.001 what is in millimetres",
+        ),
         ([[x, y, z + 0.5] for x, y, z in GRID], (0, 0, 1), "is up to 500.0 mm outside of them and 0.0 mm inside"),
         (GRID, (0, 0, -1), "the normals of 100% of its cells point into the link 'left_tip'"),
         ([*GRID, GRID[4]], (0, 0, 1), "pad.yaml: corners[9]: the cell is where cell 4 is; allowed is a place each"),

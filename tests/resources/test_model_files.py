@@ -75,6 +75,16 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
         load_typed_yaml(Toy, tmp_path / "no.yaml")
 
 
+def test_a_model_whose_numbers_are_none_is_told_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="arm"><link name="a"/><link name="b"/><joint name="j" type="continuous"><parent link="a"/>'
+        '<child link="b"/><axis xyz="nan 0 0"/></joint></robot>'
+    )
+    plant = MultibodyPlant(time_step=0.001)
+    with pytest.raises(InvalidFileError, match=r"arm\.urdf: is no model that Drake can read \(.*nan 0 0\)\.$"):
+        add_model(make_parser(plant), tmp_path / "arm.urdf")
+
+
 MODEL = """<robot name="stone"><link name="stone"><{role}><geometry><mesh filename="stone.stl"/></geometry></{role}>
 <inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link></robot>"""
 

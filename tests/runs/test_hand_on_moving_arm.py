@@ -74,9 +74,13 @@ def test_what_is_felt_does_not_see_the_fingertips_weight_as_the_hand_turns(scena
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("time, x, y, z\n0.0, 1.0, 2.0, 3.0\n", "must have the columns time, x, y, z, qw"),
-        (f"{HEADER}\n0.0, 0, 0, 0, 2.0, 0, 0, 0\n", "quaternions of length 1"),
-        (f"{HEADER}\n0.0, 0, 0\n", "must have a line of `time` and x, y, z, qw"),
+        ("time, x, y, z\n0.0, 1.0, 2.0, 3.0\n", "has the columns time, x, y, z; allowed are time, x, y, z, qw"),
+        (f"{HEADER}\n0.0, 0, 0, 0, 2.0, 0, 0, 0\n", "at 0 s, the quaternion has the length 2; allowed is 1"),
+        (
+            f"{HEADER}, qv\n0.0, 0, 0, 0, 1.0, 0, 0, 0, 0\n",
+            "has the columns time, x, y, z, qw, qx, qy, qz, qv; all",
+        ),
+        (f"{HEADER}\n0.0, 0, 0\n", "row 2 has 3 columns; allowed are 8"),
     ],
 )
 def test_files_of_the_palm_that_do_not_fit_are_named(

@@ -255,6 +255,14 @@ def test_what_cannot_be_run_is_refused(tmp_path: Path) -> None:
         ("senses: !LcmSenses {}", "LcmSenses.url: is not given; allowed is LCM's"),
         ("senses: !LcmSenses {url: 'memq://', channel: ''}", "LcmSenses.channel: is empty"),
         ("senses: !LcmSenses {url: 'memq://', max_age: 0.0}", "LcmSenses.max_age: is 0"),
+        (
+            "senses: !LcmSenses {url: 'memq://', channel: X, vision: X}",
+            r"LcmSenses\.vision: is the channel 'X', as is LcmSenses\.channel; allowed are different ones",
+        ),
+        (
+            "senses: !LcmSenses {url: 'memq://', channel: X}\npublish: {url: 'memq://', channel: X}",
+            r"LcmPublishing\.channel: is the channel 'X', as is LcmSenses\.channel",
+        ),
         ("publish: {url: 'memq://', max_modes: 0}", "LcmPublishing.max_modes: is 0"),
         ("publish: {max_modes: 3}", "LcmPublishing.url: is not given"),
     ):

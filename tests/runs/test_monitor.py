@@ -2,12 +2,15 @@
 
 import io
 import re
+from types import SimpleNamespace
 
+import pytest
+from pydrake.math import RigidTransform
 from rich.console import Console
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.drivers.simulation import faults
-from tactopose_drake.runs.monitor import Monitor, monitor_table
+from tactopose_drake.runs.monitor import Monitor, estimate_line, monitor_table
 from tactopose_drake.runs.stepping import RunView
 from tests.runs.stations import Running, fingers_running, pads_running
 
@@ -51,6 +54,58 @@ def test_a_table_on_a_terminal(cube: ObjectModel) -> None:
     assert "thumb" in console.file.getvalue()
     (row,) = [line for line in table.splitlines() if line.strip().startswith("thumb")]
     assert re.fullmatch(r" *thumb +200 +\d+ +4\.89 N +ok *", row)
+
+
+class Ports:
+    """A diagram by what its ports give."""
+
+    def __init__(self, **values: object) -> None:
+        self.values = values
+
+    def HasOutputPort(self, name: str) -> bool:
+        return name in self.values
+
+    def GetOutputPort(self, name: str) -> SimpleNamespace:
+        return SimpleNamespace(Eval=lambda context: self.values[name])
+
+
+def estimate_of(status: str, count: int, probability: float) -> SimpleNamespace:
+    return SimpleNamespace(status=status, hypotheses=[None] * count, best=SimpleNamespace(probability=probability))
+
+
+INSTANT = {
+    "status": "ok",
+    "object_pose": RigidTransform([0.001, 0.002, 0.003]),
+    "hypotheses": estimate_of("ok", 1, 1.0),
+}
+
+
+@pytest.mark.parametrize(
+    ("values", "line"),
+    [
+        ({}, "ok; object at 1.0 2.0 3.0 mm; 1 hypothesis, the best with 100%"),
+        (
+            {"status": "held: no pose explains the touch", "hypotheses": estimate_of("no_solution", 12, 1.0)},
+            "held: no pose explains the touch",
+        ),
+        (
+            {
+                "tracked_status": "slipping",
+                "tracked_object_pose": RigidTransform([0.004, 0.005, 0.006]),
+                "tracked_hypotheses": estimate_of("ambiguous", 3, 0.5),
+            },
+            "slipping; object at 4.0 5.0 6.0 mm; 3 hypotheses, the best with 50%",
+        ),
+        (
+            {"tracked_status": "lost", "tracked_object_pose": RigidTransform(), "tracked_hypotheses": None},
+            "lost",
+        ),
+    ],
+)
+def test_a_pose_is_shown_where_one_explains_the_touch_and_that_of_the_belief_where_there_is_one(
+    values: dict[str, object], line: str
+) -> None:
+    assert estimate_line(RunView(Ports(**{**INSTANT, **values}), None)) == line
 
 
 def test_pressures_of_the_pads(can: ObjectModel) -> None:

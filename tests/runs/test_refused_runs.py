@@ -6,10 +6,12 @@ from pathlib import Path
 import pytest
 
 from tactopose_drake.errors import BusError, DeviceTimeoutError, InvalidFileError, InvalidInputError
+from tactopose_drake.runs.device_run import check_devices
 from tactopose_drake.runs.manifest import load_manifest
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.station.scenario import load_scenario
+from tactopose_drake.station.senses import FixedJoints
 from tests.cli.test_cli import run as tactopose
 from tests.runs.stations import bus_threads
 
@@ -86,6 +88,39 @@ def test_what_cannot_be_run_is_said_at_once(
     status, message = attempt(f"joints: !JointFile {{path: {folder}/joints.csv}}", "joints: !JointPort {}")
     assert status == 2
     assert "is !JointPort, which is for a diagram of your own" in message
+
+
+@pytest.mark.parametrize("name", ["joints.csv", "palm.csv"])
+def test_a_run_does_not_outlast_the_files_of_joints_and_palm(folder: Path, tmp_path: Path, name: str) -> None:
+    scenario = load_scenario(folder / "cube.scenario.yaml")
+    (tmp_path / "palm.csv").write_text(
+        "time, x, y, z, qw, qx, qy, qz\n0.0, 0, 0, 0, 1, 0, 0, 0\n0.5, 0, 0, 0, 1, 0, 0, 0\n"
+    )
+    if name == "palm.csv":
+        scenario.senses.joints, scenario.senses.palm = FixedJoints(), str(tmp_path / name)
+    for board in scenario.senses.fingers.values():
+        board.max_age = 0.1
+    told: list[str] = []
+    for simulated, duration, end in (
+        (scenario.senses.simulated, None, "the run ends at 1 s"),
+        (scenario.senses.simulated, 0.7, "the run ends at 0.7 s"),
+        (None, None, "the run has no end"),
+    ):
+        scenario.senses.simulated = simulated
+        with pytest.raises(InvalidInputError, match=rf"{name}: ends at 0\.5 s, and {end}; allowed are a file"):
+            run_scenario(scenario, duration=duration, tell=told.append)
+    assert told == []
+    check_devices(scenario, 0.6)  # the last row is not older by then than a sample may be
+
+
+def test_what_simulated_devices_feel_is_read_before_any_work(folder: Path, tmp_path: Path) -> None:
+    scenario = load_scenario(folder / "cube.scenario.yaml")
+    scenario.senses.simulated.folder = str(shutil.copytree(folder, tmp_path / "felt"))
+    (tmp_path / "felt" / "ring.csv").write_text("0.0, 0, 0, 0, 0, 0, 1.0\n")
+    told: list[str] = []
+    with pytest.raises(InvalidFileError, match=r"ring\.csv: row 1 has numbers; allowed first is a header"):
+        run_scenario(scenario, tell=told.append)
+    assert told == []
 
 
 def test_a_bus_that_is_not_there_is_one_error(folder: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.runs.manifest import load_manifest
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.scenario_run import run_scenario
@@ -137,11 +137,34 @@ def test_a_replay_says_from_when_on_it_is_not_the_run(
     assert replay_here(copy, folder, out) == 0
     assert "the estimates are not those of the run" not in capsys.readouterr().out
     other = next(row for row in rows if row["hypotheses"])
-    other["hypotheses"][0]["translation"][0] += 0.001
+    text = f"From {other['time']:.2f} s on, the estimates are not those of the run: "
+    for change, why in ((0.001, "a live run works with"), (0.03, "the best poses are up to 31 mm apart.")):
+        other["hypotheses"][0]["translation"][0] += change
+        (copy / "estimates.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+        assert replay_here(copy, folder, out) == 0
+        assert text + why in capsys.readouterr().out
+    # A period's delay of the touch is a live run's; that of half the run is not.
+    rows = lines(out)
+    for row in reversed(range(1, len(rows))):
+        rows[row] = rows[row - 1] | {"time": rows[row]["time"]}
     (copy / "estimates.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     assert replay_here(copy, folder, out) == 0
-    printed = capsys.readouterr().out
-    assert f"From {other['time']:.2f} s on, the estimates are not those of the run: a live run works with" in printed
+    assert "the run: a live run works with" in capsys.readouterr().out
+    silent = {"fingers_in_contact": [], "hypotheses": None}
+    late = [row | silent if row["time"] < 0.7 else row for row in rows]
+    (copy / "estimates.jsonl").write_text("".join(json.dumps(row) + "\n" for row in late))
+    assert replay_here(copy, folder, out) == 0
+    assert "times, other fingers touch or one of the two has no pose." in capsys.readouterr().out
+
+
+def test_a_recording_without_the_prior_that_the_run_had_is_refused(
+    recording: Path, folder: Path, tmp_path: Path
+) -> None:
+    copy = Path(shutil.copytree(recording, tmp_path / "copy"))
+    signals = (copy / "signals.jsonl").read_text().splitlines(keepends=True)
+    (copy / "signals.jsonl").write_text("".join(line for line in signals if '"name": "prior"' not in line))
+    with pytest.raises(InvalidFileError, match="has no prior, which the run has recorded"):
+        replay(copy, load_scenario(folder / "cube.scenario.yaml"))
 
 
 def test_a_scenario_may_name_a_recording(recording: Path, folder: Path, tmp_path: Path) -> None:

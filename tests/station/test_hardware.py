@@ -11,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.resources import model_path
@@ -132,24 +132,30 @@ def test_joints_that_are_not_given_follow_or_rest(tmp_path: Path) -> None:
     path.write_text("time, FFJ2, THJ4\n0.0, 0.7, 0.5\n1.0, 0.8, 0.6\n")
     scenario.senses.joints = JointFile(path=str(path))
     assert positions_of(scenario) == q
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))  # as spreadsheets write it
+    assert positions_of(scenario) == q
     assert known_signals(scenario)["joint_positions"].at(1.5).max() == 0.8
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("time, FFJ2\n0.0\n", "must have a line of `time`"),
-        ("time, FFJ2\n", "must have a line of `time`"),
-        ("FFJ2, time\n0.0, 1.0\n", "must have a line of `time`"),
-        ("time, FFJ2\n0.0, nan\n", "must have a line of `time`"),
-        ("time, FFJ2\n1.0, 0.0\n1.0, 0.1\n", "must rise"),
-        ("time, FFJ2\n0.0, a\n", "could not convert"),
+        ("time, FFJ2\n0.0\n", "row 2 has 1 columns; allowed are 2"),
+        ("time, FFJ2\n", "has no rows below its header"),
+        ("", "is empty"),
+        ("0.0, 0.1\n1.0, 0.1\n", "row 1 has numbers; allowed first is a header"),
+        ("FFJ2, time\n0.0, 1.0\n", "has the columns FFJ2, time; allowed are time, time"),
+        ("time, FFJ2\n0.0, 0.1\n\n1.0, nan\n", "row 4: FFJ2: is 'nan'; allowed are finite"),
+        ("time, FFJ2\n1.0, 0.0\n1.0, 0.1\n", "row 3: time: is 1, after 1; times must rise"),
+        ("time, FFJ2\n0.0, a\n", "row 2: FFJ2: is 'a'; allowed are finite"),
+        ("time, FFJ2, FFJ2\n0.0, 0.1, 0.1\n", "row 1 names 'FFJ2' twice"),
+        ("time, elbow\n0.0, 0.1\n", "positions: measured joint: 'elbow' is unknown; valid names: FFJ1"),
     ],
 )
 def test_joint_files_that_do_not_fit_are_named(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "joints.csv"
     path.write_text(text)
-    with pytest.raises(InvalidFileError, match=message):
+    with pytest.raises(InvalidInputError, match=rf"joints\.csv: {message}"):
         known_signals(held_cube.scenario(joints=JointFile(path=str(path))))
 
 
@@ -166,7 +172,7 @@ def test_degrees_are_not_taken_for_radians(tmp_path: Path) -> None:
 
 
 def test_unknown_joints_are_named() -> None:
-    with pytest.raises(UnknownNameError, match="measured joint: 'elbow' is unknown"):
+    with pytest.raises(InvalidInputError, match=r"joints\.positions: measured joint: 'elbow' is unknown"):
         known_signals(held_cube.scenario(joints=FixedJoints(positions={"elbow": 0.1})))
 
 

@@ -52,6 +52,8 @@ FAULTS = {
     "senses: !RecordedSenses {}": "RecordedSenses.folder: is not given; allowed is one that `run --record` made",
     "senses: !SimulatedSenses": "line 1: senses: is no mapping",
     "senses: !Nonsense {}": "line 1: senses: the tag !Nonsense is unknown; allowed are !SimulatedSenses, !CanSenses",
+    "senses: {buses: {}}": "senses: key 'buses' is unknown; allowed are none; with a tag, !CanSenses, !Lcm",
+    "publish: {pose: /a}": "key 'pose' is unknown; allowed are url, channel, max_modes; with a tag, !Ros2Publish",
     "seed: !Seed 3": "line 1: seed: the tag !Seed is unknown; allowed is none",
     "grip: !Grip {}": "line 1: grip: the tag !Grip is unknown; allowed is none",
     "errors: {joint_offsets_deg: {J9: 1.0}}": "SimulatedErrors.joint_offsets_deg: 'J9' is unknown; valid names: FFJ2",

@@ -96,7 +96,7 @@ senses: !CanSenses
     senses = load_scenario(write(project, OWN + "senses: !RecordedSenses {folder: ../recording}")).senses
     assert isinstance(senses, RecordedSenses)
     assert senses.folder == str(project / "recording")
-    ros = "senses: !Ros2Senses {config: dds.xml}\npublish: !Ros2Publishing {config: ''}"
+    ros = "senses: !Ros2Senses {wrenches: {left: /left}, config: dds.xml}\npublish: !Ros2Publishing {config: ''}"
     scenario = load_scenario(write(project, OWN + ros))
     assert isinstance(scenario.senses, Ros2Senses)
     assert isinstance(scenario.publish, Ros2Publishing)

@@ -188,7 +188,10 @@ def test_joints_that_are_not_known_are_said(tracker: ObjectTracker) -> None:
         ({"time": -1.0}, "time: is -1"),
         ({"vision": np.eye(4)}, "vision: is a ndarray; allowed are PoseMeasurement, PosePrior and None"),
         ({"palm_pose": np.ones((3, 4))}, "palm_pose"),
-        ({"pressures": {"palm": np.zeros(24)}}, "pressures: 'palm' is unknown"),
+        (
+            {"pressures": {"palm": np.zeros(24)}},
+            r"pressures: are of \['palm'\], but the hand has no tactile pads; allowed",
+        ),
     ],
 )
 def test_a_mistake_is_one_error_and_changes_nothing(tracker: ObjectTracker, change: dict, message: str) -> None:

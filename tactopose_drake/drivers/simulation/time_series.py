@@ -1,13 +1,12 @@
 """What a simulated device feels, read from a file."""
 
 import dataclasses
-import warnings
 from pathlib import Path
 
 import numpy as np
 
-from tactopose_drake.core.validation import FloatArray, finite_array
-from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.drivers.simulation.csv_tables import read_csv_table
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,14 +37,7 @@ def load_time_series(path: Path, columns: int, start: float = 0.0) -> TimeSeries
         start: when, in s since the epoch, the file's time 0 is.
 
     Raises:
-        InvalidFileError: if the file cannot be read, or has other columns, or times that do not rise.
+        InvalidFileError: if the file cannot be read, or has no header, other columns, or times that do not rise.
     """
-    try:
-        with warnings.catch_warnings(action="ignore"):  # that there are no rows
-            rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-        table = finite_array("rows", rows, (None, columns + 1))
-    except (OSError, ValueError) as error:
-        raise InvalidFileError(f"{path}: {' '.join(str(error).split())}") from error
-    if len(table) == 0 or not np.all(np.diff(table[:, 0]) > 0):
-        raise InvalidFileError(f"{path}: its times, the first column, must rise, and there must be one at least.")
+    _, table = read_csv_table(path, 1 + columns)
     return TimeSeries(table[:, 0], table[:, 1:], start)

@@ -1,0 +1,74 @@
+"""Reading CSV files of numbers over time; what is wrong is told with its row and what is allowed."""
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tactopose_drake.core.validation import FloatArray, shown
+from tactopose_drake.errors import InvalidFileError
+
+
+def read_csv_table(path: Path, columns: int | None = None) -> tuple[list[str], FloatArray]:
+    """Reads a file of a header and rows of finite numbers, the first of which, the times, rise.
+
+    The text is UTF-8, with or without a byte order mark. Empty lines are left out.
+
+    Args:
+        path: the file.
+        columns: of the rows, whatever the header's text; if not given, as many as the header names.
+
+    Returns:
+        Names of the columns, and the numbers, shape (n, k), n > 0.
+
+    Raises:
+        InvalidFileError: if the file cannot be read, has no header or no rows, a name twice where names count, or a
+            row that does not fit; the message is one line that names the file and the row.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        raise InvalidFileError(f"{path}: cannot be read ({' '.join(str(error).split())}).") from None
+    lines = [(number, line.split(",")) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    if not lines:
+        raise InvalidFileError(f"{path}: is empty; allowed are a header and rows of numbers.")
+    (number, header), *rows = lines
+    names = [name.strip() for name in header]
+    if any(_number(name) is not None for name in names):
+        raise InvalidFileError(f"{path}: row {number} has numbers; allowed first is a header, the columns' names.")
+    double = next((name for name in names if names.count(name) > 1), None)
+    if columns is None and double is not None:
+        raise InvalidFileError(f"{path}: row {number} names {shown(double)} twice; allowed is a column each.")
+    if not rows:
+        raise InvalidFileError(f"{path}: has no rows below its header; allowed is one or more.")
+    labels = names if columns in (None, len(names)) else [f"column {k}" for k in range(1, 1 + (columns or 0))]
+    return names, np.array(list(_numbers(path, labels, rows)))
+
+
+def _numbers(path: Path, names: Sequence[str], rows: Sequence[tuple[int, list[str]]]) -> Iterator[list[float]]:
+    """The rows' numbers; raises InvalidFileError at the first row that does not fit."""
+    last = -math.inf
+    for row, cells in rows:
+        if len(cells) != len(names):
+            raise InvalidFileError(f"{path}: row {row} has {len(cells)} columns; allowed are {len(names)}.")
+        values = []
+        for name, cell in zip(names, cells, strict=True):
+            value = _number(cell)
+            if value is None or not math.isfinite(value):
+                raise InvalidFileError(
+                    f"{path}: row {row}: {name}: is {shown(cell.strip())}; allowed are finite numbers."
+                )
+            values.append(value)
+        if values[0] <= last:
+            raise InvalidFileError(f"{path}: row {row}: {names[0]}: is {values[0]:g}, after {last:g}; times must rise.")
+        last = values[0]
+        yield values
+
+
+def _number(text: str) -> float | None:
+    """What a text says, if that is a number."""
+    try:
+        return float(text)
+    except ValueError:
+        return None
