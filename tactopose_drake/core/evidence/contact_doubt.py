@@ -4,6 +4,11 @@ import dataclasses
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+# The odds that one of three contacts or fewer is lost, over those of one of five or more.
+_LOST_OF_THREE = 0.1
+
 
 class KindShares(NamedTuple):
     """The probabilities of what a contact is before the touch; their sum is 1.
@@ -58,8 +63,9 @@ class ContactKinds:
         )
 
     def among(self, count: int) -> "ContactKinds":
-        """Of each of so many contacts: three tell too little to doubt that they do, of five four are left."""
-        return dataclasses.replace(self, lost=self.lost * min(max(0.5 * (count - 3), 0.0), 1.0))
+        """Of each of so many contacts: of five, four are left to judge one that may be lost; three tell too little."""
+        share = float(np.interp(count, (3, 5), (_LOST_OF_THREE, 1.0)))
+        return dataclasses.replace(self, lost=self.lost * share)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
