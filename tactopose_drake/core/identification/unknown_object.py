@@ -3,8 +3,9 @@
 The evidence of each known object says how well it explains the touch; that of an object of which nothing is known has
 to be guessed. Two guesses are made, and their geometric mean is taken:
 
-- The touch alone: places of an unknown size about an unknown middle, with normals that point outwards rather than
-  inwards. What it lacks is that objects are made of faces and of surfaces of revolution.
+- The touch alone: places of an unknown size about an unknown middle, along an unknown axis farther apart by an unknown
+  ratio, with normals that point outwards rather than inwards. What it lacks is that objects are made of faces and of
+  surfaces of revolution.
 - The other known objects: on average they explain the touch of an unknown object about as well as they explain that of
   each other. All but the best one stand for the objects that might be held instead.
 
@@ -39,11 +40,13 @@ class UnknownObjectParams:
     """What is assumed of objects that are not known.
 
     Attributes:
-        sizes: between which the standard deviation of touched places, along each axis, is: any of its logarithms is as
-            likely as any other, m.
+        sizes: between which the standard deviation of touched places, across their longest axis, is: any of its
+            logarithms is as likely as any other, m.
         size_steps: in which these are gone through.
-        outwardness: the concentration of a normal about the way from the middle to its place, for each standard
-            deviation that it is long; 0 where all normals are as likely.
+        aspects: how many times as far apart places may be along that axis, each with its probability.
+        axis_steps: in which angles of that axis are gone through, a multiple of 4.
+        outwardness: the concentration of a normal about that of the ellipsoid through its place, for each standard
+            deviation that this is from the middle; 0 where all normals are as likely.
         library_share: of the guess by the other objects in the mean of both guesses, were there very many of them.
         trust: of the difference of logarithms, as much as is believed.
         least_surplus: what that must exceed for each number that is measured beyond those of a pose.
@@ -52,7 +55,9 @@ class UnknownObjectParams:
 
     sizes: tuple[float, float] = (0.012, 0.09)
     size_steps: int = 14
-    outwardness: float = 0.5
+    aspects: tuple[tuple[float, float], ...] = ((1.0, 0.4), (2.0, 0.3), (4.0, 0.3))
+    axis_steps: int = 12
+    outwardness: float = 1.3
     library_share: float = 0.5
     trust: float = 0.7
     least_surplus: float = 0.8
@@ -95,20 +100,44 @@ def log_evidence_of_any(touch: Contacts, params: UnknownObjectParams = UnknownOb
 
     It is in the units of `model_evidence.log_evidence` over all rotations: of one contact that equals any object's.
     """
-    sizes = np.geomspace(*params.sizes, params.size_steps)[:, None]
-    p_MC = touch.p_PC - touch.p_PC.mean(axis=0)
-    count, square = len(touch), float(np.sum(p_MC**2))
+    count, noise = len(touch), math.sqrt(2.0 * math.pi) * np.broadcast_to(touch.sigma_position, len(touch))
+    if touch.n_PC is not None:
+        noise = noise * np.minimum(0.5 * np.broadcast_to(touch.sigma_normal, count) ** 2, 1.0)
+    each = [math.log(share) + _log_density(touch, aspect, params) for aspect, share in params.aspects]
+    return float(np.logaddexp.reduce(each) + np.log(noise).sum())
+
+
+def _log_density(touch: Contacts, aspect: float, params: UnknownObjectParams) -> float:
+    """Logarithm of the density of places, and of normals over that of any, if one axis is so many times as long."""
+    sizes = np.geomspace(*params.sizes, params.size_steps)[:, None, None]
+    p_MC, count = touch.p_PC - touch.p_PC.mean(axis=0), len(touch)
+    axes, share = _axes(p_MC, params.axis_steps)
+    along = axes @ p_MC.T  # Of every axis and contact, as all that follows.
+    across = np.sum(p_MC**2, axis=1) - along**2
+    distance = np.sqrt(np.maximum(across + (along / aspect) ** 2, 0.0)) / sizes
     # Normally distributed places of which the middle may be anywhere.
-    log_density = -1.5 * (count - 1) * np.log(2.0 * np.pi * sizes[:, 0] ** 2) - 1.5 * math.log(count)
-    log_density -= 0.5 * square / sizes[:, 0] ** 2
-    noise = math.sqrt(2.0 * math.pi) * np.broadcast_to(touch.sigma_position, count)
+    log_density = -0.5 * np.sum(distance**2, axis=2) - 1.5 * math.log(count)
+    log_density -= (count - 1) * (1.5 * np.log(2.0 * np.pi * sizes[:, 0] ** 2) + math.log(aspect))
     if touch.n_PC is not None:
         # Von Mises' and Fisher's density over the sphere, over that of any normal.
-        length, along = np.linalg.norm(p_MC, axis=1), np.sum(p_MC * touch.n_PC, axis=1)
-        concentration = params.outwardness / sizes
-        log_density += np.sum(concentration * along - _log_sinhc(concentration * length), axis=1)
-        noise = noise * np.minimum(0.5 * np.broadcast_to(touch.sigma_normal, count) ** 2, 1.0)
-    return float(np.logaddexp.reduce(log_density) - math.log(params.size_steps) + np.log(noise).sum())
+        length = np.sqrt(np.maximum(across + (along / aspect**2) ** 2, 0.0))
+        outward = np.sum(p_MC * touch.n_PC, axis=1) - (1.0 - 1.0 / aspect**2) * along * (axes @ touch.n_PC.T)
+        concentration = params.outwardness * distance
+        agreement = outward / np.maximum(length, 1e-12)
+        log_density += np.sum(concentration * agreement - _log_sinhc(concentration), axis=2)
+    return float(np.logaddexp.reduce(log_density + np.log(share), axis=None) - math.log(params.size_steps))
+
+
+def _axes(p_MC: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
+    """Directions (n, 3) over half a sphere, and the share (n,) of each; closest about where the places lie along.
+
+    They turn with the places: from these' longest principal axis to across it, and around it, in as many steps.
+    """
+    principal = np.linalg.eigh(p_MC.T @ p_MC)[1][:, ::-1]
+    angle, around = (np.arange(steps) + 0.5) * (0.5 * math.pi / steps), (np.arange(steps) + 0.5) * (2 * math.pi / steps)
+    angle, around = (each.ravel() for each in np.meshgrid(angle, around))
+    axes = np.stack([np.cos(angle), np.sin(angle) * np.cos(around), np.sin(angle) * np.sin(around)], axis=1)
+    return axes @ principal.T, np.sin(angle) / np.sin(angle).sum()
 
 
 def _log_sinhc(x: FloatArray) -> FloatArray:

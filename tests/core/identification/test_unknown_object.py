@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
@@ -47,7 +48,7 @@ def test_of_one_contact_it_is_that_of_any_object() -> None:
 
 
 def test_the_places_of_a_second_contact_have_a_density() -> None:
-    radius = np.linspace(0.0, 0.8, 1601)[1:]
+    radius = np.linspace(0.0, 0.8, 401)[1:]
     values = [density(np.array([[0.0, 0.0, 0.0], [r, 0.0, 0.0]])) for r in radius]
     total = float(np.sum(4.0 * np.pi * radius**2 * values) * (radius[1] - radius[0]))
     assert total == pytest.approx(1.0, abs=0.01)
@@ -55,10 +56,12 @@ def test_the_places_of_a_second_contact_have_a_density() -> None:
 
 def test_the_normals_have_a_density_and_point_outwards() -> None:
     p_PC = np.array([[-0.03, 0.0, 0.0], [0.03, 0.0, 0.0]])
-    middle = 0.5 * (np.linspace(-1.0, 1.0, 201)[1:] + np.linspace(-1.0, 1.0, 201)[:-1])
-    directions = np.stack([middle, np.sqrt(1.0 - middle**2), np.zeros_like(middle)], axis=1)  # As likely, on a sphere.
-    values = np.array([[density(p_PC, np.array([a, b])) for a in directions[::4]] for b in directions[::4]])
-    assert values.mean() == pytest.approx(density(p_PC), rel=0.01)
+    # McLaren's rule of 32 points, exact up to ninth powers: corners of an icosahedron, and middles of its faces.
+    icosahedron = trimesh.creation.icosahedron()
+    corners = icosahedron.vertices / np.linalg.norm(icosahedron.vertices, axis=1, keepdims=True)
+    directions, weights = np.concatenate([corners, icosahedron.face_normals]), np.repeat([25.0, 27.0], [12, 20]) / 840.0
+    values = np.array([[density(p_PC, np.array([a, b])) for a in directions] for b in directions])
+    assert weights @ values @ weights == pytest.approx(density(p_PC), rel=0.01)
     outward, inward = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
     assert density(p_PC, outward) > 1.5 * density(p_PC, inward)
 
@@ -83,6 +86,18 @@ def test_a_touch_that_is_far_apart_is_as_likely_by_its_size() -> None:
     larger = Contacts(1.4 * contacts.p_PC, contacts.n_PC, sigma_position=SIGMA, sigma_normal=TILT)
     expected = -3.0 * (len(contacts) - 1) * math.log(1.4)
     assert log_evidence_of_any(larger) - log_evidence_of_any(contacts) == pytest.approx(expected, abs=0.5)
+
+
+def test_places_along_a_line_are_likelier_than_if_objects_were_as_long_as_wide() -> None:
+    generator = np.random.default_rng(3)
+    p_PC = generator.normal(size=(5, 3)) * [0.005, 0.005, 0.06]
+    normals = p_PC * [1.0, 1.0, 0.0]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    contacts = Contacts(p_PC, normals, sigma_position=SIGMA, sigma_normal=TILT)
+    as_wide = UnknownObjectParams(aspects=((1.0, 1.0),))
+    assert log_evidence_of_any(contacts) > log_evidence_of_any(contacts, as_wide) + 2.0
+    # Where they lie about a middle they are hardly less likely for that.
+    assert log_evidence_of_any(some_touch()) > log_evidence_of_any(some_touch(), as_wide) - 1.0
 
 
 @pytest.mark.parametrize("objects", [1, 2, 20])
