@@ -173,9 +173,10 @@ def test_how_often_contacts_are_of_something_else_reaches_the_estimate(box: Obje
     np.testing.assert_array_equal(bench.step()[1].best.inlier_probability, expected.best.inlier_probability)
 
 
-def test_the_pose_turns_with_the_touch(box: ObjectModel) -> None:
+@pytest.mark.parametrize("turn", [(0.3, 0.9, -0.5), (1.3, -0.4, 2.0), (-2.0, 0.3, 0.1), (2.5, 0.7, -1.0)])
+def test_the_pose_turns_with_the_touch(box: ObjectModel, turn: tuple[float, float, float]) -> None:
     """The same touch, seen from a palm that is elsewhere, gives the same pose, seen from there."""
-    X_QP = RigidTransform(RollPitchYaw(0.3, 0.9, -0.5), [0.2, 0.1, -0.3])
+    X_QP = RigidTransform(RollPitchYaw(*turn), [0.2, 0.1, -0.3])
     bench = Bench(box)
     bench.fix(contacts=touch(), prior=PRIOR)
     pose = bench.step()[0]

@@ -165,21 +165,42 @@ def draw(
 ) -> None:
     """Poses X (B, 3, 4), so many of each component, from white increments, those of one group behind each other.
 
-    If they are opposed, every second one of a component is the opposite of the one before it.
+    If they are opposed, every second one of a component is the opposite of the one before it. White increments are
+    along the axes of the group's pose, so that samples turn with the frame that poses are in.
     """
-    u, L = np.empty(6), np.empty((6, 6))
+    u, L, own = np.empty(6), np.empty((6, 6)), np.empty((6, 6))
     b, place = 0, 0
     for j in range(count.shape[0]):
         if j > 0 and group[j] != group[j - 1]:
             place = 0
-        cholesky(information[j], L)
+        R = X_group[group[j]]
+        _turn_translations(R, information[j], own)
+        cholesky(own, L)
         for c in range(count[j]):
             is_opposite = opposed and c % 2 == 1
             solve_transposed(L, white[place - is_opposite], u)
+            x, y, z = u[3], u[4], u[5]
+            for i in range(3):
+                u[3 + i] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
             for i in range(6):
                 u[i] = center[j, i] - u[i] if is_opposite else center[j, i] + u[i]
             pose_kernels.retract_one(X_group[group[j]], u, X[b])
             b, place = b + 1, place + 1
+
+
+@part
+def _turn_translations(R: Floats2, A: Floats2, out: OutFloats2) -> None:
+    """The lower triangle of information A (6, 6) over increments (w, R^T v), which are along a pose's own axes."""
+    for i in range(3):
+        for j in range(i + 1):
+            out[i, j] = A[i, j]
+        for j in range(3):
+            out[3 + i, j] = R[0, i] * A[3, j] + R[1, i] * A[4, j] + R[2, i] * A[5, j]
+        for j in range(i + 1):
+            square = 0.0
+            for k in range(3):
+                square += (R[0, i] * A[3, 3 + k] + R[1, i] * A[4, 3 + k] + R[2, i] * A[5, 3 + k]) * R[k, j]
+            out[3 + i, 3 + j] = square
 
 
 @kernel

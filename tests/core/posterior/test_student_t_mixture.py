@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.poses import compose, increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture, find_increments, in_chart
 
 TAILS = (6, 1500.0)  # degrees of freedom, and the squared distance beyond which there is nothing
@@ -103,9 +103,25 @@ def test_groups_have_their_random_numbers_in_common() -> None:
     """So that what is said of modes that are alike does not hang on which of them was found first."""
     whole = mixture(40)
     u = increments_between(whole.X_PO[whole.group.repeat(whole.count)], whole.sample(np.random.default_rng(0)))
-    white = [
-        (u[begin : begin + 10] - whole.center[j]) @ np.linalg.cholesky(whole.information[j])
-        for j, begin in enumerate(np.cumsum(whole.count) - whole.count)
-    ]
+    white = []
+    for j, begin in enumerate(np.cumsum(whole.count) - whole.count):
+        own = np.eye(6)
+        own[3:, 3:] = whole.X_PO[whole.group[j], :, :3]
+        root = np.linalg.cholesky(own.T @ whole.information[j] @ own)
+        white.append((u[begin : begin + 10] - whole.center[j]) @ own @ root)
     np.testing.assert_allclose(white[2], white[0][:10], atol=1e-9)
     assert np.abs(white[1] - white[0]).max() > 0.1
+
+
+def test_samples_turn_with_the_frame_that_poses_are_in() -> None:
+    whole = mixture(40)
+    X, turn = poses(5)[0], np.eye(6)
+    turn[3:, 3:] = X[:, :3]
+    turned = dataclasses.replace(
+        whole,
+        X_PO=compose(X, whole.X_PO),
+        center=whole.center @ turn.T,
+        information=turn @ whole.information @ turn.T,
+    )
+    expected = compose(X, whole.sample(np.random.default_rng(0)))
+    np.testing.assert_allclose(turned.sample(np.random.default_rng(0)), expected, atol=1e-9)
