@@ -22,6 +22,7 @@ from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
 import tactopose_drake as tp
 from tactopose_drake.cli.main import cli
+from tactopose_drake.core.evidence.contact_doubt import SCEPTICAL
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.hand.calibration_file import HandCalibration
 from tactopose_drake.hand.grasp_files import GraspFile
@@ -50,6 +51,15 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = subprocess.run([*command, "-d", out / ".doctrees"], capture_output=True, text=True)
     assert run.returncode == 0, run.stdout + run.stderr
     return out
+
+
+def test_concepts_says_how_often_contacts_are_false() -> None:
+    rows = re.findall(r"^\| ([0-9.]+) \| ([0-9]+) \|(.*)\|$", PAGES["docs/concepts.md"], re.M)
+    assert len(rows) == 6
+    for probability, count, said in rows:
+        shares = SCEPTICAL.kinds.among(int(count)).shares(float(probability))
+        expected = shares.other, shares.lost, shares.displaced, shares.turned, shares.flipped, shares.as_told
+        assert [float(number) for number in said.split("|")] == pytest.approx(expected, rel=5e-3)
 
 
 def test_builds_without_a_warning(site: Path) -> None:

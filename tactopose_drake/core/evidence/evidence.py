@@ -4,8 +4,6 @@ import dataclasses
 import functools
 from collections.abc import Sequence
 
-import numpy as np
-
 from tactopose_drake.core.evidence.contact_doubt import USUAL, ContactDoubt
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
@@ -101,17 +99,6 @@ class Evidence:
     def with_parts(self, contacts: Contacts, prior: GaussianPrior | None) -> "Evidence":
         """The evidence with another prior and with other contacts, as many and with what these have."""
         return copied(self, contacts=contacts, prior=prior)
-
-    def without(self, index: int) -> "Evidence":
-        """The evidence without one contact, or of the pads that feel the object, which are counted after them, one.
-
-        Nor does it hold what is said of all the contacts' forces together.
-        """
-        if index >= len(self.contacts):
-            left_out = self.felt[index - len(self.contacts)]
-            return dataclasses.replace(self, patches=tuple(patch for patch in self.patches if patch is not left_out))
-        kept = np.delete(np.arange(len(self.contacts)), index)
-        return dataclasses.replace(self, contacts=self.contacts[kept], balance=None)
 
     @property
     def felt(self) -> tuple[Patch, ...]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import kernel
-from tactopose_drake.core.kernel_types import OutFlags1, OutFloats1, OutFloats2, OutFloats3, OutLongs1
+from tactopose_drake.core.kernel_types import Longs1, OutFlags1, OutFloats1, OutFloats2, OutFloats3, OutLongs1
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.lane_kernels import LANES, SIZE, leave, total_cost
 from tactopose_drake.core.kernels.least_squares_kernels import (
@@ -35,17 +35,20 @@ class Ends(NamedTuple):
 
 
 @kernel
-def descend(grid: Grid, touch: Touch, prior: Prior, rule: DescentRule, X: OutFloats3, ends: Ends) -> None:
+def descend(
+    grid: Grid, touch: Touch, prior: Prior, rule: DescentRule, spared: Longs1, X: OutFloats3, ends: Ends
+) -> None:
     """Levenberg-Marquardt from each pose X (B, 3, 4), which moves; as `LevenbergMarquardt.refine` does it in rounds.
 
-    The cost is of the contacts' residuals and the prior's; there is no prior where its weights are zero. The exact
+    The cost is of the contacts' residuals and the prior's; there is no prior where its weights are zero. Each pose is
+    spared the contact whose number stands in spared (B,); all count where there is no such contact. The exact
     gradient and the Gauss-Newton Hessian are those at the poses where the descents end.
     The Hessian is of the contacts' rows that carry information, see `surface_contact_kernels.contact_rows`.
 
     So many poses as there are lanes are on their way at a time; where one has arrived, the next begins.
     """
     w, there, index = np.zeros(SIZE), np.empty((LANES, 3, 4)), np.empty(LANES, dtype=np.int64)
-    damping, promised = np.empty(LANES), np.empty(LANES)
+    damping, promised, left_out = np.empty(LANES), np.empty(LANES), np.empty(LANES, dtype=np.int64)
     g, H, u, difference, D = np.empty(6), np.empty((6, 6)), np.empty(6), np.empty(6), np.empty((6, 6))
     L, forward, step = np.empty((6, 6)), np.empty(6), np.empty(6)
     under_way, begun = 0, 0
@@ -57,7 +60,9 @@ def descend(grid: Grid, touch: Touch, prior: Prior, rule: DescentRule, X: OutFlo
             under_way, begun = under_way + 1, begun + 1
         if under_way == 0:
             return
-        add_up(grid, touch, there, under_way, w)
+        for lane in range(under_way):
+            left_out[lane] = spared[index[lane]]
+        add_up(grid, touch, left_out, there, under_way, w)
         going = 0
         for lane in range(under_way):
             b, at = index[lane], there[lane]

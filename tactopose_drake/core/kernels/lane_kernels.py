@@ -206,8 +206,9 @@ def add_equations(inverse_spacing: float, weight_p: float, weight_n: float, lane
         weight = weight_n * weight_n / spread  # One over the variance of the normal's difference.
         ex, ey, ez = f1 - mx, f2 - my, f3 - mz
         misfit = weight * (ex * ex + ey * ey + ez * ez + (1.0 - facing * facing))
-        w[COST + lane] += 0.5 * (share_d * f0 * f0 * weight_p * weight_p + share_n * misfit) + rest
-        w[_SPREAD + lane] *= spread
+        w[COST + lane] += 0.5 * (share_d * f0 * f0 * weight_p * weight_p + share_n * misfit)
+        w[COST + lane] += rest if share_n > 0.0 else 0.0
+        w[_SPREAD + lane] *= spread if share_n > 0.0 else 1.0
 
         # The derivative of half the squared length of the mean normal, which says how its variance changes.
         inside = 1.0 if square < 1.0 else 0.0

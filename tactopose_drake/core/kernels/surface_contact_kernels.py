@@ -10,7 +10,17 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import inlined, kernel, part
-from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3, OutFloats4
+from tactopose_drake.core.kernel_types import (
+    Floats1,
+    Floats2,
+    Floats3,
+    Longs1,
+    OutFloats1,
+    OutFloats2,
+    OutFloats3,
+    OutFloats4,
+    OutLongs1,
+)
 from tactopose_drake.core.kernels.grid_kernels import (
     SOFT_LENGTH,
     Grid,
@@ -67,12 +77,18 @@ class Rows(NamedTuple):
 
 
 @part
-def add_up(grid: Grid, touch: Touch, X: Floats3, lanes: int, w: OutFloats1) -> None:
-    """Cost, gradient and Hessian at so many poses X (3, 4), one in each lane of the rows w."""
+def add_up(grid: Grid, touch: Touch, spared: Longs1, X: Floats3, lanes: int, w: OutFloats1) -> None:
+    """Cost, gradient and Hessian at so many poses X (3, 4), one in each lane of the rows w.
+
+    A lane is spared the contact whose number is given for it, if there is such a one.
+    """
     enter(X, 0, lanes, w)
     for lane in range(lanes):
-        w[DISTANCE_SHARE + np.uintp(lane)] = w[NORMAL_SHARE + np.uintp(lane)] = w[FACING + np.uintp(lane)] = 1.0
+        w[FACING + np.uintp(lane)] = 1.0
     for i in range(touch.p.shape[0]):
+        for lane in range(lanes):
+            share = 0.0 if spared[lane] == i else 1.0
+            w[DISTANCE_SHARE + np.uintp(lane)] = w[NORMAL_SHARE + np.uintp(lane)] = share
         read_grid(grid, touch.p[i], touch.n[i], lanes, w)
         add_equations(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)
 
@@ -91,6 +107,24 @@ def contact_costs(grid: Grid, touch: Touch, prior: Prior, X: Floats3, cost: OutF
             weigh(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)
             for lane in range(lanes):
                 cost[first + lane] += w[DISTANCE_ENERGY + np.uintp(lane)] + w[NORMAL_ENERGY + np.uintp(lane)]
+
+
+@kernel
+def find_dearest(grid: Grid, touch: Touch, X: Floats3, dearest: OutLongs1) -> None:
+    """The contact that each pose explains least, into dearest (B,)."""
+    w, largest = np.zeros(SIZE), np.empty(LANES)
+    for first in range(0, X.shape[0], LANES):
+        lanes = min(LANES, X.shape[0] - first)
+        enter(X, first, lanes, w)
+        for lane in range(lanes):
+            largest[lane] = -np.inf
+        for i in range(touch.p.shape[0]):
+            read_grid(grid, touch.p[i], touch.n[i], lanes, w)
+            weigh(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)
+            for lane in range(lanes):
+                energy = w[DISTANCE_ENERGY + np.uintp(lane)] + w[NORMAL_ENERGY + np.uintp(lane)]
+                if energy > largest[lane]:
+                    largest[lane], dearest[first + lane] = energy, i
 
 
 @kernel

@@ -4,6 +4,7 @@ import functools
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -16,6 +17,7 @@ from tactopose_drake.core.objectives.objective import (
     Descent,
     LeastSquaresObjective,
     NormalEquations,
+    SmoothObjective,
     SumObjective,
 )
 from tactopose_drake.core.objectives.pose_prior import NO_PRIOR, PriorObjective
@@ -100,25 +102,64 @@ class ContactWithPrior(SumObjective):
         return functools.partial(_descend, self._touch, self._prior)
 
 
+class ContactsButOne(SmoothObjective):
+    """Contacts without the one that each pose explains least, which may be false, and a prior or none.
+
+    In a descent it is the one that is explained least where the descent begins. Source: P. Rousseeuw, Least median of
+    squares regression, J. Am. Stat. Assoc. 79, 1984, whose trimmed squares these are.
+    """
+
+    def __init__(self, touch: SurfaceContact, prior: PriorObjective | None = None) -> None:
+        self._touch, self._prior = touch, NO_PRIOR if prior is None else prior.kernel_view
+
+    def cost(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B,) of poses (B, 3, 4)."""
+        return self.normal_equations(X_PO).cost
+
+    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+        """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4)."""
+        return _normal_equations(self._touch, self._prior, X_PO, self._dearest(X_PO))
+
+    @property
+    def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
+        """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
+        return lambda rule, X_PO: _descend(self._touch, self._prior, rule, X_PO, self._dearest(X_PO))
+
+    def _dearest(self, X_PO: FloatArray) -> NDArray[np.int64]:
+        dearest = np.empty(len(X_PO), dtype=np.int64)
+        surface_contact_kernels.find_dearest(self._touch.grid, self._touch.touch, np.ascontiguousarray(X_PO), dearest)
+        return dearest
+
+
 def _cost(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -> FloatArray:
     cost = np.empty(len(X_PO))
     surface_contact_kernels.contact_costs(contact.grid, contact.touch, prior, np.ascontiguousarray(X_PO), cost)
     return cost
 
 
-def _normal_equations(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -> NormalEquations:
-    ends = _run(contact, prior, DescentRule(0, 0.0, 0.0, 0.0, 0.0), np.array(X_PO, order="C"))
+def _normal_equations(
+    contact: SurfaceContact, prior: Prior, X_PO: FloatArray, spared: NDArray[np.int64] | None = None
+) -> NormalEquations:
+    ends = _run(contact, prior, DescentRule(0, 0.0, 0.0, 0.0, 0.0), np.array(X_PO, order="C"), spared)
     return NormalEquations(ends.cost, ends.gradient, ends.hessian)
 
 
-def _descend(contact: SurfaceContact, prior: Prior, rule: DescentRule, X_PO: FloatArray) -> Descent:
+def _descend(
+    contact: SurfaceContact,
+    prior: Prior,
+    rule: DescentRule,
+    X_PO: FloatArray,
+    spared: NDArray[np.int64] | None = None,
+) -> Descent:
     X_PO = np.array(X_PO, order="C")
-    ends = _run(contact, prior, rule, X_PO)
+    ends = _run(contact, prior, rule, X_PO, spared)
     return Descent(X_PO, ends.cost, ends.iterations, ends.converged, ends.hessian)
 
 
-def _run(contact: SurfaceContact, prior: Prior, rule: DescentRule, X_PO: FloatArray) -> Ends:
-    """What the kernel says; moves the poses."""
+def _run(
+    contact: SurfaceContact, prior: Prior, rule: DescentRule, X_PO: FloatArray, spared: NDArray[np.int64] | None
+) -> Ends:
+    """What the kernel says, without the contacts (B,) that the poses are spared, if any; moves the poses."""
     count = len(X_PO)
     ends = Ends(
         np.empty(count),
@@ -127,7 +168,7 @@ def _run(contact: SurfaceContact, prior: Prior, rule: DescentRule, X_PO: FloatAr
         np.empty(count, dtype=np.int64),
         np.empty(count, dtype=np.bool_),
     )
-    descend(contact.grid, contact.touch, prior, rule, X_PO, ends)
+    descend(contact.grid, contact.touch, prior, rule, np.full(count, -1) if spared is None else spared, X_PO, ends)
     return ends
 
 

@@ -25,6 +25,8 @@ _LEAST_DENSITY = 1e-6
 _FEWEST_THAT_AGREE = 3
 # What a pad's place and turn may be off by, at the true pose.
 _MISPLACEMENTS = 6
+# What a pose takes up of the contacts' residuals, being the one that they suit best.
+_OF_A_POSE = 6
 _REACH_SIGMAS = 6.0  # standard deviations from where it is believed to be, beyond which an object is not
 
 
@@ -127,7 +129,7 @@ def is_comfortable(
         X_PO = X_PO[_by_pad(model, evidence, X_PO, chance, params.comfortable_variance).all(axis=1)]
     if not len(X_PO) or problem.mixture is None:
         return len(X_PO) > 0
-    limit = params.comfortable_variance * _limit(_of_contacts(evidence), chance)
+    limit = params.comfortable_variance * _limit(max(_of_contacts(evidence) - _OF_A_POSE, 1), chance)
     return bool(problem.touch.cost(X_PO).min() <= limit or problem.mixture.density.cost(X_PO).min() <= limit)
 
 

@@ -112,6 +112,7 @@ class PairSearch(Search):
         contacts: the touch that poses are proposed from. What is minimised is the objective's business.
         start, stages: what is refined, and how, where there is no prior. The first stage is by the touch alone.
         near_start, near_stages: the same near a prior.
+        start_but_for_one, near_start_but_for_one: the poses that are given where one of the contacts may be false.
     """
 
     model: ObjectModel
@@ -120,18 +121,14 @@ class PairSearch(Search):
     stages: tuple[Stage, ...] = global_stages()
     near_start: Start = Start(choice=PairChoice(poses=1500), candidates=120, samples=40, fewest=100, kept=100)
     near_stages: tuple[Stage, ...] = near_stages()
+    start_but_for_one: Start = Start(candidates=200)
+    near_start_but_for_one: Start = Start(choice=PairChoice(poses=1500), candidates=120, samples=20, fewest=40)
 
-    def leaving_out(self, index: int) -> Search:
-        """The search whose poses are proposed from the other contacts; a third of the work, for there are many such."""
-        kept = np.delete(np.arange(len(self.contacts)), index)
-        return dataclasses.replace(
-            self,
-            contacts=self.contacts[kept],
-            start=dataclasses.replace(self.start, choice=PairChoice(), candidates=100),
-            stages=global_stages(starts=60, kept=12),
-            near_start=dataclasses.replace(self.near_start, samples=20, fewest=40, kept=40),
-            near_stages=near_stages(kept=15),
-        )
+    def but_for_one(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
+        """Poses (n, 3, 4) to start from that suit all contacts but one, whichever each suits least; not refined."""
+        if space.reach[0] < np.pi:
+            return self._starts_near(self.near_start_but_for_one, space, generator, spared=1)
+        return self._starts_anywhere(self.start_but_for_one, space, generator, spared=1)
 
     def widened(self) -> Search:
         """The search with four times the starts where there is a prior."""
@@ -158,9 +155,10 @@ class PairSearch(Search):
         """The minima that the candidates lead to, by rising cost."""
         is_near = space.reach[0] < np.pi
         if is_near:
-            X_PO, quick = self._starts_near(objective, space, generator), objective.quick
+            X_PO, quick = self._starts_near(self.near_start, space, generator), objective.quick
+            X_PO = X_PO[objective.cost(X_PO).argsort(kind="stable")[: self.near_start.kept]]  # They are enough.
         else:
-            X_PO = self._starts_anywhere(space, generator)
+            X_PO = self._starts_anywhere(self.start, space, generator)
             quick = objective if objective.is_touch else SurfaceContact(self.model.grid, self.contacts)
         first, *stages = self.near_stages if is_near else self.stages
         # The first steps are by the touch alone, as the proposals are: other evidence is slow, and tells most once they
@@ -177,10 +175,11 @@ class PairSearch(Search):
         again = last.refine(objective, best if is_near else self._with_images(best), should_stop)
         return join_results(found, again).ranked()
 
-    def _starts_anywhere(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
+    def _starts_anywhere(
+        self, start: Start, space: PoseSpace, generator: np.random.Generator, spared: int = 0
+    ) -> FloatArray:
         """Proposals, and random poses where there are few of those; turns about an axis make no other start of one."""
-        start = self.start
-        X_PO = self.propose(start.choice, start.candidates, space, generator)
+        X_PO = self.propose(start.choice, start.candidates, space, generator, spared)
         if start.fewest is None or len(X_PO) < start.fewest:
             X_PO = np.concatenate([X_PO, space.sample(generator, start.samples)])
         if not self.model.continuous_symmetries:
@@ -189,15 +188,13 @@ class PairSearch(Search):
         return X_PO[distinct_poses(X_PO, start.choice.offset * self.model.pair_features.spacing, start.choice.bend)]
 
     def _starts_near(
-        self, objective: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator
+        self, start: Start, space: PoseSpace, generator: np.random.Generator, spared: int = 0
     ) -> FloatArray:
-        """The prior's own pose and samples with the proposals; the best of them are enough."""
-        start = self.near_start
-        near = self.propose(start.choice, start.candidates, space, generator)
+        """The prior's own pose and samples with the proposals."""
+        near = self.propose(start.choice, start.candidates, space, generator, spared)
         missing = 0 if start.fewest is None else start.fewest - len(near)
         samples = space.sample(generator, max(start.samples, missing) - 1)
-        X_PO = np.concatenate([space.center[None], samples, near])
-        return X_PO[objective.cost(X_PO).argsort(kind="stable")[: start.kept]]
+        return np.concatenate([space.center[None], samples, near])
 
     def _next(
         self, stage: Stage, found: SearchResult, objective: LeastSquaresObjective, space: PoseSpace
@@ -233,8 +230,13 @@ class PairSearch(Search):
         apart = one_of_each(X_PO, hessian + space.information, _NO_SYMMETRY, _SAME_MINIMUM)
         return X_PO[apart[:count]]
 
-    def propose(self, choice: PairChoice, count: int, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
-        """Distinct poses within the space's reach that lay two contacts on the surface and suit all, best first."""
+    def propose(
+        self, choice: PairChoice, count: int, space: PoseSpace, generator: np.random.Generator, spared: int = 0
+    ) -> FloatArray:
+        """Distinct poses within the space's reach that lay two contacts on the surface and suit all, best first.
+
+        But for one, whichever each suits least, where one is spared.
+        """
         features, field = self.model.pair_features, self.model.coarse_field
         offset, bend = choice.offset * features.spacing, choice.bend
         table = contact_table(field, self.contacts, offset, 2.0 * bend)
@@ -243,7 +245,7 @@ class PairSearch(Search):
         turns, reach = self.model.symmetry_turns, space.reach if space.reach[0] < np.pi else (np.pi, np.inf)
         if len(self.model.continuous_symmetries) > 1:
             turns, reach = turns[:1], (np.pi, reach[1])  # A sphere's rotation is always within reach.
-        X_PO, _ = best_poses(pairs, features, field, table, count, space.center, reach, turns)
+        X_PO, _ = best_poses(pairs, features, field, table, count, space.center, reach, turns, spared)
         if len(self.model.symmetry_turns) > 1:
             # Near the prior; without one, wherever, but of all that look the same only one.
             X_PO = nearest_images(X_PO, space.center, self.model.symmetry_turns, self.model.symmetries)

@@ -19,7 +19,6 @@ from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.searches.search import PoseSpace, PriorSpace
 from tactopose_drake.core.searches.touch_space import TouchSpace
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
 # So many standard deviations of the hand's geometry the object may be in the hand for nothing: by about as much the
@@ -77,15 +76,6 @@ class PoseProblem(NamedTuple):
                 doubted[id(self.touch)] = self.mixture.with_prior(self.prior)
                 terms = tuple(term for term in terms if term is not self.prior)
         return [doubted.get(id(term), term) for term in terms]
-
-    def inlier_probability(self, X_PO: FloatArray) -> FloatArray:
-        """That each contact, then each pad that feels the object, is as told, at poses (B, 3, 4), shape (B, k)."""
-        shares = [np.ones((len(X_PO), 0))]
-        if self.mixture is not None:
-            shares.append(self.mixture.judge(X_PO).inlier_probability)
-        if self.pad_mixture is not None:
-            shares.append(self.pad_mixture.inlier_probability(X_PO))
-        return np.concatenate(shares, axis=1)
 
 
 def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:

@@ -113,8 +113,8 @@ class Search(Protocol):
         """Returns poses of the space that (locally) minimise the objective, by rising cost; at least one."""
         ...
 
-    def leaving_out(self, index: int) -> "Search | None":
-        """The same where one of the contacts is false; None where there is no such."""
+    def but_for_one(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray | None:
+        """Poses (n, 3, 4) to start from where one of the contacts may be false; None where there is no such."""
         return None
 
     def widened(self) -> "Search | None":

@@ -3,7 +3,15 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.objectives.surface_contact import SurfaceContact, along_normals
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
+from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
+from tactopose_drake.core.objectives.pose_prior import PriorObjective
+from tactopose_drake.core.objectives.surface_contact import (
+    ContactsButOne,
+    ContactWithPrior,
+    SurfaceContact,
+    along_normals,
+)
 from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, retract, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
@@ -144,3 +152,28 @@ def test_along_normals_a_difference_of_normals_has_two_components_and_loses_noth
     np.testing.assert_allclose(slopes * residuals[:, :1, None], rows[..., None] * jacobian[:, :1], atol=1e-12)
     along = np.concatenate([np.zeros((7, 1)), n_O], axis=1)
     np.testing.assert_allclose(along_normals(n_O, along, jacobian)[0], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("with_normals", [True, False])
+@pytest.mark.parametrize("with_prior", [True, False])
+def test_contacts_but_one_are_those_without_the_one_that_a_pose_explains_least(
+    blob: ObjectModel, with_normals: bool, with_prior: bool
+) -> None:
+    X_PO = random_poses(4, 40)
+    contacts = touch_surface(blob, X_PO[0], 6, np.random.default_rng(4))
+    if not with_normals:
+        contacts = Contacts(contacts.p_PC)
+    prior = PriorObjective(GaussianPrior(X_PO[0], sigma_translation=0.02, sigma_rotation=0.3)) if with_prior else None
+    touch, rule = SurfaceContact(blob.grid, contacts), DescentRule(4, 1e-6, 1e-2, 1e6, 0.1)
+    but_one = ContactsButOne(touch, prior)
+    dearest = np.square(touch.residuals(X_PO).reshape(40, 6, -1)).sum(axis=2).argmax(axis=1)
+    assert len(set(dearest)) > 3
+    equations, ends = but_one.normal_equations(X_PO), but_one.descent(rule, X_PO)
+    np.testing.assert_array_equal(but_one.cost(X_PO), equations.cost)
+    for b, left_out in enumerate(dearest):
+        kept = SurfaceContact(blob.grid, contacts[np.delete(np.arange(6), left_out)])
+        alone = kept if prior is None else ContactWithPrior(kept, prior)
+        for mine, other in zip(equations, alone.normal_equations(X_PO[b : b + 1]), strict=True):
+            np.testing.assert_allclose(mine[b], other[0], rtol=1e-9, atol=1e-6)
+        for mine, other in zip(ends, alone.descent(rule, X_PO[b : b + 1]), strict=True):
+            np.testing.assert_allclose(mine[b], other[0], rtol=1e-6, atol=1e-6)

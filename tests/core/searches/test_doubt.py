@@ -7,11 +7,33 @@ from tactopose_drake.core.poses import increments_between, make_poses, random_ro
 from tactopose_drake.core.searches.doubt import search_with_doubt
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.pose_problem import make_problem
+from tactopose_drake.core.searches.touch_space import TouchSpace
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 
 
-def test_a_search_without_each_contact_in_turn_finds_what_a_false_one_hides() -> None:
+def test_where_one_contact_is_false_poses_are_proposed_that_the_others_suit(blob: ObjectModel) -> None:
+    near = {0: 0, 1: 0}
+    for seed in range(20):
+        generator = np.random.default_rng(seed)
+        X_PO = make_poses(random_rotations(generator, 1), 0.03 * generator.normal(size=(1, 3)))[0]
+        felt = touch_surface(blob, X_PO, 5, generator, spread=True)
+        p_PC = felt.p_PC.copy()
+        p_PC[seed % 5] += 0.025 * felt.n_PC[seed % 5]
+        contacts = Contacts(p_PC, felt.n_PC)
+        search, space = PairSearch(model=blob, contacts=contacts), TouchSpace(blob, contacts)
+        for spared in near:
+            X = search.propose(search.start_but_for_one.choice, 30, space, generator, spared)
+            errors = increments_between(X_PO, X)
+            near[spared] += bool(
+                np.any((np.linalg.norm(errors[:, :3], axis=1) < 0.3) & (np.linalg.norm(errors[:, 3:], axis=1) < 0.02))
+            )
+        starts = search.but_for_one(space, generator)
+        assert starts.shape[1:] == (3, 4)
+    assert near[1] >= 15 > near[0]
+
+
+def test_a_search_without_one_contact_finds_what_a_false_one_hides() -> None:
     """Two boxes glued together, which no symmetry maps onto itself, and one finger of seven far off."""
     parts = [trimesh.creation.box((0.05, 0.08, 0.12)), trimesh.creation.box((0.03, 0.05, 0.07))]
     parts[1].apply_translation([0.035, 0.01, -0.02])

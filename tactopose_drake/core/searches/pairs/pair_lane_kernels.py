@@ -17,8 +17,9 @@ LANES = 64
 MIDDLE, AXES, _NORMALS, COSINE, SINE = (np.uintp(LANES * row) for row in (0, 3, 12, 18, 19))
 # Of a contact: its voxel's number; how far outside of the field it is, in voxels; its normal in O.
 _VOXEL, _OUTSIDE, _TURNED = (np.uintp(LANES * row) for row in (20, 21, 22))
-COST = np.uintp(LANES * 25)
-SIZE = LANES * 26
+# What all contacts cost together, the dearest of them by itself, and all that count.
+COST, DEAREST, TOTAL = (np.uintp(LANES * row) for row in (25, 26, 27))
+SIZE = LANES * 28
 """Numbers that the rows take."""
 
 _1, _2, _3, _4, _5, _6, _7, _8 = (np.uintp(LANES * row) for row in range(1, 9))
@@ -122,7 +123,7 @@ def turn(lanes: int, w: OutSingles1) -> None:
 
 @part
 def add_cost(field: Field, contact: Singles1, lanes: int, w: OutSingles1) -> None:
-    """Adds the squared whitened differences of a contact (8,), see `_lay_out`, to the costs."""
+    """Adds the squared whitened differences of a contact (8,), see `_lay_out`, to the costs, and keeps the largest."""
     values, steps, per_voxel = field.values, np.float32(field.steps), np.float32(field.inverse_spacing)
     nx, ny, nz = field.shape
     most_x, most_y, most_z = np.float32(nx - 1), np.float32(ny - 1), np.float32(nz - 1)
@@ -152,4 +153,6 @@ def add_cost(field: Field, contact: Singles1, lanes: int, w: OutSingles1) -> Non
         e = np.float32(np.int32(v << 16) >> 24) * _STEP - w[_TURNED + lane]
         f = np.float32(np.int32(v << 8) >> 24) * _STEP - w[_TURNED + _1 + lane]
         g = np.float32(v >> 24) * _STEP - w[_TURNED + _2 + lane]
-        w[COST + lane] += d * d * weight_d + (e * e + f * f + g * g) * weight_n
+        own = d * d * weight_d + (e * e + f * f + g * g) * weight_n
+        w[COST + lane] += own
+        w[DEAREST + lane] = max(w[DEAREST + lane], own)

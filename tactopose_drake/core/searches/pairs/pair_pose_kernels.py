@@ -22,10 +22,12 @@ from tactopose_drake.core.searches.pairs.pair_lane_kernels import (
     AXES,
     COSINE,
     COST,
+    DEAREST,
     LANES,
     MIDDLE,
     SINE,
     SIZE,
+    TOTAL,
     Field,
     Samples,
     add_cost,
@@ -123,12 +125,14 @@ def keep_best(
     table: Floats2,
     images: Images,
     alike: float,
+    spared: int,
     X_best: OutFloats3,
     cost: OutSingles1,
 ) -> int:
     """Fills the poses and costs, and returns their number. What is worse than so many already is left as it is.
 
-    Costs below `alike` tell nothing: which of such poses counts as the better one is left to chance.
+    Costs below `alike` tell nothing: which of such poses counts as the better one is left to chance. Where one contact
+    is spared (0 or 1 are) a pose costs what all but its dearest one do.
     """
     matches, begins, ends, spins = matched
     X, axes, frames = np.empty((3, 4)), np.empty((3, 3)), np.empty((spins.shape[0], 4, 3))
@@ -154,14 +158,14 @@ def keep_best(
             lanes, row, spin = _take(samples, matched, q, frame, images, (row, spin), block)
             _place_lanes(samples, laid, spins[q], lanes, block)
             for lane in range(np.uintp(lanes)):
-                block.w[COST + lane] = 0.0
+                block.w[COST + lane], block.w[DEAREST + lane] = 0.0, 0.0
                 if images.farthest < np.inf:
                     _fill_axes(block.w, lane, axes)
                     _fill_pose(frame, axes, block.w, lane, X)
                     block.w[COST + lane] = 0.0 if is_near(X, images) else np.inf
-            _add_costs(field, laid, max(limit, alike), lanes, block.w)
+            _add_costs(field, laid, max(limit, alike), spared, lanes, block.w)
             for lane in range(np.uintp(lanes)):
-                total, match, turns = float(block.w[COST + lane]), block.match[lane, 0], block.match[lane, 1]
+                total, match, turns = float(block.w[TOTAL + lane]), block.match[lane, 0], block.match[lane, 1]
                 if total < alike:
                     total = alike * _chance(match, turns)
                 if total <= limit and total < np.inf:
@@ -214,13 +218,15 @@ def _note(samples, match, row, spin, lane, block):
 
 
 @part
-def _add_costs(field: Field, contacts: Singles2, bound: float, lanes: int, w: OutSingles1) -> None:
-    """Adds what contacts (k, 8) cost, until all lanes cost more than the bound."""
+def _add_costs(field: Field, contacts: Singles2, bound: float, spared: int, lanes: int, w: OutSingles1) -> None:
+    """Adds what contacts (k, 8) cost, but for so many (0 or 1), until all lanes cost more than the bound."""
+    dearest = np.float32(spared)
     for m in range(contacts.shape[0]):
         add_cost(field, contacts[m], lanes, w)
         good = 0
         for lane in range(np.uintp(lanes)):
-            good += 1 if w[COST + lane] <= np.float32(bound) else 0
+            w[TOTAL + lane] = w[COST + lane] - dearest * w[DEAREST + lane]
+            good += 1 if w[TOTAL + lane] <= np.float32(bound) else 0
         if good == 0:
             break
 

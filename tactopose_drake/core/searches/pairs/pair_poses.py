@@ -58,6 +58,7 @@ def best_poses(
     center: FloatArray,
     reach: tuple[float, float],
     turns: FloatArray,
+    spared: int = 0,
 ) -> tuple[FloatArray, NDArray[np.float32]]:
     """Of the poses of all pairs those within reach that cost least, `count` at the most.
 
@@ -76,6 +77,7 @@ def best_poses(
         center: the middle of the poses that count, shape (3, 4).
         reach: the largest rotation from there, rad, and the largest translation, m.
         turns: the object's symmetries as poses X_OO', shape (g, 3, 4).
+        spared: 1 where the contact that a pose suits least does not count, for it may be false; 0 where all do.
 
     Returns:
         The poses (n, 3, 4), and their coarse costs, rising, shape (n,); chance numbers where these tell nothing.
@@ -94,7 +96,8 @@ def best_poses(
         kernel_field(field),
         table,
         images,
-        _ALIKE * len(table),
+        _ALIKE * (len(table) - spared),
+        spared,
         X_PO,
         cost,
     )

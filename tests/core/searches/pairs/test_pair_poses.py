@@ -87,6 +87,22 @@ def test_of_several_pairs_the_best_poses_are_found(blob: ObjectModel) -> None:
     np.testing.assert_allclose(X_best[told], X_every[:50][first], atol=1e-12)
 
 
+def test_where_one_contact_is_spared_a_pose_costs_what_the_others_do(blob: ObjectModel) -> None:
+    contacts = touch_samples(blob, pose(2), [10, 500, 700, 900])
+    table = contact_table(blob.coarse_field, contacts, 0.004, 0.2)
+    features, field, pairs = blob.pair_features, blob.coarse_field, matched((0, 1, every_so_many(blob, 997)))
+    X_PO, cost = best_poses(pairs, features, field, table, EVERY, *EVERYWHERE, spared=1)
+    assert len(X_PO) == len(best_poses(pairs, features, field, table, EVERY, *EVERYWHERE)[0]) > 50
+    own = np.array([[cost_at(field, row[None], X) for row in table] for X in X_PO])
+    expected = own.sum(axis=1) - own.max(axis=1)
+    told = expected >= _ALIKE * 3
+    assert np.count_nonzero(told) > 0
+    # Poses come out in doubles, and are judged in singles: a contact may come to lie in the next voxel.
+    close = np.isclose(cost[told], expected[told], rtol=1e-3)
+    assert close.mean() > 0.95
+    assert (np.diff(cost) >= 0.0).all()
+
+
 def test_poses_out_of_reach_are_left_out(blob: ObjectModel) -> None:
     X_PO = pose(2)
     contacts = touch_samples(blob, X_PO, [10, 500, 700, 900])
