@@ -1,9 +1,9 @@
 """Follows the pose of one object that moves in the hand, and judges the belief at each instant.
 
 The contacts are on the true mesh. The belief begins with a guess that is off by its own standard deviations; it knows
-the noise, and the fingertips' velocities with theirs. The hand's calibration may be worse than it is told. A mode is
-right when the truth, or an image of it under the object's symmetries, lies in the ellipsoid that holds 99.9 % of its
-Gaussian.
+the noise, and the fingertips' velocities with theirs. The hand's calibration may be worse than it is told, and one of
+the fingers may touch something else all the while. A mode is right when the truth, or an image of it under the
+object's symmetries, lies in the ellipsoid that holds 99.9 % of its Gaussian.
 """
 
 import dataclasses
@@ -100,8 +100,42 @@ def is_wrong(model: tp.ObjectModel, X_PO: Array, contacts: tp.Contacts, X_true: 
     return bool(np.linalg.norm(error[3:]) > WRONG[0] or np.linalg.norm(error[:3]) > WRONG[1])
 
 
-def run_motion(family: str, seed: int, steps: int, calibration: float = 1.0) -> list[Instant]:
-    """Moves one object, and follows it, by a hand whose calibration is so many times as bad as told."""
+class FalseFinger:
+    """One finger whose contact is not the object's, at all times alike."""
+
+    def __init__(self, seed: int, count: int, fault: str) -> None:
+        """Draws which of so many it is, and by how much it is off.
+
+        Args:
+            seed: of what is drawn.
+            count: of fingers.
+            fault: "off", its point by 10 to 30 mm, "flipped", its normal, or "none".
+        """
+        generator = np.random.default_rng([seed, 99])
+        self._finger, way = int(generator.integers(count)), generator.normal(size=3)
+        self._off = generator.uniform(0.010, 0.030) * way / np.linalg.norm(way)
+        self._fault = fault
+
+    def measured(self, contacts: tp.Contacts) -> tuple[Array, Array]:
+        """Points and normals (k, 3) as they seem."""
+        p_PC, n_PC = contacts.p_PC.copy(), contacts.n_PC.copy()
+        if self._fault == "off":
+            p_PC[self._finger] += self._off
+        elif self._fault == "flipped":
+            n_PC[self._finger] *= -1.0
+        return p_PC, n_PC
+
+
+def run_motion(family: str, seed: int, steps: int, calibration: float = 1.0, fault: str = "none") -> list[Instant]:
+    """Moves one object, and follows it.
+
+    Args:
+        family: of motions.
+        seed: of all that is drawn.
+        steps: of 10 ms.
+        calibration: the hand's is so many times as bad as told.
+        fault: of one of the fingers, see `FalseFinger`.
+    """
     generator = np.random.default_rng([sorted(FAMILIES).index(family), seed])
     model, p_OC, motion = FAMILIES[family](generator, steps)
     R_PO = random_rotations(generator, 1)[0]
@@ -115,19 +149,21 @@ def run_motion(family: str, seed: int, steps: int, calibration: float = 1.0) -> 
     touch = RollingTouch(model, X_PO, p_OC, generator, noise)
     guess = tp.PosePrior(X_PO)
     guess = tp.PosePrior(retract(X_PO, generator.normal(size=6) * guess.sigmas))
-    tracker = PoseTracker(model)
+    tracker, false = PoseTracker(model), FalseFinger(seed, len(p_OC), fault)
     belief, instants = tracker.start(0.0), []
     for i, step in enumerate(motion(touch)):
         touch.move(step.twist, step.tip_turn, step.slides, PERIOD)
         measured, velocities = touch.measure()
-        contacts = tp.Contacts(
-            measured.p_PC,
-            measured.n_PC,
-            sigma_position=np.hypot(told.position, told.stable_position),
-            sigma_normal=np.radians(np.hypot(told.normal_deg, told.stable_normal_deg)),
+        true, contacts = (
+            tp.Contacts(
+                *points_and_normals,
+                sigma_position=np.hypot(told.position, told.stable_position),
+                sigma_normal=np.radians(np.hypot(told.normal_deg, told.stable_normal_deg)),
+            )
+            for points_and_normals in ((measured.p_PC, measured.n_PC), false.measured(measured))
         )
         started = time.process_time()
         frame = Frame(PERIOD * (i + 1), Evidence(contacts, prior=guess), touch.sources, velocities)
         belief = tracker.step(belief, frame)
-        instants.append(judge(model, belief, contacts, touch.X_PO, time.process_time() - started, step.slides))
+        instants.append(judge(model, belief, true, touch.X_PO, time.process_time() - started, step.slides))
     return instants

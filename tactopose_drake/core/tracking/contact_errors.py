@@ -32,7 +32,9 @@ from tactopose_drake.core.validation import FloatArray
 # So little doubt changes nothing.
 _NOTICED_DOUBT = 1.1
 # However false a contact seems, it counts by this share.
-_LEAST_INLIER = 0.01
+_LEAST_INLIER = 0.001
+# A contact that is as told with less than this probability tells nothing of the calibration.
+_LEAST_BELIEVED = 0.25
 # Nothing is known of the pose, rad and m.
 _ANY_POSE = np.repeat([3.0, 0.3], 3)
 _LEAST_CONTACTS = 3
@@ -223,7 +225,12 @@ def _scales(halvings: int, doublings: int, more: float, apart: float) -> _Scales
 
 
 def estimate_scale(
-    model: ObjectModel, params: PoseTrackerParams, reading: ContactReading, test: SlipTest, X_PO: FloatArray
+    model: ObjectModel,
+    params: PoseTrackerParams,
+    reading: ContactReading,
+    test: SlipTest,
+    X_PO: FloatArray,
+    inlier_probability: FloatArray,
 ) -> FloatArray | None:
     """Expected factors of the variances of points and of normals, shape (2,); None where too little tells.
 
@@ -233,13 +240,14 @@ def estimate_scale(
         reading: the contacts of now.
         test: the residuals of the last frames at the pose.
         X_PO: of the best mode, shape (3, 4).
+        inlier_probability: that the contacts are as told, if the object is there, shape (k,).
     """
     contacts, settings = reading.contacts, params.calibration_scale
     if test.residuals.shape[1] < len(reading.sources):
         return None
     history = test.residuals[:, reading.source]
     counts = np.count_nonzero(~np.isnan(history[..., 0]), axis=0)
-    felt = np.flatnonzero(counts >= settings.least_frames)
+    felt = np.flatnonzero((counts >= settings.least_frames) & (inlier_probability > _LEAST_BELIEVED))
     if len(felt) < _LEAST_CONTACTS or contacts.n_PC is None:
         return None
     mean = np.nansum(history[:, felt], axis=0) / counts[felt, None]

@@ -7,9 +7,11 @@ import dataclasses
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernel_library import make_kernels_ready
 from tactopose_drake.core.plain_values import copied, seal
 from tactopose_drake.core.poses import increments_between
+from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import (
@@ -230,7 +232,7 @@ class PoseTracker:
         if weighed is None:
             return belief
         share = max(1.0 / (1.0 + search.agreeing), params.relocalisation.least_share)
-        errors = self._follow_errors(belief, reading)
+        errors = self._follow_errors(belief, reading, touch.averaged(params))
         doubt = follow_doubt(errors.doubt, weighed.inlier_probability, weighed.noise_scale, frame.sources, share)
         errors = errors._replace(doubt=doubt)
         after = with_errors(reading, errors.doubts_of(frame.sources), errors.calibration, params)
@@ -239,12 +241,14 @@ class PoseTracker:
         search = search._replace(agreeing=search.agreeing + 1)
         return copied(belief, modes=modes, errors=errors, search=search)
 
-    def _follow_errors(self, belief: PoseBelief, reading: ContactReading) -> SeemingErrors:
+    def _follow_errors(self, belief: PoseBelief, reading: ContactReading, evidence: Evidence) -> SeemingErrors:
         """How large the calibration's errors seem to the best mode, if there is one, after the touch."""
-        if not len(belief.modes):
+        mixture = make_problem(self._model, evidence).mixture
+        if not len(belief.modes) or mixture is None:
             return belief.errors
-        X_best = belief.modes.X_PO[0]
-        now = estimate_scale(self._model, self._params, reading, belief.slip_test, X_best)
+        X_best, inlier = belief.modes.X_PO[:1], np.zeros(len(reading.contacts))
+        inlier[: len(evidence.contacts)] = mixture.judge(X_best).inlier_probability[0]
+        now = estimate_scale(self._model, self._params, reading, belief.slip_test, X_best[0], inlier)
         return follow_scale(belief.errors, now, self._params.calibration_scale)
 
     def _has_moved(self, X_before: FloatArray, X_now: FloatArray) -> bool:

@@ -16,23 +16,25 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.poses import compose, increments_between
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.importance_sampling import Cover, cover_modes, weigh_covered
-from tactopose_drake.core.posterior.plausibility import explain_with_doubt
+from tactopose_drake.core.posterior.plausibility import explain_with_doubt, is_comfortable
 from tactopose_drake.core.posterior.posterior import make_posterior
+from tactopose_drake.core.searches.doubt import search_with_doubt
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch, Start, global_stages
 from tactopose_drake.core.searches.patch_searches import patch_search
 from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
-from tactopose_drake.core.searches.search import SearchResult
+from tactopose_drake.core.searches.search import SearchResult, never
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_update import begin_modes
@@ -157,6 +159,8 @@ def _propose_poses(
     stages = global_stages(-(-starts // 2), -(-starts // 8))
     pairs = dataclasses.replace(pairs, start=Start(candidates=starts, samples=starts // 2), stages=stages)
     found = pairs.minimize(problem.objective, problem.space, generator)
+    if not is_comfortable(model, touch, problem, found.X_PO):  # One of the contacts may be false.
+        found = search_with_doubt(model, touch, problem, pairs, found, generator, never)
     return _distinct(model, params, problem, found).mixture.X_PO
 
 
@@ -169,6 +173,10 @@ def _settle_poses(model: ObjectModel, params: RelocalisationParams, evidence: Ev
     if evidence.prior is None:
         X_PO = nearest_images(X_PO, X_PO[0], model.symmetry_turns, model.symmetries)
     found = _REFINEMENT.refine(problem.objective, X_PO)
+    if not is_comfortable(model, evidence, problem, found.X_PO):
+        # By increments it asks for normal equations alone, and so for no residuals.
+        doubted = cast(LeastSquaresObjective, problem.doubted(problem.objective))
+        found = _REFINEMENT.refine(doubted, np.concatenate([X_PO, found.X_PO]))
     X_PO = _distinct(model, params, problem, found).mixture.X_PO
     judgement = None if problem.mixture is None else problem.mixture.judge(X_PO)
     return X_PO[explain_with_doubt(model, evidence, judgement, X_PO)]
@@ -184,7 +192,7 @@ def _cover_poses(
     """Covers the posterior's modes at minima (m, 3, 4) of the evidence, at least one; see `cover_modes`."""
     problem = make_problem(model, evidence)
     each = np.zeros(len(X_PO), dtype=np.intp)
-    minima = SearchResult(X_PO, problem.objective.cost(X_PO), each, each == 0)
+    minima = SearchResult(X_PO, problem.doubted(problem.objective).cost(X_PO), each, each == 0)
     modes = _distinct(model, params, problem, minima)
     return evidence, modes, cover_modes(modes, make_posterior(model, evidence, problem, params.posterior), generator)
 
@@ -200,7 +208,9 @@ def _weigh_covered(
     if problem.mixture is None:
         return WeighedModes(modes, np.zeros(0), 1.0)
     judgement, weights = problem.mixture.judge(modes.mixture.X_PO), modes.mixture.weights
-    return WeighedModes(modes, weights @ judgement.inlier_probability, float(weights @ judgement.noise_scale))
+    likely = weights >= params.least_checked_share * weights.max()
+    doubted = judgement.inlier_probability[likely].min(axis=0)
+    return WeighedModes(modes, doubted, float(weights @ judgement.noise_scale))
 
 
 def _distinct(model: ObjectModel, params: RelocalisationParams, problem: PoseProblem, found: SearchResult) -> Modes:
@@ -235,7 +245,8 @@ def relocalise(
     kept = kept[now[kept] > now[kept[:1]] + math.log(params.mixture.least_share)]
     X_PO, covariance, now = X_PO[kept], covariance[kept], now[kept]
     same, within = _same_modes(model, params, X_PO, covariance, modes)
-    objective = make_problem(model, touch.averaged(params)).objective
+    problem = make_problem(model, touch.averaged(params))
+    objective = problem.doubted(problem.objective)
     cost, least = objective.cost(np.ascontiguousarray(modes.X_PO)), objective.cost(X_PO)
     pairs = _match(cost, same, within & (cost < least[:, None] + params.relocalisation.least_gain))
     is_right = pairs >= 0

@@ -23,7 +23,8 @@ class WeighedModes(NamedTuple):
 
     Attributes:
         modes: of the pose.
-        inlier_probability: of each contact, that it is what it claims to be, shape (k,).
+        inlier_probability: of each contact, that it is what it claims to be, shape (k,), by that one of the likely
+            modes which believes it least: of two poses by which another contact is false each, both go on.
         noise_scale: by how much the noise seems larger than told.
     """
 

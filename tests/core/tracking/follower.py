@@ -31,10 +31,11 @@ class Follower:
         count: int = 1,
         vision: PoseMeasurement | None = None,
         fingers: Sequence[int] = range(6),
+        bias: np.ndarray | None = None,
     ) -> PoseBelief:
-        """Frames of a touch at a pose by some fingers; of none, where that is None."""
+        """Frames of a touch at a pose by some fingers, off by a bias (6, 6) of all; of none, where the pose is None."""
         for _ in range(count):
-            contacts = Contacts.empty() if X is None else touch(X, self.generator)[list(fingers)]
+            contacts = Contacts.empty() if X is None else touch(X, self.generator, bias)[list(fingers)]
             names = None if X is None else tuple(NAMES[i] for i in fingers)
             frame = Frame(self.belief.time + 0.01, Evidence(contacts, prior=GUESS), names, vision=vision)
             self.belief = self.tracker.step(self.belief, frame)

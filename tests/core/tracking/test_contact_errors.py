@@ -22,6 +22,7 @@ from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases,
 PARAMS = PoseTrackerParams()
 TOLD = PARAMS.calibration_position, math.radians(PARAMS.calibration_normal_deg)
 X_PO = make_poses(random_rotations(np.random.default_rng(0), 1), np.array([[0.02, 0.0, 0.1]]))[0]
+ALL = np.ones(6)
 REST = move_with_palm(MotionNoise(), 0.01, slips=False)
 
 
@@ -44,7 +45,7 @@ def feel(
 
 def scales(box: ObjectModel, scale: float) -> np.ndarray:
     """Of some hands, the root of the factors' geometric mean."""
-    found = [estimate_scale(box, PARAMS, *feel(box, seed, scale), X_PO) for seed in range(8)]
+    found = [estimate_scale(box, PARAMS, *feel(box, seed, scale), X_PO, ALL) for seed in range(8)]
     return np.array([math.sqrt(math.sqrt(factors[0] * factors[1])) for factors in found if factors is not None])
 
 
@@ -74,9 +75,25 @@ def test_the_scale_is_found_up_to_a_factor(box: ObjectModel, scale: float) -> No
 
 def test_where_the_pose_is_believed_to_be_has_no_part_in_it(box: ObjectModel) -> None:
     X_near = retract(X_PO, np.array([0.02, -0.01, 0.02, 0.002, -0.002, 0.001]))
-    at_truth, beside = (estimate_scale(box, PARAMS, *feel(box, 3, 2.0, X), X) for X in (X_PO, X_near))
+    at_truth, beside = (estimate_scale(box, PARAMS, *feel(box, 3, 2.0, X), X, ALL) for X in (X_PO, X_near))
     assert at_truth is not None
     np.testing.assert_allclose(beside, at_truth, rtol=0.1)
+
+
+def test_a_contact_that_seems_false_tells_nothing_of_the_calibration(box: ObjectModel) -> None:
+    generator, test, still = np.random.default_rng(1), SlipTest(), PoseChange(X_PO, np.zeros((6, 2)), REST)
+    bias = draw_biases(generator, *TOLD)
+    bias[2, :3] += [0.0, 0.0, 0.02]
+    bias[3, :3] -= 0.02 * X_PO[:, 1]
+    for _ in range(20):
+        reading = read(touch(X_PO, generator, bias, TOLD))
+        test, _ = detect_slip(box, PARAMS.slip, test, reading, still)
+    believed = estimate_scale(box, PARAMS, reading, test, X_PO, ALL)
+    without = estimate_scale(box, PARAMS, reading, test, X_PO, np.array([0.9, 0.8, 0.01, 0.02, 0.9, 0.9]))
+    assert believed is not None
+    assert without is not None
+    assert believed[0] > 10.0
+    assert without[0] < 3.0
 
 
 def test_too_few_contacts_or_frames_and_touch_without_normals_tell_nothing(box: ObjectModel) -> None:
@@ -85,7 +102,7 @@ def test_too_few_contacts_or_frames_and_touch_without_normals_tell_nothing(box: 
     bare = Contacts(reading.contacts.p_PC, None, sigma_position=reading.contacts.sigma_position)
     once = feel(box, 0, 4.0, frames=1)
     for little in ((two, test), (read(bare), test), once, (reading, test.restarted())):
-        assert estimate_scale(box, PARAMS, *little, X_PO) is None
+        assert estimate_scale(box, PARAMS, *little, X_PO, ALL[: len(little[0].contacts)]) is None
     kept = SeemingErrors(calibration=np.array([2.0, 3.0]), estimates=4)
     assert follow_scale(kept, None, PARAMS.calibration_scale) is kept
 
