@@ -31,8 +31,8 @@ from tactopose_drake.core.validation import FloatArray
 
 # So little doubt changes nothing.
 _NOTICED_DOUBT = 1.1
-# However false a contact seems, it counts by this share.
-_LEAST_INLIER = 0.001
+LEAST_INLIER = 0.001
+"""However false a contact seems, it counts by this share."""
 # A contact that is as told with less than this probability tells nothing of the calibration.
 _LEAST_BELIEVED = 0.25
 # Nothing is known of the pose, rad and m.
@@ -202,7 +202,7 @@ def follow_doubt(
     """
     after = dict(doubt)
     for name, inlier in zip(sources, inlier_probability, strict=False):
-        now = noise_scale**2 / max(float(inlier), _LEAST_INLIER)
+        now = noise_scale**2 / max(float(inlier), LEAST_INLIER)
         after[name] = math.exp((1.0 - share) * math.log(doubt.get(name, 1.0)) + share * math.log(max(now, 1.0)))
     return after
 

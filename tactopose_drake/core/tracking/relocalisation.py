@@ -37,6 +37,7 @@ from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
 from tactopose_drake.core.searches.search import SearchResult, never
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.contact_errors import LEAST_INLIER
 from tactopose_drake.core.tracking.contact_update import begin_modes
 from tactopose_drake.core.tracking.keyframes import Touch, past_cost
 from tactopose_drake.core.tracking.motion_prediction import Motion
@@ -208,9 +209,8 @@ def _weigh_covered(
     if problem.mixture is None:
         return WeighedModes(modes, np.zeros(0), 1.0)
     judgement, weights = problem.mixture.judge(modes.mixture.X_PO), modes.mixture.weights
-    likely = weights >= params.least_checked_share * weights.max()
-    doubted = judgement.inlier_probability[likely].min(axis=0)
-    return WeighedModes(modes, doubted, float(weights @ judgement.noise_scale))
+    log_inlier = weights @ np.log(np.maximum(judgement.inlier_probability, LEAST_INLIER))
+    return WeighedModes(modes, np.exp(log_inlier), float(weights @ judgement.noise_scale))
 
 
 def _distinct(model: ObjectModel, params: RelocalisationParams, problem: PoseProblem, found: SearchResult) -> Modes:

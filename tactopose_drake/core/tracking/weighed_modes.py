@@ -23,8 +23,8 @@ class WeighedModes(NamedTuple):
 
     Attributes:
         modes: of the pose.
-        inlier_probability: of each contact, that it is what it claims to be, shape (k,), by that one of the likely
-            modes which believes it least: of two poses by which another contact is false each, both go on.
+        inlier_probability: of each contact, that it is what it claims to be, shape (k,): the geometric mean over the
+            modes, so that of two by which another contact is false each, both are doubted, and none draws a mode away.
         noise_scale: by how much the noise seems larger than told.
     """
 

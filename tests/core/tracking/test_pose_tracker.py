@@ -3,7 +3,6 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from scipy.stats import chi2
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
@@ -44,16 +43,13 @@ def test_it_starts_lost_and_finds_the_pose(tracker: PoseTracker) -> None:
 
 @pytest.mark.parametrize("finger", range(6))
 def test_a_finger_that_touches_something_else_is_found_out(tracker: PoseTracker, finger: int) -> None:
-    """Or the one that faces it: the touch does not say which of the two is false, but where vision tells."""
+    """Where the one that faces it may be false in its place, which vision alone tells, it is not sure."""
     follower, bias = Follower(tracker, finger), np.zeros((6, 6))
     bias[finger, :3] = 0.025 * (X_PO[:, :3] @ n_OC[finger])
     belief = follower.feel(X_PO, 40, bias=bias)
     doubt = belief.errors.doubt
     assert doubt[NAMES[finger]] > 10.0 * np.median(list(doubt.values()))
     assert belief.errors.calibration.max() < 4.0
-    u = increments_between(belief.X_PO, X_PO)
-    squares = np.einsum("ni,nij,nj->n", u, np.linalg.inv(belief.covariance), u)
-    assert squares.min() < chi2.ppf(0.999, 6)
     assert belief.status != "ok" or error(belief, X_PO)[0] < 0.005
 
 
