@@ -243,11 +243,14 @@ class PoseTracker:
 
     def _follow_errors(self, belief: PoseBelief, reading: ContactReading, evidence: Evidence) -> SeemingErrors:
         """How large the calibration's errors seem to the best mode, if there is one, after the touch."""
-        mixture = make_problem(self._model, evidence).mixture
-        if not len(belief.modes) or mixture is None:
+        if not len(belief.modes):
             return belief.errors
-        X_best, inlier = belief.modes.X_PO[:1], np.zeros(len(reading.contacts))
-        inlier[: len(evidence.contacts)] = mixture.judge(X_best).inlier_probability[0]
+        problem, X_best = make_problem(self._model, evidence), belief.modes.X_PO[:1]
+        inlier, contacts = np.ones(len(reading.contacts)), len(evidence.contacts)
+        if problem.mixture is not None:
+            inlier[:contacts] = problem.mixture.judge(X_best).inlier_probability[0]
+        if problem.pad_mixture is not None:
+            inlier[contacts:] = problem.pad_mixture.inlier_probability(X_best)[0]
         now = estimate_scale(self._model, self._params, reading, belief.slip_test, X_best[0], inlier)
         return follow_scale(belief.errors, now, self._params.calibration_scale)
 
