@@ -6,13 +6,12 @@ the mixture likelihood, which then says itself which one is false, if any.
 """
 
 import dataclasses
-from typing import cast
 
 import numpy as np
 
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels.mode_kernels import one_of_each
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective, SmoothObjective
+from tactopose_drake.core.objectives.objective import SmoothObjective
 from tactopose_drake.core.objectives.surface_contact import ContactsButOne, SurfaceContact
 from tactopose_drake.core.poses import compose
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
@@ -65,8 +64,7 @@ def search_with_doubt(
     starts = X_PO[cost < cost[0] + _WORTH]
     if evidence.prior is None:
         starts = np.concatenate([starts, compose(X_PO[:_TURNED, None], model.half_turns).reshape(-1, 3, 4)])
-    # By increments it asks for normal equations alone, and so for no residuals.
-    return _REFINEMENT.refine(cast(LeastSquaresObjective, objective), starts, should_stop)
+    return _REFINEMENT.refine(objective, starts, should_stop)
 
 
 def _minima(found: SearchResult, problem: PoseProblem) -> FloatArray:
@@ -92,7 +90,7 @@ def _but_for_one(
     """
     touch = ContactsButOne(SurfaceContact(model.grid, evidence.touch), problem.prior)
     for refinement, kept in _ROUNDS:
-        found = refinement.refine(cast(LeastSquaresObjective, touch), X_PO, should_stop)
+        found = refinement.refine(touch, X_PO, should_stop)
         found = found._replace(cost=doubted.cost(found.X_PO)).ranked()
         assert found.hessian is not None
         information = found.hessian + problem.space.information

@@ -5,6 +5,7 @@ Source: [B16] J. Bimbo, thesis, 2016, section 2.6.2.2, eqs. 2.30 and 2.31, and i
 
 import dataclasses
 from collections.abc import Callable, Iterator
+from typing import cast
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from tactopose_drake.core.objectives.objective import (
     Descent,
     LeastSquaresObjective,
     NormalEquations,
+    SmoothObjective,
 )
 from tactopose_drake.core.searches.parameters import IncrementParameters, Parameters
 from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, join_results, never
@@ -73,27 +75,29 @@ class LevenbergMarquardt(Search):
         """Minimises from the centre of the space."""
         return self.refine(objective, space.center[None], should_stop)
 
-    def refine(
-        self, objective: LeastSquaresObjective, X_start: FloatArray, should_stop: StopSignal = never
-    ) -> SearchResult:
-        """Minimises from each of the poses (B, 3, 4); returns them by rising cost."""
+    def refine(self, objective: SmoothObjective, X_start: FloatArray, should_stop: StopSignal = never) -> SearchResult:
+        """Minimises from each of the poses (B, 3, 4); returns them by rising cost.
+
+        By increments any smooth objective will do; other parameters ask for residuals.
+        """
         X_start = np.ascontiguousarray(X_start)
         is_plain = self.solver is cholesky_steps and isinstance(self.parameters, IncrementParameters)
         descent = objective.descent if is_plain else None
         if descent is not None:
             blocks = self._descend(descent, X_start, should_stop)
             return join_results(*blocks).ranked()
+        least_squares = cast(LeastSquaresObjective, objective)
         here = self.parameters.start(X_start).copy()
         state, cost = here.copy(), np.empty(len(here))
         iterations, converged = np.zeros(len(here), dtype=np.int64), np.zeros(len(here), dtype=np.bool_)
         # The working arrays hold the poses that still move; `active` says which ones these are.
         active, start, damping = np.arange(len(here)), X_start, np.full(len(here), self.initial_damping)
         rule = self._rule
-        equations = self.parameters.normal_equations(objective, here, X_start)
+        equations = self.parameters.normal_equations(least_squares, here, X_start)
         for iteration in range(1, self.max_iterations + 1):
             step = self.solver(equations.hessian, equations.gradient, damping)
             moved = self.parameters.move(here, step)
-            there = self.parameters.normal_equations(objective, moved, start)
+            there = self.parameters.normal_equations(least_squares, moved, start)
             done = np.empty(len(here), dtype=np.bool_)
             least_squares_kernels.accept_steps(
                 least_squares_kernels.Problems(here.reshape(len(here), -1), *equations),

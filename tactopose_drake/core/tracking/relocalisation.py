@@ -16,14 +16,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels.matrix_kernels import inverses
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.poses import compose, increments_between
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.importance_sampling import Cover, cover_modes, weigh_covered
@@ -175,9 +174,7 @@ def _settle_poses(model: ObjectModel, params: RelocalisationParams, evidence: Ev
         X_PO = nearest_images(X_PO, X_PO[0], model.symmetry_turns, model.symmetries)
     found = _REFINEMENT.refine(problem.objective, X_PO)
     if not is_comfortable(model, evidence, problem, found.X_PO):
-        # By increments it asks for normal equations alone, and so for no residuals.
-        doubted = cast(LeastSquaresObjective, problem.doubted(problem.objective))
-        found = _REFINEMENT.refine(doubted, np.concatenate([X_PO, found.X_PO]))
+        found = _REFINEMENT.refine(problem.doubted(problem.objective), np.concatenate([X_PO, found.X_PO]))
     X_PO = _distinct(model, params, problem, found).mixture.X_PO
     judgement = None if problem.mixture is None else problem.mixture.judge(X_PO)
     return X_PO[explain_with_doubt(model, evidence, judgement, X_PO)]
