@@ -22,12 +22,12 @@ from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.alike_modes import indistinct_images, join_alike
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.importance_sampling import weigh_modes
-from tactopose_drake.core.posterior.plausibility import explain_with_doubt, is_comfortable
+from tactopose_drake.core.posterior.plausibility import explain_with_doubt
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
 from tactopose_drake.core.searches.doubt import search_with_doubt
 from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
-from tactopose_drake.core.searches.search import SearchResult
+from tactopose_drake.core.searches.search import Search, SearchResult, StopSignal
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.free_spin import turn_alike
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -158,17 +158,14 @@ def weigh_poses(
     problem = make_problem(model, evidence)
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)
-    found = search.minimize(problem.objective, problem.space, generator, deadline)
-    comfortable = is_comfortable(model, evidence, problem, found.X_PO, params.plausibility)
-    if evidence.outlier_probability > 0.0 and not comfortable:
-        found = search_with_doubt(model, evidence, problem, search, found, generator, deadline)
+    found = _search(problem, search, generator, deadline)
     images = indistinct_images(model, float(np.min(evidence.touch.sigma_position)))
     modes = _modes_of(model, evidence, problem, found, images, most_modes)
-    explained = comfortable or evidence.prior is None or _judge(model, evidence, problem, modes, params)[1].any()
+    explained = evidence.prior is None or _judge(model, evidence, problem, modes, params)[1].any()
     wider_search = None if explained else search.widened()
     if wider_search is not None and not deadline():
         # The valley with the pose may be a narrow one that no start has led to.
-        found = wider_search.minimize(problem.objective, problem.space, generator, deadline)
+        found = _search(problem, wider_search, generator, deadline)
         wider = _modes_of(model, evidence, problem, found, images, most_modes)
         modes = min(modes, wider, key=lambda either: float(either.cost.min()))
     if not deadline():
@@ -190,6 +187,15 @@ def weigh_poses(
         undetermined,
     )
     return estimate.first(max_hypotheses)
+
+
+def _search(
+    problem: PoseProblem, search: Search, generator: np.random.Generator, should_stop: StopSignal
+) -> SearchResult:
+    """What a search finds, with doubt where contacts may be false."""
+    if problem.but_for_one is None:
+        return search.minimize(problem.objective, problem.space, generator, should_stop)
+    return search_with_doubt(problem, search, generator, should_stop)
 
 
 def _is_undetermined(model: ObjectModel, evidence: Evidence, fewest: int, best: PoseHypothesis) -> bool:

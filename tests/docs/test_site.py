@@ -56,9 +56,12 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_concepts_says_how_often_contacts_are_false() -> None:
     rows = re.findall(r"^\| ([0-9.]+) \| ([0-9]+) \|(.*)\|$", PAGES["docs/concepts.md"], re.M)
     assert len(rows) == 6
+    assert SCEPTICAL.of_one is not None
     for probability, count, said in rows:
-        shares = SCEPTICAL.kinds.among(int(count)).shares(float(probability))
-        expected = shares.other, shares.lost, shares.displaced, shares.turned, shares.flipped, shares.as_told
+        p, n = float(probability), int(count)
+        each, one = SCEPTICAL.kinds.shares(p), SCEPTICAL.of_one.among(n)
+        odds = n * p / (1.0 - p) * each.as_told * np.array([one.lost, one.displaced, one.turned, one.flipped])
+        expected = [each.other, each.displaced, each.turned, *odds / (1.0 + odds.sum()), 1.0 / (1.0 + odds.sum())]
         assert [float(number) for number in said.split("|")] == pytest.approx(expected, rel=5e-3)
 
 

@@ -231,9 +231,9 @@ def test_each_hypothesis_says_whether_it_explains_the_touch(bottle: tp.ObjectMod
     estimate = tp.estimate_pose(bottle, contacts)
     assert estimate.best.explains_touch
     # Without a prior the cost is the touch's alone. What costs more explains it where the surface as it is does, near a
-    # kink of the field, or a contact that may be false.
+    # kink of the field, or a contact that may be false. Two that are false of five cost no more than that.
     cheap = [h for h in estimate.hypotheses if 2 * h.cost <= chi2.isf(1e-6, 3 * len(contacts))]
     assert cheap
-    assert all(h.explains_touch for h in cheap)
+    assert all(h.explains_touch == (np.count_nonzero(h.inlier_probability < 0.5) < 2) for h in cheap)
     apart = tp.Contacts([[0.0, 0, 0], [5.0, 0, 0], [0, 5.0, 0]], np.eye(3))
     assert not any(h.explains_touch for h in tp.estimate_pose(bottle, apart).hypotheses)

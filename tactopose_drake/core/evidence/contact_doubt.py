@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-# The odds that one of three contacts or fewer is lost, over those of one of five or more.
-_LOST_OF_THREE = 0.1
+# The odds that one of three contacts or fewer is the false one, over those of one of five or more.
+_ODDS_AMONG_THREE = 0.1
 
 
 class KindShares(NamedTuple):
@@ -44,8 +44,7 @@ class ContactKinds:
         flipped: the odds that a contact's normal shows the other way, over those of something else.
         turned: the odds that one has any normal, likewise.
         displaced: the odds that one is displaced, likewise.
-        lost: the odds that one tells no more than one of something else, likewise: two touches taken for one, say. So
-            many where others judge it: see `among`.
+        lost: the odds that one tells no more than one of something else, likewise: two touches taken for one, say.
     """
 
     flipped: float = 0.0
@@ -63,14 +62,22 @@ class ContactKinds:
         )
 
     def among(self, count: int) -> "ContactKinds":
-        """Of each of so many contacts: of five, four are left to judge one that may be lost; three tell too little."""
-        share = float(np.interp(count, (3, 5), (_LOST_OF_THREE, 1.0)))
-        return dataclasses.replace(self, lost=self.lost * share)
+        """Of the false one of so many: of five, four are left to judge it; three, of which two are, tell too little."""
+        share = float(np.interp(count, (3, 5), (_ODDS_AMONG_THREE, 1.0)))
+        return ContactKinds(
+            flipped=share * self.flipped,
+            turned=share * self.turned,
+            displaced=share * self.displaced,
+            lost=share * self.lost,
+        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ContactDoubt:
     """What is doubted of contacts.
+
+    Each is false by itself as `kinds` say. Beside that one of them at the most, whichever, is so as `of_one` says: a
+    sceptic, who asks of each whether it is the false one, does not take two or three of five for false.
 
     Attributes:
         surroundings: a contact with something else is anywhere within so much of the object, m.
@@ -78,6 +85,8 @@ class ContactDoubt:
         most_noise: with more noise than this of points, m, and of normals, rad, no contact is likelier to be lost: one
             that is would, among so much noise, be about as likely as one that is as told.
         kinds: how often a contact is not as told otherwise, by how often it is of something else.
+        of_one: how often, by the same, the one is not as told, where others judge it: see `ContactKinds.among`; None
+            where there is no such doubt.
         doublings: how often the variance of points and that of normals may be twice what is told, and the probability
             of that before the touch. That it is as told is the most probable: data sheets are. Errors of joints, of the
             fingertips' mounting and of the mesh, which no data sheet tells, move points more than they turn normals.
@@ -88,6 +97,7 @@ class ContactDoubt:
     displacement: float = 0.015
     most_noise: tuple[float, float] = (0.001, math.radians(5.0))
     kinds: ContactKinds = dataclasses.field(default_factory=ContactKinds)
+    of_one: ContactKinds | None = None
     doublings: tuple[tuple[int, int, float], ...] = (
         (0, 0, 0.56),
         (1, 0, 0.10),
@@ -106,17 +116,17 @@ USUAL = ContactDoubt()
 """That of a good hand."""
 
 SCEPTICAL = ContactDoubt(
-    kinds=ContactKinds(flipped=2.0, turned=4.0, displaced=20.0, lost=250.0),
+    of_one=ContactKinds(flipped=3.0, turned=4.5, displaced=21.0, lost=375.0),
     doublings=(
-        (0, 0, 0.40),
-        (1, 0, 0.12),
-        (2, 0, 0.10),
-        (3, 0, 0.07),
-        (4, 0, 0.05),
-        (1, 1, 0.10),
-        (2, 2, 0.08),
-        (3, 3, 0.05),
-        (4, 4, 0.03),
+        (0, 0, 0.15),
+        (1, 0, 0.17),
+        (2, 0, 0.14),
+        (3, 0, 0.10),
+        (4, 0, 0.07),
+        (1, 1, 0.14),
+        (2, 2, 0.11),
+        (3, 3, 0.07),
+        (4, 4, 0.05),
     ),
 )
 """That of an estimate of one touch, which somebody is to act on.
@@ -124,6 +134,7 @@ SCEPTICAL = ContactDoubt(
 The odds are those with which five contacts, one of them false, lead to no more wrong certainty than is stated, and are
 far above how often contacts are false: a touch without a false one is then believed as much, for all its contacts
 agree, and one with a false one is not. Who takes them for rarer is sure and wrong where one is, and hardly
-surer where none is. But so all objects explain a touch better, which tells them apart less well; and a belief over time
-sees for itself what lasts.
+surer where none is. Likewise the noise may well be up to four times what is told: where it is not, contacts that agree
+say so themselves. But so all objects explain a touch better, which tells them apart less well; and a belief
+over time sees for itself what lasts.
 """

@@ -8,7 +8,7 @@ import numpy as np
 
 from tactopose_drake.core.compilation import inlined, kernel
 from tactopose_drake.core.kernel_types import Floats3, OutFloats4
-from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts, find_shares, make_work, mix
+from tactopose_drake.core.kernels.contact_mixture_kernels import BY_D, BY_N, FACES, Doubts, find_shares, make_work, mix
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.surface_contact_kernels import Rows, Touch, contact_rows
 
@@ -35,25 +35,24 @@ def find_alternatives(grid: Grid, touch: Touch, doubts: Doubts, X: Floats3, hess
     in it, no more, so that nothing negative is left.
     """
     k = touch.p.shape[0]
-    d, n, m, facing = np.empty((k, 1)), np.empty((k, 1)), np.empty((k, 1)), np.empty(3)
-    work, shares, cost = make_work(k, doubts), np.empty((4, 1)), np.empty(1)
+    facing, work = np.empty(3), make_work(k, doubts)
     own = Rows(np.empty(5), np.empty((5, 6)), np.empty((4, 6)), np.empty((10, 4)))
     residual, smooth = own.residual, own.smooth
     for b in range(X.shape[0]):
         for i in range(k):
             _rows_facing(grid, touch, i, -1.0, facing, X[b], own)
-            m[i, 0] = _normal_energy(residual)
+            work.m[i, 0] = _normal_energy(residual)
             _rows_facing(grid, touch, i, 1.0, facing, X[b], own)
-            d[i, 0], n[i, 0] = 0.5 * residual[0] ** 2, _normal_energy(residual)
-        mix(d, n, m, 1, doubts, cost, work)
+            work.d[i, 0], work.n[i, 0] = 0.5 * residual[0] ** 2, _normal_energy(residual)
+        mix(1, doubts, work)
         for i in range(k):
-            find_shares(i, 1, doubts, work, shares)
-            _rows_facing(grid, touch, i, shares[3, 0], facing, X[b], own)
-            lost_d = max(shares[1, 0] - doubts.closeness[i], 0.0)
+            find_shares(i, 1, doubts, work)
+            _rows_facing(grid, touch, i, work.shares[FACES], facing, X[b], own)
+            lost_d = max(work.shares[BY_D] - doubts.closeness[i], 0.0)
             for c in range(6):
                 for e in range(6):
                     lost_n = 0.0
                     for a in range(1, 4):
                         lost_n += smooth[a, c] * smooth[a, e]
                     left[b, i, c, e] = hessian[b, c, e] - lost_d * smooth[0, c] * smooth[0, e]
-                    left[b, k + i, c, e] = hessian[b, c, e] - shares[2, 0] * lost_n
+                    left[b, k + i, c, e] = hessian[b, c, e] - work.shares[BY_N] * lost_n

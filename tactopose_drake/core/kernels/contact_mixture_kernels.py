@@ -10,9 +10,13 @@ of an exact one is
     displaced                f_d exp(-c d - n / t) / t,
     of something else        f_p,
 
-summed, without t, n and m where there is no normal. The factors s and t are the same for all contacts: the likelihood
-is the sum over pairs of them of their prior probability times the product over the contacts. They are powers of two, so
-that one exponential of each energy serves for all.
+summed, without t, n and m where there is no normal: a for each contact, with the odds f of that being so by itself, and
+b, of the false kinds alone, with the odds of it being the one of all that is so. The factors s and t are the same for
+all contacts: the likelihood is the sum over pairs of them of their prior probability times
+
+    prod_i a_i (1 + sum_i b_i / a_i).
+
+They are powers of two, so that one exponential of each energy serves for all.
 """
 
 import math
@@ -20,8 +24,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import inlined, kernel, part
-from tactopose_drake.core.kernel_types import Floats1, Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3
+from tactopose_drake.core.compilation import inlined, part
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, Longs1, OutFloats1, OutFloats2, OutFloats3
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.lane_kernels import (
     DISTANCE_ENERGY,
@@ -31,19 +35,21 @@ from tactopose_drake.core.kernels.lane_kernels import (
     LANES,
     NORMAL_ENERGY,
     NORMAL_SHARE,
-    SIZE,
     add_equations,
     enter,
-    leave,
     read_grid,
     weigh,
 )
-from tactopose_drake.core.kernels.prior_kernels import Prior, add_prior, half_square, prior_cost, prior_row
 from tactopose_drake.core.kernels.surface_contact_kernels import Touch
 
 # The factors of the variances are two to the powers 0 to this.
 MOST_DOUBLINGS = 4
 _ROOT_2 = math.sqrt(2.0)
+# The series of exp(x); and up to which x its powers are numbers.
+_SERIES = tuple(1.0 / math.factorial(order) for order in range(9))
+_MOST = 700.0
+# Where the rows of shares begin after the first: what a contact's distance and normal count for, and how it faces.
+BY_D, BY_N, FACES = (np.uintp(LANES * row) for row in (1, 2, 3))
 
 
 class Doubts(NamedTuple):
@@ -53,8 +59,8 @@ class Doubts(NamedTuple):
         s, t: logarithms to base two of the pairs of factors, shape (q,); the first is 0, 0.
         per_s, per_t: one over the factors, shape (q,).
         probability: of each pair over that of the first, shape (q,).
-        flipped, normal, displaced, other: f_m, f_n, f_d and f_p, shape (k,); 0 where that cannot be, but for f_p, which
-            is above 0.
+        flipped, normal, displaced, other: f_m, f_n, f_d and f_p, of each by itself and of the one of all, shape (2, k);
+            0 where that cannot be, but for the f_p of each, which are above 0.
         closeness: c, the contacts' variances over that of how far they are displaced, shape (k,).
         has_normals: whether there are normals.
     """
@@ -64,215 +70,207 @@ class Doubts(NamedTuple):
     per_s: Floats1
     per_t: Floats1
     probability: Floats1
-    flipped: Floats1
-    normal: Floats1
-    displaced: Floats1
-    other: Floats1
+    flipped: Floats2
+    normal: Floats2
+    displaced: Floats2
+    other: Floats2
     closeness: Floats1
     has_normals: bool
 
 
-class Exact(NamedTuple):
-    """The exact densities (B, k) of contacts, and the energy up to which they are known."""
+class Work(NamedTuple):
+    """What `mix` reads and fills, of k contacts, f factors of variances, q pairs of them and some lanes.
 
-    density: OutFloats2
-    reached: float
+    Attributes:
+        d, n, m: the energies of distances, of normals and of flipped ones, shape (k, lanes).
+        point, turn, back: what these make of a contact's density, by factor, shape (k, f, lanes).
+        moved: likewise if it is displaced, shape (k, lanes).
+        total: what the pairs weigh, shape (q, lanes); `most` the largest, shape (lanes,).
+        by_itself: what of that is of contacts that are each false by itself, if at all, shape (q, lanes).
+        cost: of each pose, shape (lanes,).
+        shares: what `find_shares` fills, four rows of lanes.
+    """
 
-
-class Equations(NamedTuple):
-    """Cost (B,), gradient (B, 6) and Hessian (B, 6, 6), as a kernel fills them."""
-
+    d: OutFloats2
+    n: OutFloats2
+    m: OutFloats2
+    point: OutFloats3
+    turn: OutFloats3
+    back: OutFloats3
+    moved: OutFloats2
+    total: OutFloats2
+    by_itself: OutFloats2
+    most: OutFloats1
     cost: OutFloats1
-    gradient: OutFloats2
-    hessian: OutFloats3
+    shares: OutFloats1
 
 
-class Judged(NamedTuple):
-    """What `judge` fills: see `ContactMixture.judge`."""
-
-    cost: OutFloats1
-    inlier_probability: OutFloats2
-    noise_scale: OutFloats1
-    misfit: OutFloats1
-
-
-@inlined
-def mix(d, n, m, lanes, doubts, cost, work):
-    """The costs of energies d, n and m (k, lanes), 0 where d and n are; fills the factors, and what the pairs weigh."""
-    point, turn, back, moved, total, most = work
+@part
+def mix(lanes: int, doubts: Doubts, work: Work) -> None:
+    """The costs of energies, 0 where those of distances and normals are; with the factors, and what the pairs weigh."""
+    point, turn, back, moved = work.point, work.turn, work.back, work.moved
+    total, by_itself, most, cost = work.total, work.by_itself, work.most, work.cost
     pairs = total.shape[0]
     for lane in range(lanes):
         cost[lane] = 0.0
         for q in range(pairs):
-            total[q, lane] = doubts.probability[q]
-    for i in range(d.shape[0]):
-        for lane in range(lanes):
-            per, root = 0.5**MOST_DOUBLINGS, 0.5 ** (0.5 * MOST_DOUBLINGS)
-            by_point, by_turn, by_back = np.exp(-d[i, lane] * per), np.exp(-n[i, lane] * per), np.exp(-m[i, lane] * per)
-            for a in range(MOST_DOUBLINGS, -1, -1):
-                point[i, a, lane] = by_point * root
-                turn[i, a, lane] = by_turn * per if doubts.has_normals else 1.0
-                back[i, a, lane] = doubts.flipped[i] * by_back * per
-                by_point, by_turn, by_back = by_point * by_point, by_turn * by_turn, by_back * by_back
-                per, root = 2.0 * per, _ROOT_2 * root
-            moved[i, lane] = doubts.displaced[i] * np.exp(-doubts.closeness[i] * d[i, lane])
-            most[lane] = 0.0
+            total[q, lane] = by_itself[q, lane] = doubts.probability[q]
+    for i in range(work.d.shape[0]):
+        _find_factors(i, lanes, doubts, work)
+        (f_m, f_n, f_d, f_p), (g_m, g_n, g_d, g_p) = _odds(doubts, 0, i), _odds(doubts, 1, i)
         for q in range(pairs):
             s, t = doubts.s[q], doubts.t[q]
             for lane in range(lanes):
-                by_point, by_turn = point[i, s, lane], turn[i, t, lane]
-                false = (back[i, t, lane] + doubts.normal[i]) * by_point + moved[i, lane] * by_turn + doubts.other[i]
-                total[q, lane] *= by_point * by_turn + false
+                by_point, by_back, displaced = point[i, s, lane], back[i, t, lane], moved[i, lane] * turn[i, t, lane]
+                own = by_point * turn[i, t, lane] + ((f_m * by_back + f_n) * by_point + f_d * displaced + f_p)
+                one = (g_m * by_back + g_n) * by_point + g_d * displaced + g_p
+                total[q, lane] = total[q, lane] * own + by_itself[q, lane] * one
+                by_itself[q, lane] *= own
+        for lane in range(lanes):
+            most[lane] = total[0, lane]
+        for q in range(1, pairs):
+            for lane in range(lanes):
                 most[lane] = max(most[lane], total[q, lane])
         for lane in range(lanes):
             if not 1e-50 <= most[lane] <= 1e50:  # Many contacts' densities are too small or large for one number.
                 cost[lane] -= np.log(most[lane])
                 for q in range(pairs):
                     total[q, lane] /= most[lane]
+                    by_itself[q, lane] /= most[lane]
     for lane in range(lanes):
         mass = 0.0
         for q in range(pairs):
             mass += total[q, lane]
         for q in range(pairs):
             total[q, lane] /= mass
+            by_itself[q, lane] /= mass
         cost[lane] -= np.log(mass)
 
 
 @inlined
-def find_shares(i, lanes, doubts, work, shares):
-    """That a contact is as told, and what its distance and its normal count for, into shares (4, lanes).
+def _odds(doubts, row, i):
+    """Those of a contact's false kinds, by itself (row 0) or as the one of all (row 1)."""
+    return doubts.flipped[row, i], doubts.normal[row, i], doubts.displaced[row, i], doubts.other[row, i]
+
+
+@inlined
+def _exp_minus(x):
+    """exp(-x) as the 1024th power of a short series, to 1e-12 where that is not next to nothing.
+
+    NumPy's takes one number at a time; a loop of this takes as many as the processor can.
+    """
+    y = max(min(x, _MOST), -_MOST) * (-1.0 / 1024.0)
+    high = _SERIES[4] + y * (_SERIES[5] + y * (_SERIES[6] + y * (_SERIES[7] + y * _SERIES[8])))
+    power = 1.0 + y * (1.0 + y * (_SERIES[2] + y * (_SERIES[3] + y * high)))
+    for _ in range(10):
+        power = power * power
+    return power
+
+
+@inlined
+def _find_factors(i, lanes, doubts, work):
+    """A contact's factors by its energies, for each of the noise's scales."""
+    d, n, m, closeness = work.d, work.n, work.m, doubts.closeness[i]
+    point, turn, back, moved = work.point, work.turn, work.back, work.moved
+    least, root = 0.5**MOST_DOUBLINGS, 0.5 ** (0.5 * MOST_DOUBLINGS)
+    for lane in range(lanes):
+        point[i, MOST_DOUBLINGS, lane] = _exp_minus(d[i, lane] * least)
+        moved[i, lane] = _exp_minus(closeness * d[i, lane])
+    for lane in range(lanes):
+        turn[i, MOST_DOUBLINGS, lane] = _exp_minus(n[i, lane] * least)
+        back[i, MOST_DOUBLINGS, lane] = _exp_minus(m[i, lane] * least)
+    for a in range(MOST_DOUBLINGS - 1, -1, -1):
+        for lane in range(lanes):
+            point[i, a, lane] = point[i, a + 1, lane] * point[i, a + 1, lane]
+            turn[i, a, lane] = turn[i, a + 1, lane] * turn[i, a + 1, lane]
+            back[i, a, lane] = back[i, a + 1, lane] * back[i, a + 1, lane]
+    for a in range(MOST_DOUBLINGS, -1, -1):
+        for lane in range(lanes):
+            point[i, a, lane] *= root
+            back[i, a, lane] *= least
+            turn[i, a, lane] = turn[i, a, lane] * least if doubts.has_normals else 1.0
+        least, root = 2.0 * least, _ROOT_2 * root
+
+
+@part
+def find_shares(i: int, lanes: int, doubts: Doubts, work: Work) -> None:
+    """That a contact is as told, and what its distance and its normal count for, into four rows of shares.
 
     These are the derivatives of the cost by its energies, that by n and that by m together; what the first of the two
     is more than the second, as a share of both, comes last.
     """
-    point, turn, back, moved, total, _ = work
-    for lane in range(lanes):
-        told, weight_d, weight_n, weight_m = 0.0, 0.0, 0.0, 0.0
-        for q in range(total.shape[0]):
-            if total[q, lane] > 1e-6:
-                by_point, by_turn = point[i, doubts.s[q], lane], turn[i, doubts.t[q], lane]
-                as_told = by_point * by_turn
-                flipped = by_point * back[i, doubts.t[q], lane]
-                turned, displaced = doubts.normal[i] * by_point, moved[i, lane] * by_turn
-                part = total[q, lane] / (as_told + flipped + turned + displaced + doubts.other[i])
-                told += part * as_told
-                weight_d += part * ((as_told + flipped + turned) * doubts.per_s[q] + displaced * doubts.closeness[i])
-                weight_n += part * (as_told + displaced) * doubts.per_t[q]
-                weight_m += part * flipped * doubts.per_t[q]
-        shares[0, lane], shares[1, lane], shares[2, lane] = told, weight_d, weight_n + weight_m
-        shares[3, lane] = (weight_n - weight_m) / (weight_n + weight_m) if weight_m > 0.0 else 1.0
+    shares, moved = work.shares, work.moved[i]
+    for lane in range(FACES + np.uintp(LANES)):
+        shares[lane] = 0.0
+    (f_m, f_n, f_d, f_p), (g_m, g_n, g_d, g_p) = _odds(doubts, 0, i), _odds(doubts, 1, i)
+    closeness = doubts.closeness[i]
+    for q in range(work.total.shape[0]):
+        point, turn, back = work.point[i, doubts.s[q]], work.turn[i, doubts.t[q]], work.back[i, doubts.t[q]]
+        per_s, per_t, total, by_itself = doubts.per_s[q], doubts.per_t[q], work.total[q], work.by_itself[q]
+        for lane in range(np.uintp(lanes)):
+            by_back, displaced = point[lane] * back[lane], moved[lane] * turn[lane]
+            own = point[lane] * turn[lane] + ((f_m * back[lane] + f_n) * point[lane] + f_d * displaced + f_p)
+            one = (g_m * back[lane] + g_n) * point[lane] + g_d * displaced + g_p
+            # What the other contacts weigh where none of them is the one, and where that may be.
+            none = by_itself[lane] / own
+            others = max((total[lane] - none * one) / own, none)
+            as_told, flipped = others * point[lane] * turn[lane], (others * f_m + none * g_m) * by_back
+            turned, displaced = (others * f_n + none * g_n) * point[lane], (others * f_d + none * g_d) * displaced
+            shares[lane] += as_told
+            shares[BY_D + lane] += (as_told + flipped + turned) * per_s + displaced * closeness
+            shares[BY_N + lane] += (as_told + displaced) * per_t
+            shares[FACES + lane] += flipped * per_t
+    for lane in range(np.uintp(lanes)):
+        by_n, by_m = shares[BY_N + lane], shares[FACES + lane]
+        shares[BY_N + lane] = by_n + by_m
+        shares[FACES + lane] = (by_n - by_m) / (by_n + by_m) if by_m > 0.0 else 1.0
 
 
-@inlined
-def make_work(contacts, doubts):
-    """What `mix` fills: the contacts' factors by points, normals, flipped ones, as displaced; what the pairs weigh."""
-    factors = (contacts, MOST_DOUBLINGS + 1, LANES)
-    return (
+@part
+def make_work(contacts: int, doubts: Doubts) -> Work:
+    """Room for so many contacts."""
+    each, factors, pairs = (contacts, LANES), (contacts, MOST_DOUBLINGS + 1, LANES), (len(doubts.s), LANES)
+    return Work(
+        np.empty(each),
+        np.empty(each),
+        np.empty(each),
         np.empty(factors),
         np.empty(factors),
         np.empty(factors),
-        np.empty((contacts, LANES)),
-        np.empty((len(doubts.s), LANES)),
+        np.empty(each),
+        np.empty(pairs),
+        np.empty(pairs),
         np.empty(LANES),
+        np.empty(LANES),
+        np.empty(4 * LANES),
     )
 
 
 @part
-def _find_energies(
-    grid: Grid, touch: Touch, lanes: int, w: OutFloats1, d: OutFloats2, n: OutFloats2, m: OutFloats2
-) -> None:
-    """The energies of each contact's distance, normal and flipped normal, into (k, lanes), by the distance field."""
+def find_energies(grid: Grid, touch: Touch, lanes: int, w: OutFloats1, work: Work) -> None:
+    """The energies of each contact's distance, normal and flipped normal, by the distance field."""
     for i in range(touch.p.shape[0]):
         read_grid(grid, touch.p[i], touch.n[i], lanes, w)
         weigh(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)
-        for lane in range(lanes):
-            d[i, lane], n[i, lane] = w[DISTANCE_ENERGY + np.uintp(lane)], w[NORMAL_ENERGY + np.uintp(lane)]
-            m[i, lane] = w[FLIPPED_ENERGY + np.uintp(lane)]
+        for lane in range(np.uintp(lanes)):
+            work.d[i, lane], work.n[i, lane] = w[DISTANCE_ENERGY + lane], w[NORMAL_ENERGY + lane]
+            work.m[i, lane] = w[FLIPPED_ENERGY + lane]
 
 
-@kernel
-def mixture_equations(
-    grid: Grid,
-    touch: Touch,
-    doubts: Doubts,
-    prior: Prior,
-    X: Floats3,
-    equations: Equations,
-) -> None:
-    """Cost, its exact gradient and the Gauss-Newton Hessian at poses (B, 3, 4), of the contacts and the prior.
+@part
+def add_up_doubted(grid: Grid, touch: Touch, doubts: Doubts, X: Floats3, lanes: int, w: OutFloats1, work: Work) -> None:
+    """Costs, into the work's, and gradient and Hessian at so many poses X (3, 4), one in each lane of the rows w.
 
-    The Hessian is that of the contacts' squares by what each counts for, as in iteratively reweighted least squares.
-    There is no prior where its weights are zero.
+    The gradient is exact. The Hessian is that of the contacts' squares by what each counts for, as in iteratively
+    reweighted least squares.
     """
-    cost, gradient, hessian = equations
-    k = touch.p.shape[0]
-    w, work = np.zeros(SIZE), make_work(k, doubts)
-    d, n, m = np.empty((k, LANES)), np.empty((k, LANES)), np.empty((k, LANES))
-    shares, g, H = np.empty((4, LANES)), np.empty(6), np.empty((6, 6))
-    u, difference, D = np.empty(6), np.empty(6), np.empty((6, 6))
-    for first in range(0, X.shape[0], LANES):
-        lanes = min(LANES, X.shape[0] - first)
-        enter(X, first, lanes, w)
-        _find_energies(grid, touch, lanes, w, d, n, m)
-        mix(d, n, m, lanes, doubts, cost[first:], work)
-        for i in range(k):
-            find_shares(i, lanes, doubts, work, shares)
-            read_grid(grid, touch.p[i], touch.n[i], lanes, w)
-            for lane in range(lanes):
-                w[DISTANCE_SHARE + np.uintp(lane)] = shares[1, lane]
-                w[NORMAL_SHARE + np.uintp(lane)], w[FACING + np.uintp(lane)] = shares[2, lane], shares[3, lane]
-            add_equations(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)
-        for lane in range(lanes):
-            b = first + lane
-            leave(w, np.uintp(lane), X[b], g, H, gradient[b], hessian[b])
-            if prior.weights[0] > 0.0:
-                prior_row(prior, X[b], u, difference, D)
-                cost[b] += half_square(difference)
-                add_prior(prior, difference, D, gradient[b], hessian[b])
-
-
-@kernel
-def judge(
-    grid: Grid, touch: Touch, doubts: Doubts, prior: Prior, exact: Exact, X: Floats3, judged: Judged, whole: bool
-) -> None:
-    """Judges poses (B, 3, 4): as a whole, or by their costs alone, and then all else that is judged stays as it is.
-
-    Where the contacts' exact densities are more than exp(-reached), they take the place of d + n. Farther off they are
-    cut, and the distance field is as good; how well a flipped normal fits is known by that field alone. The prior
-    counts in the costs alone.
-    """
-    density, reached = exact
-    k, least, u, shares = touch.p.shape[0], np.exp(-reached), np.empty(6), np.empty((4, LANES))
-    w, work = np.zeros(SIZE), make_work(k, doubts)
-    d, n, m = np.empty((k, LANES)), np.empty((k, LANES)), np.empty((k, LANES))
-    for first in range(0, X.shape[0], LANES):
-        lanes = min(LANES, X.shape[0] - first)
-        enter(X, first, lanes, w)
-        _find_energies(grid, touch, lanes, w, d, n, m)
-        for lane in range(lanes):
-            for i in range(k):
-                if density[first + lane, i] > least:
-                    both = -np.log(density[first + lane, i])
-                    d[i, lane] = min(d[i, lane], max(both, 0.0))
-                    n[i, lane] = both - d[i, lane]
-                else:
-                    n[i, lane] = max(d[i, lane] + n[i, lane], reached) - d[i, lane]
-        mix(d, n, m, lanes, doubts, judged.cost[first:], work)
-        for b in range(first, first + lanes):
-            judged.cost[b] += prior_cost(prior, X[b], u)
-        if not whole:
-            continue
-        for i in range(k):
-            find_shares(i, lanes, doubts, work, shares)
-            for lane in range(lanes):
-                judged.inlier_probability[first + lane, i] = shares[0, lane]
-        for lane in range(lanes):
-            b, total = first + lane, work[4][:, lane]
-            judged.noise_scale[b], narrowed, calmed = 0.0, 0.0, 0.0
-            for pair in range(len(doubts.s)):
-                judged.noise_scale[b] += total[pair] / np.sqrt(doubts.per_s[pair])
-                narrowed += total[pair] * doubts.per_s[pair]
-                calmed += total[pair] * doubts.per_t[pair]
-            judged.misfit[b] = 0.0
-            for i in range(k):
-                judged.misfit[b] += judged.inlier_probability[b, i] * (d[i, lane] * narrowed + n[i, lane] * calmed)
+    enter(X, 0, lanes, w)
+    find_energies(grid, touch, lanes, w, work)
+    mix(lanes, doubts, work)
+    for i in range(touch.p.shape[0]):
+        find_shares(i, lanes, doubts, work)
+        read_grid(grid, touch.p[i], touch.n[i], lanes, w)
+        for lane in range(np.uintp(lanes)):
+            w[DISTANCE_SHARE + lane], w[NORMAL_SHARE + lane] = work.shares[BY_D + lane], work.shares[BY_N + lane]
+            w[FACING + lane] = work.shares[FACES + lane]
+        add_equations(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)

@@ -1,4 +1,4 @@
-"""The touch by itself, with a prior or without one: normal equations, and a pose's whole descent in one loop.
+"""Contacts, believed or doubted, with a prior or without one: normal equations, and a pose's whole descent in one loop.
 
 Source: [B16] J. Bimbo, thesis, 2016, eqs. 2.30 and 2.31, 3.3 and 3.5.
 """
@@ -9,6 +9,7 @@ import numpy as np
 
 from tactopose_drake.core.compilation import kernel
 from tactopose_drake.core.kernel_types import Longs1, OutFlags1, OutFloats1, OutFloats2, OutFloats3, OutLongs1
+from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts, add_up_doubted, make_work
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.lane_kernels import LANES, SIZE, leave, total_cost
 from tactopose_drake.core.kernels.least_squares_kernels import (
@@ -36,13 +37,21 @@ class Ends(NamedTuple):
 
 @kernel
 def descend(
-    grid: Grid, touch: Touch, prior: Prior, rule: DescentRule, spared: Longs1, X: OutFloats3, ends: Ends
+    grid: Grid,
+    touch: Touch,
+    doubts: Doubts,
+    prior: Prior,
+    rule: DescentRule,
+    spared: Longs1,
+    X: OutFloats3,
+    ends: Ends,
 ) -> None:
     """Levenberg-Marquardt from each pose X (B, 3, 4), which moves; as `LevenbergMarquardt.refine` does it in rounds.
 
-    The cost is of the contacts' residuals and the prior's; there is no prior where its weights are zero. Each pose is
-    spared the contact whose number stands in spared (B,); all count where there is no such contact. The exact
-    gradient and the Gauss-Newton Hessian are those at the poses where the descents end.
+    The cost is of the contacts' residuals and the prior's; there is no prior where its weights are zero. Where doubts
+    say how much the noise may be larger, it is the mixture's. Where they do not, each pose is spared the contact whose
+    number stands in spared (B,); all count where there is no such contact. The exact gradient and the Gauss-Newton
+    Hessian are those at the poses where the descents end.
     The Hessian is of the contacts' rows that carry information, see `surface_contact_kernels.contact_rows`.
 
     So many poses as there are lanes are on their way at a time; where one has arrived, the next begins.
@@ -51,7 +60,8 @@ def descend(
     damping, promised, left_out = np.empty(LANES), np.empty(LANES), np.empty(LANES, dtype=np.int64)
     g, H, u, difference, D = np.empty(6), np.empty((6, 6)), np.empty(6), np.empty(6), np.empty((6, 6))
     L, forward, step = np.empty((6, 6)), np.empty(6), np.empty(6)
-    under_way, begun = 0, 0
+    under_way, begun, doubted = 0, 0, len(doubts.s) > 0
+    work = make_work(touch.p.shape[0], doubts)
     while True:
         while under_way < LANES and begun < X.shape[0]:
             index[under_way], damping[under_way], promised[under_way] = begun, rule.initial_damping, 0.0
@@ -60,13 +70,16 @@ def descend(
             under_way, begun = under_way + 1, begun + 1
         if under_way == 0:
             return
-        for lane in range(under_way):
-            left_out[lane] = spared[index[lane]]
-        add_up(grid, touch, left_out, there, under_way, w)
+        if doubted:
+            add_up_doubted(grid, touch, doubts, there, under_way, w, work)
+        else:
+            for lane in range(under_way):
+                left_out[lane] = spared[index[lane]]
+            add_up(grid, touch, left_out, there, under_way, w)
         going = 0
         for lane in range(under_way):
             b, at = index[lane], there[lane]
-            total = total_cost(w, np.uintp(lane))
+            total = work.cost[lane] if doubted else total_cost(w, np.uintp(lane))
             if prior.weights[0] > 0.0:
                 prior_row(prior, at, u, difference, D)
                 total += half_square(difference)

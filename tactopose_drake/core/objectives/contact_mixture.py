@@ -3,9 +3,10 @@
 A finger may touch something else: then its contact is anywhere. It may be elsewhere than its joints say: then its point
 is displaced, and its normal about right. It may touch over an edge: then the point is as told, and the normal any; or
 its force may have the wrong sign, and the normal shows the other way. The mixture of these with a contact as told
-[HRM16] never lets one contact decide. How much larger the noise is than told, that of the points alone or of the
-normals too, is summed over: that makes the likelihood heavy-tailed for all contacts together, as one of Student's t is
-[LLT89].
+[HRM16] never lets one contact decide. That one contact is false, whichever, may be likelier than that several are:
+beside the product over contacts, each false by itself, there is the sum over which one it is. How much larger the noise
+is than told, that of the points alone or of the normals too, is summed over: that makes the likelihood heavy-tailed for
+all contacts together, as one of Student's t is [LLT89].
 
 Source: [LLT89] K. Lange, R. Little, J. Taylor, Robust statistical modeling using the t distribution, J. Am. Stat.
 Assoc. 84, 1989. [HRM16] D. Hogg, J. Bovy, D. Lang, Data analysis recipes: fitting a model to data, 2010, section 3
@@ -14,6 +15,7 @@ Assoc. 84, 1989. [HRM16] D. Hogg, J. Bovy, D. Lang, Data analysis recipes: fitti
 
 import functools
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,9 +24,12 @@ from numpy.typing import NDArray
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contact_doubt import USUAL, ContactDoubt
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.kernels import contact_alternatives_kernels, contact_mixture_kernels
-from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts, Equations, Exact, Judged
-from tactopose_drake.core.objectives.objective import NormalEquations, SmoothObjective
+from tactopose_drake.core.kernels import contact_alternatives_kernels
+from tactopose_drake.core.kernels.contact_judgement_kernels import Exact, Judged, judge
+from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts
+from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
+from tactopose_drake.core.objectives.compiled_descent import CompiledDescent
+from tactopose_drake.core.objectives.objective import Descent, NormalEquations, SmoothObjective
 from tactopose_drake.core.objectives.pose_prior import NO_PRIOR, PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
@@ -76,12 +81,16 @@ class ContactMixture(SmoothObjective):
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4), by the distance field."""
-        count = len(X_PO)
-        equations = Equations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
-        contact_mixture_kernels.mixture_equations(
-            self.touch.grid, self.touch.touch, self._doubts, self._prior, np.ascontiguousarray(X_PO), equations
-        )
-        return NormalEquations(*equations)
+        return self._compiled.normal_equations(X_PO)
+
+    @property
+    def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
+        """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
+        return self._compiled.descend
+
+    @property
+    def _compiled(self) -> CompiledDescent:
+        return CompiledDescent(self.touch.grid, self.touch.touch, self._prior, self._doubts)
 
     def alternatives(self, X_PO: FloatArray, hessian: FloatArray) -> FloatArray:
         """What is left of a cost's Hessians (B, 6, 6) at poses (B, 3, 4) with one contact false, (B, 2 k, 6, 6)."""
@@ -94,7 +103,7 @@ class ContactMixture(SmoothObjective):
     def judge(self, X_PO: FloatArray) -> Judgement:
         """What the exact likelihood says of poses (B, 3, 4): of the surface as it is, see `SurfaceDensity`."""
         judged = self._judge(X_PO, self.density.densities(X_PO), self._reached, whole=True)
-        of_exact_ones = 1.0 / (1.0 + self._doubts.normal + self._doubts.displaced + self._doubts.other)
+        of_exact_ones = _exact_inliers(self._doubts)
         return Judgement(*judged, judged.inlier_probability < 0.5 * of_exact_ones)
 
     def exact_cost(self, X_PO: FloatArray) -> FloatArray:
@@ -106,7 +115,7 @@ class ContactMixture(SmoothObjective):
         count = len(X_PO)
         judged = Judged(np.empty(count), np.empty(density.shape), np.empty(count), np.empty(count))
         touch, X_PO, exact = self.touch, np.ascontiguousarray(X_PO), Exact(density, reached)
-        contact_mixture_kernels.judge(touch.grid, touch.touch, self._doubts, self._prior, exact, X_PO, judged, whole)
+        judge(touch.grid, touch.touch, self._doubts, self._prior, exact, X_PO, judged, whole)
         return judged
 
 
@@ -123,6 +132,13 @@ def _scales(doublings: tuple[tuple[int, int, float], ...]) -> tuple[Any, ...]:
     )
 
 
+def _exact_inliers(doubts: Doubts) -> FloatArray:
+    """How probably each contact (k,) is as told where all are exact."""
+    own, one = 1.0 + doubts.normal[0] + doubts.displaced[0] + doubts.other[0], doubts.normal[1] + doubts.displaced[1]
+    odds = (one + doubts.other[1]) / own
+    return np.asarray((1.0 + odds.sum() - odds) / (own * (1.0 + odds.sum())))
+
+
 def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, doubt: ContactDoubt) -> Doubts:
     """What kernels read."""
     sigma_p, sigma_n = np.asarray(contacts.sigma_position), np.asarray(contacts.sigma_normal)
@@ -137,21 +153,19 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
     any_normal = np.minimum(0.5 * sigma_n**2, 1.0) if has_normals else np.ones(len(sigma_n))
     lost_normal = np.minimum(any_normal, 0.5 * most_n**2) if has_normals else any_normal
     displaced = np.minimum(sigma_p / doubt.displacement, 1.0)
-    shares = doubt.kinds.among(len(sigma_p)).shares(outlier_probability)
-    shares = shares if has_normals else shares.without_normals()
-    other, lost = shares.other * any_point * any_normal, shares.lost * lost_point * lost_normal
+    rows = np.zeros((4, 2, len(sigma_n)))  # Of kinds: of each, of one of all; relative to contacts as told.
+    of_one = None if doubt.of_one is None else doubt.of_one.among(len(sigma_p))
+    for row, kinds in enumerate((doubt.kinds, of_one)):
+        if kinds is not None:
+            shares = kinds.shares(outlier_probability)
+            shares = shares if has_normals else shares.without_normals()
+            other = 0.0 if row else shares.other  # That one is of something else is no further doubt.
+            nothing = shares.lost * lost_point * lost_normal + other * any_point * any_normal
+            rows[0, row], rows[1, row] = shares.flipped, shares.turned * any_normal
+            rows[2, row], rows[3, row] = shares.displaced * displaced, nothing
+            rows[:, row] /= shares.as_told
+    rows[3, 0] = np.maximum(rows[3, 0], _LEAST_DENSITY)
     s, t, per_s, per_t, probability = _scales(doubt.doublings)
-    return Doubts(
-        s,
-        t,
-        per_s,
-        per_t,
-        probability,
-        # Relative to a contact as told.
-        read_only(np.full(len(sigma_n), shares.flipped / shares.as_told)),
-        read_only(shares.turned / shares.as_told * any_normal),
-        read_only(shares.displaced / shares.as_told * displaced),
-        read_only(np.maximum((other + lost) / shares.as_told, _LEAST_DENSITY)),
-        read_only(displaced**2),
-        has_normals,
-    )
+    flipped, normal, moved, nothing = map(read_only, rows)
+    closeness = read_only(displaced**2)
+    return Doubts(s, t, per_s, per_t, probability, flipped, normal, moved, nothing, closeness, has_normals)

@@ -1,5 +1,6 @@
 """What an objective is, and how objectives add up."""
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
@@ -77,7 +78,12 @@ class LeastSquaresObjective(SmoothObjective, Protocol):
     """An objective that is half a sum of squares.
 
     Its residuals and their derivatives say all; what is known faster than from these, a class of its own says.
+
+    Attributes:
+        but_for_one: see `DoubtedObjective`: as all is as told, there is none.
     """
+
+    but_for_one: SmoothObjective | None = None
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, m) of poses (B, 3, 4)."""
@@ -104,6 +110,11 @@ class LeastSquaresObjective(SmoothObjective, Protocol):
     @property
     def quick(self) -> "LeastSquaresObjective":
         """What costs less and leads near its minima; itself, where there is no such."""
+        return self
+
+    @property
+    def believed(self) -> "LeastSquaresObjective":
+        """Itself: all is as told."""
         return self
 
 
@@ -135,6 +146,34 @@ class SmoothSum(SmoothObjective):
             more = term.normal_equations(X_PO)
             cost, gradient, hessian = cost + more.cost, gradient + more.gradient, hessian + more.hessian
         return NormalEquations(cost, gradient, hessian)
+
+    def exact_cost(self, X_PO: FloatArray) -> FloatArray:
+        """The sum of the exact costs (B,) of poses (B, 3, 4)."""
+        return functools.reduce(np.add, [term.exact_cost(X_PO) for term in self._summands])
+
+    @property
+    def descent(self) -> Callable[[DescentRule, FloatArray], Descent] | None:
+        """That of the only summand, if it has one."""
+        return self._summands[0].descent if len(self._summands) == 1 else None
+
+
+class DoubtedObjective(SmoothSum):
+    """A sum of objectives of which some are of contacts and pads that may be false.
+
+    Attributes:
+        believed: the same with all as told.
+        but_for_one: contacts, and pads as such, without the one that a pose explains least, and the prior; None where
+            there are too few.
+    """
+
+    def __init__(
+        self,
+        terms: Sequence[SmoothObjective],
+        believed: LeastSquaresObjective,
+        but_for_one: SmoothObjective | None = None,
+    ) -> None:
+        super().__init__(terms)
+        self.believed, self.but_for_one = believed, but_for_one
 
 
 class SumObjective(SmoothSum, LeastSquaresObjective):

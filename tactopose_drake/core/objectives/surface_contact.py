@@ -1,6 +1,5 @@
 """Contacts against the signed distance grid: the form that is fast, smooth and a likelihood."""
 
-import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -9,10 +8,10 @@ from numpy.typing import NDArray
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import surface_contact_kernels
-from tactopose_drake.core.kernels.descent_kernels import Ends, descend
 from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
 from tactopose_drake.core.kernels.prior_kernels import Prior
 from tactopose_drake.core.kernels.surface_contact_kernels import Touch
+from tactopose_drake.core.objectives.compiled_descent import CompiledDescent
 from tactopose_drake.core.objectives.objective import (
     Descent,
     LeastSquaresObjective,
@@ -73,12 +72,12 @@ class SurfaceContact(LeastSquaresObjective):
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient, and the Gauss-Newton Hessian along the smooth normals, at poses (B, 3, 4)."""
-        return _normal_equations(self, NO_PRIOR, X_PO)
+        return CompiledDescent(self.grid, self.touch).normal_equations(X_PO)
 
     @property
     def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
         """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
-        return functools.partial(_descend, self, NO_PRIOR)
+        return CompiledDescent(self.grid, self.touch).descend
 
 
 class ContactWithPrior(SumObjective):
@@ -87,6 +86,7 @@ class ContactWithPrior(SumObjective):
     def __init__(self, touch: SurfaceContact, prior: PriorObjective) -> None:
         super().__init__([touch, prior])
         self._touch, self._prior = touch, prior.kernel_view
+        self._compiled = CompiledDescent(touch.grid, touch.touch, self._prior)
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
@@ -94,12 +94,12 @@ class ContactWithPrior(SumObjective):
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4)."""
-        return _normal_equations(self._touch, self._prior, X_PO)
+        return self._compiled.normal_equations(X_PO)
 
     @property
     def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
         """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
-        return functools.partial(_descend, self._touch, self._prior)
+        return self._compiled.descend
 
 
 class ContactsButOne(SmoothObjective):
@@ -110,7 +110,8 @@ class ContactsButOne(SmoothObjective):
     """
 
     def __init__(self, touch: SurfaceContact, prior: PriorObjective | None = None) -> None:
-        self._touch, self._prior = touch, NO_PRIOR if prior is None else prior.kernel_view
+        self._touch = touch
+        self._compiled = CompiledDescent(touch.grid, touch.touch, NO_PRIOR if prior is None else prior.kernel_view)
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
@@ -118,12 +119,12 @@ class ContactsButOne(SmoothObjective):
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4)."""
-        return _normal_equations(self._touch, self._prior, X_PO, self._dearest(X_PO))
+        return self._compiled.normal_equations(X_PO, self._dearest(X_PO))
 
     @property
     def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
         """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
-        return lambda rule, X_PO: _descend(self._touch, self._prior, rule, X_PO, self._dearest(X_PO))
+        return lambda rule, X_PO: self._compiled.descend(rule, X_PO, self._dearest(X_PO))
 
     def _dearest(self, X_PO: FloatArray) -> NDArray[np.int64]:
         dearest = np.empty(len(X_PO), dtype=np.int64)
@@ -135,41 +136,6 @@ def _cost(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -> FloatArray
     cost = np.empty(len(X_PO))
     surface_contact_kernels.contact_costs(contact.grid, contact.touch, prior, np.ascontiguousarray(X_PO), cost)
     return cost
-
-
-def _normal_equations(
-    contact: SurfaceContact, prior: Prior, X_PO: FloatArray, spared: NDArray[np.int64] | None = None
-) -> NormalEquations:
-    ends = _run(contact, prior, DescentRule(0, 0.0, 0.0, 0.0, 0.0), np.array(X_PO, order="C"), spared)
-    return NormalEquations(ends.cost, ends.gradient, ends.hessian)
-
-
-def _descend(
-    contact: SurfaceContact,
-    prior: Prior,
-    rule: DescentRule,
-    X_PO: FloatArray,
-    spared: NDArray[np.int64] | None = None,
-) -> Descent:
-    X_PO = np.array(X_PO, order="C")
-    ends = _run(contact, prior, rule, X_PO, spared)
-    return Descent(X_PO, ends.cost, ends.iterations, ends.converged, ends.hessian)
-
-
-def _run(
-    contact: SurfaceContact, prior: Prior, rule: DescentRule, X_PO: FloatArray, spared: NDArray[np.int64] | None
-) -> Ends:
-    """What the kernel says, without the contacts (B,) that the poses are spared, if any; moves the poses."""
-    count = len(X_PO)
-    ends = Ends(
-        np.empty(count),
-        np.empty((count, 6)),
-        np.empty((count, 6, 6)),
-        np.empty(count, dtype=np.int64),
-        np.empty(count, dtype=np.bool_),
-    )
-    descend(contact.grid, contact.touch, prior, rule, np.full(count, -1) if spared is None else spared, X_PO, ends)
-    return ends
 
 
 def along_normals(n_O: FloatArray, residuals: FloatArray, jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:

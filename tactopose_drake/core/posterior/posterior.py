@@ -97,17 +97,13 @@ def make_posterior(
     Patches have no other likelihood than theirs on the signed distance: it counts as exact. Of the object's finite
     symmetries those count whose images (s, 3, 4) the touch does not tell apart; all, if they are not given.
     """
-    mixture, terms = problem.mixture, problem.doubted_terms(problem.objective)
-
-    def exact_cost(X_PO: FloatArray) -> FloatArray:
-        return functools.reduce(np.add, [term.exact_cost(X_PO) for term in terms])
-
+    mixture, objective = problem.mixture, problem.doubted(problem.objective)
     # A prior tells the turns about a continuous axis apart; no other evidence does.
     turns = model.continuous_symmetries if evidence.prior is None else ()
     return Posterior(
         likelihood=problem.doubted(problem.likelihood),
-        objective=problem.doubted(problem.objective),
-        exact_cost=exact_cost,
+        objective=objective,
+        exact_cost=objective.exact_cost,
         alternatives=None if mixture is None else mixture.alternatives,
         turns=(
             np.array([symmetry.axis for symmetry in turns]).reshape(-1, 3),

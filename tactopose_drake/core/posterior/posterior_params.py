@@ -29,10 +29,10 @@ class PlausibilityParams:
     least_doubted_chance: float = 1e-3
     # The chance that there are no more false contacts than are allowed: of five one, of six to ten two.
     usual_false_contacts: float = 0.8
-    # No contact and no pad calls for doubt where noise of so many times the told variance leaves residuals like theirs,
-    # at the pose that suits them best, no more rarely than with this chance. The factor is for what the field's kinks
-    # add. So of three to ten contacts as told one touch of six to nine calls; of five of which one is 10 to 30 mm off,
-    # six of seven do. One that does not is decided in half the time.
+    # To a belief over time no contact and no pad calls for doubt where noise of so many times the told variance leaves
+    # residuals like theirs, at the pose that suits them best, no more rarely than with this chance. The factor is for
+    # what the field's kinks add. So of three to ten contacts as told one touch of six to nine calls; of five of which
+    # one is 10 to 30 mm off, six of seven do.
     comfortable_chance: float = 0.05
     comfortable_variance: float = 1.2
 

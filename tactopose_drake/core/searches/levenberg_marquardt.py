@@ -81,8 +81,8 @@ class LevenbergMarquardt(Search):
         By increments any smooth objective will do; other parameters ask for residuals.
         """
         X_start = np.ascontiguousarray(X_start)
-        is_plain = self.solver is cholesky_steps and isinstance(self.parameters, IncrementParameters)
-        descent = objective.descent if is_plain else None
+        by_increments = isinstance(self.parameters, IncrementParameters)
+        descent = objective.descent if by_increments and self.solver is cholesky_steps else None
         if descent is not None:
             blocks = self._descend(descent, X_start, should_stop)
             return join_results(*blocks).ranked()
@@ -94,6 +94,7 @@ class LevenbergMarquardt(Search):
         active, start, damping = np.arange(len(here)), X_start, np.full(len(here), self.initial_damping)
         rule = self._rule
         equations = self.parameters.normal_equations(least_squares, here, X_start)
+        hessian = np.empty_like(equations.hessian)
         for iteration in range(1, self.max_iterations + 1):
             step = self.solver(equations.hessian, equations.gradient, damping)
             moved = self.parameters.move(here, step)
@@ -111,14 +112,15 @@ class LevenbergMarquardt(Search):
             if last or done.any():
                 ended = np.ones(len(here), dtype=np.bool_) if last else done
                 index = active[ended]
-                state[index], cost[index] = here[ended], equations.cost[ended]
+                state[index], cost[index], hessian[index] = here[ended], equations.cost[ended], equations.hessian[ended]
                 iterations[index], converged[index] = iteration, done[ended]
                 going = ~ended
                 active, start, here, damping = active[going], start[going], here[going], damping[going]
                 equations = NormalEquations(*(array[going] for array in equations))
                 if not len(active):
                     break
-        return SearchResult(self.parameters.poses(state, X_start), cost, iterations, converged).ranked()
+        X_PO, known = self.parameters.poses(state, X_start), hessian if by_increments else None
+        return SearchResult(X_PO, cost, iterations, converged, known).ranked()
 
     @property
     def _rule(self) -> DescentRule:

@@ -2,6 +2,8 @@
 
 Where two contacts may lie on the object is looked up in its pair features, and gives poses in their thousands. Those
 are judged by all contacts on the object's coarse field; the best, as far as they are distinct, start the refinement.
+Where contacts may be false, poses join them that are judged by all contacts but the one that each suits least: a false
+one draws all poses of a search toward itself, and none near the truth may be left.
 
 Where two contacts say nothing (there is but one; they nearly coincide; the object is too small for any two), random
 poses that touch the object start it; and where there is a prior, random poses under it start it too.
@@ -13,7 +15,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels.mode_kernels import one_of_each
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective
+from tactopose_drake.core.objectives.objective import DoubtedObjective, LeastSquaresObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import compose
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
@@ -29,13 +31,11 @@ from tactopose_drake.core.validation import FloatArray
 _NO_SYMMETRY = np.eye(3, 4)[None]
 # Poses that are still moving lead to the same minimum when they lie within so many standard deviations of each other.
 _SAME_MINIMUM = 1.5
+# Poses that cost so much more than the best are not part of any answer, while all are still moving.
+_WORTH = 60.0
 # An object that is symmetric within so much of the contacts' sigma is so for any touch. Of the images of one that is
 # less so the proposals hold but one; so the images of so many of the best poses are refined, too.
 _NOTICED, _IMAGED = 0.1, 2
-# After the first steps, poses that cost so much more than the best are not part of any answer.
-_WORTH = 60.0
-# A descent may get stuck where the field has a kink; from there another one goes on. So many of the best are tried.
-_AGAIN = 3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -44,14 +44,15 @@ class Stage:
 
     Attributes:
         refinement: what is done with each pose.
-        kept: so many of the best go on, at most; 0 after the last stage.
-        by_curvature: whether poses are told apart by the cost's local models, rather than by how far the samples blur
-            them.
+        kept: so many of the best go on, at most.
+        worth: poses that cost so much more than the best are not part of any answer.
+        apart: of poses within so many standard deviations of each other the best goes on.
     """
 
     refinement: LevenbergMarquardt
-    kept: int = 0
-    by_curvature: bool = False
+    kept: int
+    worth: float = _WORTH
+    apart: float = _SAME_MINIMUM
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -76,31 +77,32 @@ class Start:
 
 # Less damping than this changes a step too little to be tried after a refused one: a tenth of the trials are saved.
 _LEAST_REFUSED = 0.1
-_FIRST_STEPS = LevenbergMarquardt(max_iterations=3, initial_damping=1e-2, least_refused=_LEAST_REFUSED)
+_FIRST_STEPS = LevenbergMarquardt(max_iterations=3, tolerance=3e-4, initial_damping=1e-2, least_refused=_LEAST_REFUSED)
+_FURTHER_STEPS = dataclasses.replace(_FIRST_STEPS, max_iterations=4)
+# Most poses are on their way to the same few minima: of those that come together on it, one is left.
+_ON_THE_WAY = Stage(refinement=_FURTHER_STEPS, kept=30, worth=20.0, apart=1.0)
+# A descent may get stuck where the field has a kink; from there another one goes on. So many of the best are tried.
+_AGAIN = 3
 # All that come out have arrived: a pose on its way down a valley would count as a mode of its own.
-_TO_THE_MINIMUM = Stage(refinement=LevenbergMarquardt(max_iterations=40, tolerance=3e-4, least_refused=_LEAST_REFUSED))
+_TO_THE_MINIMUM = LevenbergMarquardt(max_iterations=20, tolerance=1e-3, least_refused=_LEAST_REFUSED)
 
 
 def global_stages(starts: int = 100, kept: int = 40) -> tuple[Stage, ...]:
-    """The stages without a prior.
+    """The first stages without a prior.
 
     Args:
         starts: poses left after the first steps.
-        kept: that are refined until they hardly move.
+        kept: that go on by all the evidence.
     """
     return (
-        Stage(refinement=dataclasses.replace(_FIRST_STEPS, max_iterations=1), kept=starts, by_curvature=True),
-        Stage(refinement=dataclasses.replace(_FIRST_STEPS, max_iterations=4), kept=kept, by_curvature=True),
-        _TO_THE_MINIMUM,
+        Stage(refinement=dataclasses.replace(_FIRST_STEPS, max_iterations=1), kept=starts),
+        Stage(refinement=_FURTHER_STEPS, kept=kept, worth=40.0),
     )
 
 
-def near_stages(kept: int = 60) -> tuple[Stage, ...]:
-    """The stages near a prior, of which so many poses are refined until they hardly move."""
-    return (
-        Stage(refinement=_FIRST_STEPS, kept=kept, by_curvature=True),
-        _TO_THE_MINIMUM,
-    )
+def near_stages(kept: int = 40) -> tuple[Stage, ...]:
+    """The first stage near a prior, of which so many poses go on by all the evidence."""
+    return (Stage(refinement=_FIRST_STEPS, kept=kept, worth=40.0),)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -110,7 +112,7 @@ class PairSearch(Search):
     Attributes:
         model: the object.
         contacts: the touch that poses are proposed from. What is minimised is the objective's business.
-        start, stages: what is refined, and how, where there is no prior. The first stage is by the touch alone.
+        start, stages: what is refined, and how, where there is no prior. These stages are by the touch alone.
         near_start, near_stages: the same near a prior.
         start_but_for_one, near_start_but_for_one: the poses that are given where one of the contacts may be false.
     """
@@ -123,12 +125,6 @@ class PairSearch(Search):
     near_stages: tuple[Stage, ...] = near_stages()
     start_but_for_one: Start = Start(candidates=200)
     near_start_but_for_one: Start = Start(choice=PairChoice(poses=1500), candidates=120, samples=20, fewest=40)
-
-    def but_for_one(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
-        """Poses (n, 3, 4) to start from that suit all contacts but one, whichever each suits least; not refined."""
-        if space.reach[0] < np.pi:
-            return self._starts_near(self.near_start_but_for_one, space, generator, spared=1)
-        return self._starts_anywhere(self.start_but_for_one, space, generator, spared=1)
 
     def widened(self) -> Search:
         """The search with four times the starts where there is a prior."""
@@ -147,33 +143,61 @@ class PairSearch(Search):
 
     def minimize(
         self,
-        objective: LeastSquaresObjective,
+        objective: LeastSquaresObjective | DoubtedObjective,
         space: PoseSpace,
         generator: np.random.Generator,
         should_stop: StopSignal = never,
     ) -> SearchResult:
         """The minima that the candidates lead to, by rising cost."""
-        is_near = space.reach[0] < np.pi
-        if is_near:
-            X_PO, quick = self._starts_near(self.near_start, space, generator), objective.quick
-            X_PO = X_PO[objective.cost(X_PO).argsort(kind="stable")[: self.near_start.kept]]  # They are enough.
-        else:
-            X_PO = self._starts_anywhere(self.start, space, generator)
-            quick = objective if objective.is_touch else SurfaceContact(self.model.grid, self.contacts)
-        first, *stages = self.near_stages if is_near else self.stages
-        # The first steps are by the touch alone, as the proposals are: other evidence is slow, and tells most once they
-        # touch. Then it has its say in which of them go on.
-        touching = first.refinement.refine(quick, X_PO, should_stop)
-        if quick is not objective:
-            touching = touching._replace(cost=objective.cost(touching.X_PO), hessian=None).ranked()
-        X_PO = self._next(first, touching, objective, space)
-        for stage in stages[:-1]:
-            X_PO = self._next(stage, stage.refinement.refine(objective, X_PO, should_stop), objective, space)
-        last = stages[-1].refinement
-        found = last.refine(objective, X_PO, should_stop)
-        best = self._apart(found, objective, space, _AGAIN)
-        again = last.refine(objective, best if is_near else self._with_images(best), should_stop)
+        is_near, believed = space.reach[0] < np.pi, objective.believed
+        last, found = self._approach(believed, space, generator, should_stop)
+        if objective.but_for_one is not None:
+            X_PO = self._starts_but_for_one(space, generator)
+            found = join_results(found, _FIRST_STEPS.refine(objective.but_for_one, X_PO, should_stop))
+        if objective is not believed:
+            found = found._replace(cost=objective.cost(found.X_PO)).ranked()
+        for stage, following in ((last, _FURTHER_STEPS), (_ON_THE_WAY, _TO_THE_MINIMUM)):
+            X_PO = self._apart(found, believed, space, stage)
+            found = following.refine(objective, X_PO, should_stop)
+        best = self._apart(found, believed, space, _ON_THE_WAY)[:_AGAIN]
+        again = _TO_THE_MINIMUM.refine(objective, best if is_near else self._with_images(best), should_stop)
         return join_results(found, again).ranked()
+
+    def minimize_with_doubt(
+        self,
+        objective: DoubtedObjective,
+        space: PoseSpace,
+        generator: np.random.Generator,
+        should_stop: StopSignal = never,
+    ) -> SearchResult:
+        """The same where contacts may be false."""
+        return self.minimize(objective, space, generator, should_stop)
+
+    def _approach(
+        self, believed: LeastSquaresObjective, space: PoseSpace, generator: np.random.Generator, should_stop: StopSignal
+    ) -> tuple[Stage, SearchResult]:
+        """The last of the first stages, and what it leads to, with Hessians, of which it says what goes on.
+
+        These stages are by the touch alone, as the proposals are: other evidence is slow, and tells most once they
+        touch. Then it has its say in which of them go on.
+        """
+        if space.reach[0] < np.pi:
+            X_PO, quick, stages = self._starts_near(self.near_start, space, generator), believed.quick, self.near_stages
+            # They are enough.
+            X_PO = X_PO[believed.cost(X_PO).argsort(kind="stable")[: self.near_start.kept]]
+        else:
+            X_PO, quick, stages = self._starts_anywhere(self.start, space, generator), believed, self.stages
+            if not believed.is_touch:
+                quick = SurfaceContact(self.model.grid, self.contacts)
+        for stage, following in zip(stages, (*stages[1:], None), strict=True):
+            found = stage.refinement.refine(quick, X_PO, should_stop)
+            if quick is not believed:
+                found = found._replace(cost=believed.cost(found.X_PO), hessian=None).ranked()
+            if following is not None:
+                X_PO = self._apart(found, believed, space, stage)
+        if found.hessian is None:
+            found = found._replace(hessian=believed.normal_equations(found.X_PO).hessian)
+        return stages[-1], found
 
     def _starts_anywhere(
         self, start: Start, space: PoseSpace, generator: np.random.Generator, spared: int = 0
@@ -196,13 +220,11 @@ class PairSearch(Search):
         samples = space.sample(generator, max(start.samples, missing) - 1)
         return np.concatenate([space.center[None], samples, near])
 
-    def _next(
-        self, stage: Stage, found: SearchResult, objective: LeastSquaresObjective, space: PoseSpace
-    ) -> FloatArray:
-        """The poses of a stage that go on."""
-        if stage.by_curvature:
-            return self._apart(found, objective, space, stage.kept)
-        return self._distinct(found, stage.kept)
+    def _starts_but_for_one(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray:
+        """Poses (n, 3, 4) that suit all contacts but one, whichever each suits least."""
+        if space.reach[0] < np.pi:
+            return self._starts_near(self.near_start_but_for_one, space, generator, spared=1)
+        return self._starts_anywhere(self.start_but_for_one, space, generator, spared=1)
 
     def _with_images(self, X_PO: FloatArray) -> FloatArray:
         """Poses (n, 3, 4), and images of the first by half turns, which many objects nearly stand, and by symmetries.
@@ -214,21 +236,19 @@ class PairSearch(Search):
         turns = np.concatenate([noticed, self.model.half_turns])
         return np.concatenate([X_PO, compose(X_PO[:_IMAGED, None], turns).reshape(-1, 3, 4)])
 
-    def _distinct(self, found: SearchResult, count: int) -> FloatArray:
-        """The best poses (count, 3, 4), or fewer, of those that are further apart than the samples blur them."""
-        length, angle = 0.5 * self.start.choice.offset * self.model.pair_features.spacing, 0.5 * self.start.choice.bend
-        return found.X_PO[distinct_poses(found.X_PO, length, angle)][:count]
+    def _apart(
+        self, found: SearchResult, believed: LeastSquaresObjective, space: PoseSpace, stage: Stage
+    ) -> FloatArray:
+        """The poses (n, 3, 4) that go on: of those that are no steps on the way to the same minimum the best.
 
-    def _apart(self, found: SearchResult, objective: LeastSquaresObjective, space: PoseSpace, count: int) -> FloatArray:
-        """The best poses (count, 3, 4), or fewer, of those that are no steps on the way to the same minimum.
-
-        By the local models: along a direction that hardly changes the cost, poses far apart belong together.
+        By the local models where all is as told: along a direction that hardly changes the cost, poses far apart belong
+        together.
         """
-        worth = int(found.cost.searchsorted(found.cost[0] + _WORTH, side="right"))
-        X_PO = found.X_PO[:worth]
-        hessian = objective.normal_equations(X_PO).hessian if found.hessian is None else found.hessian[:worth]
-        apart = one_of_each(X_PO, hessian + space.information, _NO_SYMMETRY, _SAME_MINIMUM)
-        return X_PO[apart[:count]]
+        count = int(found.cost.searchsorted(found.cost[0] + stage.worth, side="right"))
+        X_PO = found.X_PO[:count]
+        hessian = believed.normal_equations(X_PO).hessian if found.hessian is None else found.hessian[:count]
+        apart = one_of_each(X_PO, hessian + space.information, _NO_SYMMETRY, stage.apart)
+        return X_PO[apart[: stage.kept]]
 
     def propose(
         self, choice: PairChoice, count: int, space: PoseSpace, generator: np.random.Generator, spared: int = 0

@@ -7,13 +7,18 @@ import numpy as np
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.contact_mixture import ContactMixture
 from tactopose_drake.core.objectives.friction_cone import FrictionCone
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective, SmoothObjective, SmoothSum, SumObjective
+from tactopose_drake.core.objectives.objective import (
+    DoubtedObjective,
+    LeastSquaresObjective,
+    SmoothObjective,
+    SumObjective,
+)
 from tactopose_drake.core.objectives.patch_contact import PatchContact
 from tactopose_drake.core.objectives.patch_mixture import PatchMixture
 from tactopose_drake.core.objectives.penetration import Penetration
 from tactopose_drake.core.objectives.plane_support import PlaneSupport
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
-from tactopose_drake.core.objectives.surface_contact import ContactWithPrior, SurfaceContact
+from tactopose_drake.core.objectives.surface_contact import ContactsButOne, ContactWithPrior, SurfaceContact
 from tactopose_drake.core.objectives.wrench_balance import WrenchBalance
 from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.searches.search import PoseSpace, PriorSpace
@@ -46,6 +51,7 @@ class PoseProblem(NamedTuple):
         pads: the objective of the pads that feel the object by itself; None where there is none.
         pad_mixture: the likelihood of those where each may feel something else, likewise; None where none may.
         prior: the prior's objective by itself; None where there is none.
+        but_for_one: see `DoubtedObjective`.
     """
 
     touch: SurfaceContact
@@ -58,14 +64,10 @@ class PoseProblem(NamedTuple):
     pads: PatchContact | None = None
     pad_mixture: PatchMixture | None = None
     prior: PriorObjective | None = None
+    but_for_one: ContactsButOne | None = None
 
-    def doubted(self, objective: LeastSquaresObjective) -> SmoothObjective:
+    def doubted(self, objective: LeastSquaresObjective) -> DoubtedObjective:
         """One of the objectives, with contacts and pads that may be false."""
-        terms = self.doubted_terms(objective)
-        return terms[0] if len(terms) == 1 else SmoothSum(terms)
-
-    def doubted_terms(self, objective: LeastSquaresObjective) -> list[SmoothObjective]:
-        """The terms of one of the objectives, with contacts and pads that may be false."""
         terms = (objective,) if objective is self.pads else objective.terms
         doubted: dict[int, SmoothObjective] = {}
         if self.pads is not None and self.pad_mixture is not None:
@@ -75,7 +77,7 @@ class PoseProblem(NamedTuple):
             if self.prior in terms and self.touch in terms:  # In one compiled loop.
                 doubted[id(self.touch)] = self.mixture.with_prior(self.prior)
                 terms = tuple(term for term in terms if term is not self.prior)
-        return [doubted.get(id(term), term) for term in terms]
+        return DoubtedObjective([doubted.get(id(term), term) for term in terms], objective, self.but_for_one)
 
 
 def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
@@ -113,8 +115,21 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
         objective = ContactWithPrior(touch, known)
         if not likelihood.is_touch:
             objective = SumObjective([*terms, *bounding], quick=objective if len(contacts) else None)
+    but_for_one = None
+    if len(evidence.touch) > 1 and evidence.outlier_probability > 0.0:
+        but_for_one = ContactsButOne(SurfaceContact(model.grid, evidence.touch) if pads else touch, known)
     return PoseProblem(
-        touch, determining, likelihood, objective, tuple(bounding), space, mixture, pads, pad_mixture, known
+        touch,
+        determining,
+        likelihood,
+        objective,
+        tuple(bounding),
+        space,
+        mixture,
+        pads,
+        pad_mixture,
+        known,
+        but_for_one,
     )
 
 

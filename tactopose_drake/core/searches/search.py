@@ -7,7 +7,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernels import pose_kernels
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective
+from tactopose_drake.core.objectives.objective import DoubtedObjective, LeastSquaresObjective
 from tactopose_drake.core.validation import FloatArray
 
 StopSignal = Callable[[], bool]
@@ -113,8 +113,14 @@ class Search(Protocol):
         """Returns poses of the space that (locally) minimise the objective, by rising cost; at least one."""
         ...
 
-    def but_for_one(self, space: PoseSpace, generator: np.random.Generator) -> FloatArray | None:
-        """Poses (n, 3, 4) to start from where one of the contacts may be false; None where there is no such."""
+    def minimize_with_doubt(
+        self,
+        objective: DoubtedObjective,
+        space: PoseSpace,
+        generator: np.random.Generator,
+        should_stop: StopSignal = never,
+    ) -> SearchResult | None:
+        """The same where contacts may be false; None where the search knows nothing of that."""
         return None
 
     def widened(self) -> "Search | None":

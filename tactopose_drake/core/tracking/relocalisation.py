@@ -33,7 +33,7 @@ from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch, Start, global_stages
 from tactopose_drake.core.searches.patch_searches import patch_search
 from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
-from tactopose_drake.core.searches.search import SearchResult, never
+from tactopose_drake.core.searches.search import SearchResult
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import LEAST_INLIER
@@ -157,10 +157,9 @@ def _propose_poses(
     if touch.felt:
         pairs = patch_search(model, touch.felt, touch.contacts)
     stages = global_stages(-(-starts // 2), -(-starts // 8))
-    pairs = dataclasses.replace(pairs, start=Start(candidates=starts, samples=starts // 2), stages=stages)
-    found = pairs.minimize(problem.objective, problem.space, generator)
-    if not is_comfortable(model, touch, problem, found.X_PO):  # One of the contacts may be false.
-        found = search_with_doubt(model, touch, problem, pairs, found, generator, never)
+    start = Start(candidates=starts, samples=starts // 2)
+    pairs = dataclasses.replace(pairs, start=start, start_but_for_one=start, stages=stages)
+    found = search_with_doubt(problem, pairs, generator)
     return _distinct(model, params, problem, found).mixture.X_PO
 
 

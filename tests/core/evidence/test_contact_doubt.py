@@ -46,7 +46,8 @@ def test_without_doubt_every_contact_is_as_told_and_where_there_is_no_normal_non
 
 
 @pytest.mark.parametrize(("count", "share"), [(1, 0.1), (3, 0.1), (4, 0.55), (5, 1.0), (12, 1.0)])
-def test_contacts_are_lost_the_more_often_the_more_others_are_left_to_judge_them(count: int, share: float) -> None:
-    kinds = dataclasses.replace(KINDS, lost=8.0)
-    assert kinds.among(count).lost == pytest.approx(8.0 * share)
-    assert dataclasses.replace(kinds.among(count), lost=8.0) == kinds
+def test_a_contact_is_the_false_one_the_more_often_the_more_others_are_left_to_judge_it(
+    count: int, share: float
+) -> None:
+    among = ContactKinds(flipped=2.0, turned=3.0, displaced=5.0, lost=8.0).among(count)
+    assert dataclasses.astuple(among) == pytest.approx((2.0 * share, 3.0 * share, 5.0 * share, 8.0 * share))

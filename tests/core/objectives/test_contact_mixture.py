@@ -18,6 +18,8 @@ from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 FLIPPED, LOST = 3.0, 4.0
 MOST_NOISE = 0.0006, math.radians(4.0)
 DOUBT = ContactDoubt(kinds=ContactKinds(flipped=FLIPPED, lost=LOST), most_noise=MOST_NOISE)
+OF_ONE = ContactKinds(flipped=2.0, turned=5.0, displaced=30.0, lost=200.0)
+SCEPTIC = dataclasses.replace(DOUBT, of_one=OF_ONE)
 
 
 @pytest.fixture(scope="module")
@@ -45,8 +47,10 @@ def odds(share: float, has_normals: bool) -> tuple[float, float, float, float, f
     return FLIPPED * w * has_normals, w * has_normals, 6.0 * w / told, other, LOST * w / told
 
 
-def formula(model: ObjectModel, contacts: Contacts, X_PO: np.ndarray, share: float) -> float:
-    """The negative logarithm of the mixture, written out, at one pose."""
+def densities(
+    model: ObjectModel, contacts: Contacts, X_PO: np.ndarray, share: float, doubled: int, doubled_n: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of contacts (k,) as told, of each as it may be by itself, and of each as the one false of all, written out."""
     rows = SurfaceContact(model.grid, contacts).residuals(X_PO).reshape(len(contacts), -1)
     d, has_normals = 0.5 * rows[:, 0] ** 2, contacts.n_PC is not None
     n = m = np.zeros(len(contacts))
@@ -57,42 +61,88 @@ def formula(model: ObjectModel, contacts: Contacts, X_PO: np.ndarray, share: flo
     sigma_p, sigma_n = np.asarray(contacts.sigma_position), np.asarray(contacts.sigma_normal)
     volume = np.prod(model.grid.upper - model.grid.origin + 2.0 * DOUBT.surroundings)
     any_point = model.area * math.sqrt(2.0 * math.pi) * sigma_p / volume
-    any_normal = 0.5 * sigma_n**2 if has_normals else 1.0
-    flipped, turned, moved, other, lost = odds(share, has_normals)
+    any_normal = 0.5 * sigma_n**2 if has_normals else np.ones(len(contacts))
     lost_point = any_point * MOST_NOISE[0] / sigma_p
     lost_normal = 0.5 * MOST_NOISE[1] ** 2 if has_normals else 1.0
-    nothing = other * any_point * any_normal + lost * lost_point * lost_normal
     ratio = sigma_p / DOUBT.displacement
+    point = np.exp(-d / 2.0**doubled) / math.sqrt(2.0**doubled)
+    turn = np.exp(-n / 2.0**doubled_n) / 2.0**doubled_n if has_normals else np.ones(len(contacts))
+    displaced = ratio * np.exp(-(ratio**2) * d) * turn
+    back = np.exp(-m / 2.0**doubled_n) / 2.0**doubled_n
+    flipped, turned, moved, other, lost = odds(share, has_normals)
+    nothing = other * any_point * any_normal + lost * lost_point * lost_normal
+    own = point * (turn + flipped * back + turned * any_normal) + moved * displaced + nothing
+    w = share / (1.0 - share)
+    told = 1.0 if has_normals else 1.0 + (OF_ONE.flipped + OF_ONE.turned) * w
+    as_the_one = OF_ONE.displaced * displaced + OF_ONE.lost * lost_point * lost_normal
+    if has_normals:
+        as_the_one = as_the_one + point * (OF_ONE.flipped * back + OF_ONE.turned * any_normal)
+    return point * turn, own, w / told * as_the_one
+
+
+def formula(model: ObjectModel, contacts: Contacts, X_PO: np.ndarray, share: float, doubt: ContactDoubt) -> float:
+    """The negative logarithm of the mixture, written out, at one pose."""
     total = 0.0
-    for doubled, doubled_n, probability in DOUBT.doublings:
-        point = np.exp(-d / 2.0**doubled) / math.sqrt(2.0**doubled)
-        turn = np.exp(-n / 2.0**doubled_n) / 2.0**doubled_n if has_normals else 1.0
-        displaced = moved * ratio * np.exp(-(ratio**2) * d) * turn
-        back = np.exp(-m / 2.0**doubled_n) / 2.0**doubled_n if has_normals else 0.0
-        each = point * (turn + flipped * back) + turned * any_normal * point + displaced + nothing
-        total += probability * float(np.prod(each))
-    return -math.log(total / DOUBT.doublings[0][2])
+    for doubled, doubled_n, probability in doubt.doublings:
+        _, own, one = densities(model, contacts, X_PO, share, doubled, doubled_n)
+        which = [np.prod(np.where(np.arange(len(own)) == i, one, own)) for i in range(len(own))]
+        total += probability * float(np.prod(own) + (sum(which) if doubt.of_one else 0.0))
+    return -math.log(total / doubt.doublings[0][2])
 
 
+@pytest.mark.parametrize("doubt", [DOUBT, SCEPTIC])
 @pytest.mark.parametrize("with_normals", [True, False])
 @pytest.mark.parametrize("share", [0.02, 0.2])
-def test_the_cost_is_the_mixture_written_out(blob: ObjectModel, with_normals: bool, share: float) -> None:
+def test_the_cost_is_the_mixture_written_out(
+    blob: ObjectModel, with_normals: bool, share: float, doubt: ContactDoubt
+) -> None:
     X_PO = pose(0)
     contacts = touch(blob, X_PO, 0, noise=1.5)
     contacts = Contacts(contacts.p_PC, contacts.n_PC * np.array([-1.0, 1, 1, -1, 1, 1])[:, None])
     if not with_normals:
         contacts = Contacts(contacts.p_PC, sigma_position=0.0009)
-    mixture = ContactMixture(blob, contacts, share, DOUBT)
+    mixture = ContactMixture(blob, contacts, share, doubt)
     for step in np.random.default_rng(1).normal(size=(5, 6)) * np.repeat([0.05, 0.003], 3):
         X = retract(X_PO, step)
-        assert mixture.cost(X)[0] == pytest.approx(formula(blob, contacts, X, share), rel=1e-9, abs=1e-9)
+        assert mixture.cost(X)[0] == pytest.approx(formula(blob, contacts, X, share, doubt), rel=1e-9, abs=1e-9)
 
 
+def test_a_contact_is_as_told_by_itself_or_beside_the_one_that_is_not(box: ObjectModel) -> None:
+    X_PO = pose(1)
+    contacts = touch(box, X_PO, 1, noise=1.5)
+    away = contacts.p_PC.copy()
+    away[4] += 0.008 * contacts.n_PC[4]
+    contacts = Contacts(away, contacts.n_PC)
+    doubt = dataclasses.replace(SCEPTIC, doublings=((0, 0, 1.0),), reached=-math.inf)  # The field's energies count.
+    judged = ContactMixture(box, contacts, 0.02, doubt)._judge(X_PO, np.zeros((1, 6)), -math.inf, whole=True)
+    told, own, one = densities(box, contacts, X_PO, 0.02, 0, 0)
+    for i in range(6):
+        others, others_one = np.delete(own, i), np.delete(one, i)
+        beside = np.prod(others) * (1.0 + np.sum(others_one / others))
+        total = own[i] * beside + one[i] * np.prod(others)
+        assert judged.inlier_probability[0, i] == pytest.approx(told[i] * beside / total, rel=1e-6, abs=1e-12)
+
+
+def test_two_false_contacts_are_less_likely_than_one_by_the_doubt_of_one(box: ObjectModel) -> None:
+    X_PO = pose(4)
+    contacts = touch(box, X_PO, 4)
+    costs = []
+    for false in (0, 1, 2):
+        away = contacts.p_PC.copy()
+        away[:false] += 0.03 * contacts.n_PC[:false]
+        costs.append(ContactMixture(box, Contacts(away, contacts.n_PC), 0.02, SCEPTIC).judge(X_PO).cost[0])
+    # The first costs what the sceptic takes it for, the second what it costs anybody.
+    assert costs[1] - costs[0] < costs[2] - costs[1] - 0.5
+
+
+@pytest.mark.parametrize("doubt", [DOUBT, SCEPTIC])
 @pytest.mark.parametrize("signs", [(1.0, 1, 1, 1, 1, 1), (1.0, -1, 1, 1, 1, -1)])
-def test_the_gradient_is_the_central_difference(blob: ObjectModel, signs: tuple[float, ...]) -> None:
+def test_the_gradient_is_the_central_difference(
+    blob: ObjectModel, signs: tuple[float, ...], doubt: ContactDoubt
+) -> None:
     X_PO = pose(2)
     felt = touch(blob, X_PO, 2, noise=2.0)
-    mixture = ContactMixture(blob, Contacts(felt.p_PC, felt.n_PC * np.array(signs)[:, None]), 0.02, DOUBT)
+    mixture = ContactMixture(blob, Contacts(felt.p_PC, felt.n_PC * np.array(signs)[:, None]), 0.02, doubt)
     X = retract(X_PO, np.array([0.02, -0.03, 0.01, 0.002, -0.001, 0.003]))
     gradient = mixture.normal_equations(X).gradient[0]
     for k, step in enumerate(1e-8 * np.eye(6)):

@@ -3,8 +3,10 @@ import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations
 from tactopose_drake.core.searches.doubt import search_with_doubt
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.searches.touch_space import TouchSpace
@@ -28,8 +30,6 @@ def test_where_one_contact_is_false_poses_are_proposed_that_the_others_suit(blob
             near[spared] += bool(
                 np.any((np.linalg.norm(errors[:, :3], axis=1) < 0.3) & (np.linalg.norm(errors[:, 3:], axis=1) < 0.02))
             )
-        starts = search.but_for_one(space, generator)
-        assert starts.shape[1:] == (3, 4)
     assert near[1] >= 15 > near[0]
 
 
@@ -49,11 +49,35 @@ def test_a_search_without_one_contact_finds_what_a_false_one_hides() -> None:
         evidence = Evidence(contacts)
         problem, search = make_problem(model, evidence), PairSearch(model=model, contacts=contacts)
         found = search.minimize(problem.objective, problem.space, generator)
-        doubted = search_with_doubt(model, evidence, problem, search, found, generator, lambda: False)
+        doubted = search_with_doubt(problem, search, generator)
         for name, result in (("all", found), ("doubt", doubted)):
             error = increments_between(X_PO[0], result.X_PO[:1])[0]
             found_by[name] += bool(np.linalg.norm(error[3:]) < 0.005 and np.linalg.norm(error[:3]) < 0.2)
-        again = search_with_doubt(model, evidence, problem, search, found, generator, lambda: True)
-        assert np.isfinite(again.cost).all()
-        assert len(again.X_PO)
     assert found_by["doubt"] >= 18 > found_by["all"]
+
+
+def test_a_search_that_knows_nothing_of_doubt_leads_on_with_it(blob: ObjectModel) -> None:
+    generator = np.random.default_rng(3)
+    X_PO = make_poses(random_rotations(generator, 1), 0.03 * generator.normal(size=(1, 3)))[0]
+    felt = touch_surface(blob, X_PO, 8, generator, spread=True)
+    p_PC = felt.p_PC.copy()
+    p_PC[2] += 0.015 * felt.n_PC[2]
+    prior = GaussianPrior(X_PO, sigma_translation=0.005, sigma_rotation=0.1)
+    problem = make_problem(blob, Evidence(Contacts(p_PC, felt.n_PC), prior))
+    believed = LevenbergMarquardt().minimize(problem.objective, problem.space, generator)
+    found = search_with_doubt(problem, LevenbergMarquardt(), generator)
+    doubted = problem.doubted(problem.objective)
+    assert found.cost[0] < doubted.cost(believed.X_PO)[0] - 1.0
+    assert np.linalg.norm(found.X_PO[0, :, 3] - X_PO[:, 3]) < np.linalg.norm(believed.X_PO[0, :, 3] - X_PO[:, 3])
+
+
+def test_a_search_with_doubt_that_may_take_no_time_says_what_it_has(blob: ObjectModel) -> None:
+    generator = np.random.default_rng(4)
+    X_PO = make_poses(random_rotations(generator, 1), 0.03 * generator.normal(size=(1, 3)))[0]
+    felt = touch_surface(blob, X_PO, 5, generator, spread=True)
+    for prior in (None, GaussianPrior(X_PO)):
+        problem = make_problem(blob, Evidence(felt, prior))
+        found = search_with_doubt(problem, PairSearch(model=blob, contacts=felt), generator, lambda: True)
+        assert len(found.X_PO)
+        assert np.isfinite(found.cost).all()
+        np.testing.assert_allclose(found.cost, problem.doubted(problem.objective).cost(found.X_PO), atol=1e-9)

@@ -1,0 +1,76 @@
+"""What the exact likelihood says of contacts at poses, compiled; see `contact_mixture_kernels`."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.compilation import kernel
+from tactopose_drake.core.kernel_types import Floats3, OutFloats1, OutFloats2
+from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts, find_energies, find_shares, make_work, mix
+from tactopose_drake.core.kernels.grid_kernels import Grid
+from tactopose_drake.core.kernels.lane_kernels import LANES, SIZE, enter
+from tactopose_drake.core.kernels.prior_kernels import Prior, prior_cost
+from tactopose_drake.core.kernels.surface_contact_kernels import Touch
+
+
+class Exact(NamedTuple):
+    """The exact densities (B, k) of contacts, and the energy up to which they are known."""
+
+    density: OutFloats2
+    reached: float
+
+
+class Judged(NamedTuple):
+    """What `judge` fills: see `ContactMixture.judge`."""
+
+    cost: OutFloats1
+    inlier_probability: OutFloats2
+    noise_scale: OutFloats1
+    misfit: OutFloats1
+
+
+@kernel
+def judge(
+    grid: Grid, touch: Touch, doubts: Doubts, prior: Prior, exact: Exact, X: Floats3, judged: Judged, whole: bool
+) -> None:
+    """Judges poses (B, 3, 4): as a whole, or by their costs alone, and then all else that is judged stays as it is.
+
+    Where the contacts' exact densities are more than exp(-reached), they take the place of d + n. Farther off they are
+    cut, and the distance field is as good; how well a flipped normal fits is known by that field alone. The prior
+    counts in the costs alone.
+    """
+    density, reached = exact
+    k, least, u = touch.p.shape[0], np.exp(-reached), np.empty(6)
+    w, work = np.zeros(SIZE), make_work(k, doubts)
+    d, n, shares = work.d, work.n, work.shares
+    for first in range(0, X.shape[0], LANES):
+        lanes = min(LANES, X.shape[0] - first)
+        enter(X, first, lanes, w)
+        find_energies(grid, touch, lanes, w, work)
+        for lane in range(lanes):
+            for i in range(k):
+                if density[first + lane, i] > least:
+                    both = -np.log(density[first + lane, i])
+                    d[i, lane] = min(d[i, lane], max(both, 0.0))
+                    n[i, lane] = both - d[i, lane]
+                else:
+                    n[i, lane] = max(d[i, lane] + n[i, lane], reached) - d[i, lane]
+        mix(lanes, doubts, work)
+        for lane in range(lanes):
+            judged.cost[first + lane] = work.cost[lane] + prior_cost(prior, X[first + lane], u)
+        if not whole:
+            continue
+        for i in range(k):
+            find_shares(i, lanes, doubts, work)
+            for lane in range(lanes):
+                judged.inlier_probability[first + lane, i] = shares[lane]
+        for lane in range(lanes):
+            b, total = first + lane, work.total
+            judged.noise_scale[b], narrowed, calmed = 0.0, 0.0, 0.0
+            for pair in range(len(doubts.s)):
+                judged.noise_scale[b] += total[pair, lane] / np.sqrt(doubts.per_s[pair])
+                narrowed += total[pair, lane] * doubts.per_s[pair]
+                calmed += total[pair, lane] * doubts.per_t[pair]
+            judged.misfit[b] = 0.0
+            for i in range(k):
+                judged.misfit[b] += judged.inlier_probability[b, i] * (d[i, lane] * narrowed + n[i, lane] * calmed)

@@ -1,0 +1,69 @@
+"""Contacts on the distance field, believed or doubted, with a prior or without one: what one compiled loop does."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts
+from tactopose_drake.core.kernels.descent_kernels import Ends, descend
+from tactopose_drake.core.kernels.grid_kernels import Grid
+from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
+from tactopose_drake.core.kernels.prior_kernels import Prior
+from tactopose_drake.core.kernels.surface_contact_kernels import Touch
+from tactopose_drake.core.objectives.objective import Descent, NormalEquations
+from tactopose_drake.core.objectives.pose_prior import NO_PRIOR
+from tactopose_drake.core.validation import FloatArray
+
+_NO_POWERS, _NO_NUMBERS, _NO_ODDS = map(read_only, (np.empty(0, dtype=np.int64), np.empty(0), np.empty((2, 0))))
+NO_DOUBTS = Doubts(
+    _NO_POWERS,
+    _NO_POWERS,
+    _NO_NUMBERS,
+    _NO_NUMBERS,
+    _NO_NUMBERS,
+    _NO_ODDS,
+    _NO_ODDS,
+    _NO_ODDS,
+    _NO_ODDS,
+    _NO_NUMBERS,
+    False,
+)
+"""What kernels read where contacts are as told."""
+
+_STANDING = DescentRule(0, 0.0, 0.0, 0.0, 0.0)
+
+
+class CompiledDescent(NamedTuple):
+    """Contacts, as kernels read them; each pose may be spared one of those that are as told."""
+
+    grid: Grid
+    touch: Touch
+    prior: Prior = NO_PRIOR
+    doubts: Doubts = NO_DOUBTS
+
+    def normal_equations(self, X_PO: FloatArray, spared: NDArray[np.int64] | None = None) -> NormalEquations:
+        """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4), each spared the contact (B,)."""
+        ends = self._run(_STANDING, np.array(X_PO, order="C"), spared)
+        return NormalEquations(ends.cost, ends.gradient, ends.hessian)
+
+    def descend(self, rule: DescentRule, X_PO: FloatArray, spared: NDArray[np.int64] | None = None) -> Descent:
+        """Levenberg-Marquardt from each of the poses (B, 3, 4), spared the contact (B,) throughout."""
+        X_PO = np.array(X_PO, order="C")
+        ends = self._run(rule, X_PO, spared)
+        return Descent(X_PO, ends.cost, ends.iterations, ends.converged, ends.hessian)
+
+    def _run(self, rule: DescentRule, X_PO: FloatArray, spared: NDArray[np.int64] | None) -> Ends:
+        """What the kernel says; moves the poses."""
+        count = len(X_PO)
+        ends = Ends(
+            np.empty(count),
+            np.empty((count, 6)),
+            np.empty((count, 6, 6)),
+            np.empty(count, dtype=np.int64),
+            np.empty(count, dtype=np.bool_),
+        )
+        spared = np.full(count, -1) if spared is None else spared
+        descend(self.grid, self.touch, self.doubts, self.prior, rule, spared, X_PO, ends)
+        return ends
