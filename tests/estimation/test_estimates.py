@@ -102,7 +102,7 @@ def test_hypotheses_that_are_left_out_count_for_the_status() -> None:
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_fewer_hypotheses_are_those_of_more(count: int) -> None:
     bust = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
-    contacts = touch_surface(bust, np.eye(3, 4), 3, np.random.default_rng(2))
+    contacts = touch_surface(bust, np.eye(3, 4), 3, np.random.default_rng(0))
     all_of_them, few = (tp.estimate_pose(bust, contacts, max_hypotheses=most) for most in (64, count))
     assert len(all_of_them) > 5
     assert (few.status, all_of_them.status) == ("ambiguous", "ambiguous")

@@ -197,7 +197,8 @@ def test_a_table_says_how_far_the_object_has_slid(box: ObjectModel) -> None:
         bench = Bench(box)
         bench.fix(contacts=sides, prior=PosePrior(slid, 0.02, 0.15), planes=planes)
         off[planes] = abs((X_PO.inverse() @ bench.step()[0]).translation()[2])
-    assert off[()] > 0.01
+    # The sides tell nothing of it but that they are touched: what is left of the prior has its mean at 7.5 mm.
+    assert off[()] > 0.005
     assert off[table,] < 0.002
 
 

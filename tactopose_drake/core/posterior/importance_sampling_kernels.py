@@ -4,7 +4,7 @@
 With the exact posterior exp(-c) and the groups' densities q_g that add up to the mixture's q = sum_g q_g, a sample x
 of N weighs w = exp(-c(x)) / (N q(x)), of which w q_g(x) / q(x) belongs to group g [OZ00]. For increments u from the
 group's pose the moments are sum w u / sum w and sum w u u^T / sum w; the effective sample size is
-(sum w)^2 / sum w^2.
+(sum w)^2 / sum w^2. A weight is truncated at the mean of all times a power of N [I08], which leaves them consistent.
 
 Of a mean m of increments with the covariance S, over an effective sample size n, the share
 max(0, 1 - chance / (n m^T S^-1 m)) is not by chance [JS61].
@@ -31,39 +31,67 @@ from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
 
 
+class Draws(NamedTuple):
+    """Samples, those of a component behind each other.
+
+    Attributes:
+        cost: negative log posterior densities, up to a constant, shape (B,).
+        density: of the groups' proposals there, times the number of all samples, shape (B, g).
+        each: how many are of each component, shape (J,).
+    """
+
+    cost: Floats1
+    density: Floats2
+    each: Longs1
+
+
 @kernel
 def weigh(
-    cost: Floats1, lowest: float, densities: Floats2, family: Longs1, count: Longs1, weights: OutFloats2
+    draws: Draws, low: Floats1, family: Longs1, lowest: float, depth: float, power: float, weights: OutFloats2
 ) -> tuple[float, float, float]:
-    """Weighs samples of these costs (B,) and densities, times the number of all, in the groups' shares (B, g).
+    """Weighs samples in the groups' shares (B, g).
 
-    Of groups that are one the shares are noisier than what they are together: a family is named by one of its groups.
+    Of groups that are one the shares are noisier than what they are together: a family (g,) is named by one of its
+    groups. A sample is no part of groups whose family's lowest known cost, of those (g,), is so much less than its own;
+    and none weighs more than the mean of all times that power of their number [I08].
 
     Returns:
         The lowest cost, at which exp(-c) is 1; the largest standard error of the families' shares, of which 1 is all;
-        and the number of samples of the posterior itself that these are worth.
+        and the number of samples of the posterior itself that these are worth, the weights as they were.
     """
+    cost, density, count = draws.cost, draws.density, draws.each
     for b in range(cost.shape[0]):
         lowest = min(lowest, cost[b])
-    each, together, total = np.zeros(cost.shape[0]), np.zeros(weights.shape), 0.0
+    high = np.full(low.shape[0], np.inf)
+    for g in range(low.shape[0]):
+        high[family[g]] = min(high[family[g]], low[g] + depth)
+    each, total = np.zeros(cost.shape[0]), 0.0
     for b in range(cost.shape[0]):
-        density = 1e-300
+        whole = 1e-300
         for g in range(family.shape[0]):
-            density += densities[b, g]
-        weight = np.exp(lowest - cost[b]) / density
+            whole += density[b, g]
+        weight = np.exp(lowest - cost[b]) / whole
         for g in range(family.shape[0]):
-            weights[b, g] = weight * (densities[b, g] / density)
-            together[b, family[g]] += weights[b, g]
+            weights[b, g] = weight * (density[b, g] / whole) if cost[b] < high[family[g]] else 0.0
             each[b] += weights[b, g]
         total += each[b]
     if not total > 0.0:
         return lowest, 0.5, 0.0
-    squares = 0.0
+    most, squares = total * cost.shape[0] ** (power - 1.0), 0.0
     for b in range(cost.shape[0]):
-        each[b] /= total  # Whose squares are numbers, however far below the best known pose all samples lie.
-        squares += each[b] ** 2
+        squares += (each[b] / total) ** 2  # Are numbers, however far below the best known pose all samples lie.
+    total = 0.0
+    for b in range(cost.shape[0]):
+        if each[b] > most:
+            for g in range(family.shape[0]):
+                weights[b, g] *= most / each[b]
+            each[b] = most
+        total += each[b]
+    together = np.zeros(weights.shape)
+    for b in range(cost.shape[0]):
+        each[b] /= total
         for g in range(family.shape[0]):
-            together[b, g] /= total
+            together[b, family[g]] += weights[b, g] / total
     largest = 0.0
     for g in range(family.shape[0]):
         if family[g] == g:

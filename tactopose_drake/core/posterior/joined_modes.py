@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.objectives.objective import Objective
+from tactopose_drake.core.poses import compose
 from tactopose_drake.core.posterior.joining_kernels import Joined, join, join_over_saddles, lay_paths
 from tactopose_drake.core.posterior.mode_moments import Moments
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, MomentParams
@@ -26,6 +27,9 @@ from tactopose_drake.core.validation import FloatArray
 _SHARES, _HALF = np.arange(1.0, 6.0) / 6.0, np.array([3.0 / 6.0])
 # So many pairs are asked for at once; of more, first those that are likely to settle the others.
 _FEW_PAIRS = 30
+_NONE = np.empty((0, 3, 4))
+# Of the ways from a minimum between modes so many are asked for, the shortest ones.
+_NEAREST = 5
 
 
 class Families(NamedTuple):
@@ -72,9 +76,10 @@ def find_families(
     to_the_floor: Callable[[FloatArray], FloatArray],
     symmetry_poses: FloatArray,
     size: float,
+    between: FloatArray = _NONE,
     params: MomentParams = DEFAULT_PARAMS.moments,
 ) -> Families:
-    """Finds which minima are one mode, directly or by others between them.
+    """Finds which minima are one mode, directly or by way of others between them.
 
     Args:
         X_PO: minima, the most telling first, shape (g, 3, 4); those behind `params.most_joined` stay alone.
@@ -82,24 +87,30 @@ def find_families(
         to_the_floor: moves poses (B, 3, 4) beside a valley down to its floor.
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
         size: the object's, m.
+        between: more minima, by way of which those may be one, shape (n, 3, 4).
         params: which minima are one mode.
     """
     found = Families(X_PO, np.arange(len(X_PO)), symmetry_poses, 0.5 * size)
-    asked = np.ascontiguousarray(X_PO[: params.most_joined])
+    most = min(len(X_PO), params.most_joined)
+    asked = np.concatenate([X_PO[:most], between])
     if len(asked) < 2:
         return found
     low, lay = objective.cost(asked), functools.partial(_lay, asked, found)
-    pairs = _pairs(len(asked))
+    pairs = _pairs(most)
+    if len(between):
+        pairs = np.concatenate([pairs, _near_pairs(asked, most, found)])
     chosen = np.ones(len(pairs), dtype=np.bool_)
     if len(pairs) > _FEW_PAIRS:
         # Ways that join all as low as can be come first: between two that are one by then, another way changes nothing.
         pairs, halfway = _passable(pairs, low, params.ridge, lay, objective, to_the_floor)
         _, chosen = _join(pairs, halfway, np.inf, low)
     saddle, unknown = np.full(len(pairs), np.inf), np.ones(len(pairs), dtype=np.bool_)
+    family = np.arange(len(asked))
     while chosen.any():
         saddle[chosen], unknown[chosen] = _saddles(pairs[chosen], low, lay, objective, to_the_floor), False
-        found.family[: len(asked)] = _join(pairs, saddle, params.ridge, low)[0]
-        chosen = unknown & (found.family[pairs[:, 0]] != found.family[pairs[:, 1]])
+        family = _join(pairs, saddle, params.ridge, low)[0]
+        chosen = unknown & (family[pairs[:, 0]] != family[pairs[:, 1]])
+    found.family[:most] = family[:most]
     return found
 
 
@@ -116,6 +127,18 @@ def _join(
 def _pairs(count: int) -> NDArray[np.intp]:
     """All pairs of so many, shape (n, 2)."""
     return np.stack(np.tril_indices(count, -1), axis=1)
+
+
+def _near_pairs(X_PO: FloatArray, first: int, images: Families) -> NDArray[np.intp]:
+    """Pairs (n, 2) of each of the poses (g, 3, 4) from that one on with the few nearest of all, up to a symmetry."""
+    count, turned = min(_NEAREST + 1, len(X_PO)), images.arm / np.sqrt(2.0)
+    # A turn moves the columns of a rotation matrix by its angle times the root of two.
+    places = compose(X_PO, images.symmetry_poses[:, None]) * np.array([turned, turned, turned, 1.0])
+    way = np.square(places[:, None] - places[0, first:, None]).sum(axis=(3, 4)).min(axis=0)
+    near = way.argpartition(count - 1, axis=1)[:, :count]
+    pairs = np.stack([np.arange(first, len(X_PO)).repeat(count), near.ravel()], axis=1)
+    pairs.sort(axis=1)
+    return np.unique(pairs[pairs[:, 0] < pairs[:, 1]], axis=0)[:, ::-1]
 
 
 def _lay(X_PO: FloatArray, images: Families, pairs: NDArray[np.intp], shares: FloatArray) -> FloatArray:

@@ -42,15 +42,24 @@ class SamplingParams:
     """How the posterior is sampled."""
 
     samples: int = 128  # poses that are drawn in a round, at the least
+    samples_a_tile: int = 4  # likewise
     # Or this share of all before it: a hard touch is settled in few rounds, each of whose proposals weighs all samples.
     growth: float = 0.25
+    # What costs so much more than its mode is no part of it: far off, where contacts are taken for false, there is much
+    # room for little. A thousandth of a Gaussian mode lies further up (half of chi-square's, 6 degrees).
+    depth: float = 11.2
+    truncation: float = 0.4  # no sample weighs more than the mean of all times this power of their number
     # Rounds end when no mode's probability has a larger standard error than this, and the samples are worth as many of
     # the posterior itself.
     standard_error: float = 0.014
     effective_samples: float = 40.0
-    most_samples: int = 3072  # after which there is no other round
+    most_samples: int = 4096  # after which there is no other round
     most_densities: int = 40_000  # of contacts at samples, which is where the time goes; one round at the least
-    tiles: int = 16  # densities that cover the modes, beside one at each
+    # Densities that cover the modes, beside one at each: so many times the modes' volume, weighed by their masses, over
+    # that of a tile.
+    tiles: int = 12
+    fewest_tiles: int = 16
+    most_tiles: int = 128
     steps: int = 3  # of Gauss and Newton, that bring the tiles to the valley's floor
     # Modes that hold less than this share of the mass by Laplace's approximation are taken at its word; those that hold
     # less than the second share of the best one's are not weighed again either.
@@ -72,6 +81,10 @@ class SamplingParams:
     sagitta: float = 0.25
     held_turn: float = 0.02  # to which a turn about a continuous axis is held where nothing tells one from another, rad
 
+    def round_of(self, tiles: int) -> int:
+        """How many samples a round is made of, at the least, that has so many tiles."""
+        return max(self.samples, self.samples_a_tile * tiles)
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)
 class MomentParams:
@@ -82,10 +95,15 @@ class MomentParams:
     chance: float = 12.6
     as_good: float = 0.3  # a pose that costs so much more than its mode's minimum explains the touch as well
     tried_shares: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the way to the mean, the last one none of it
-    # By how much the saddle between minima of one mode is at most above the higher side's lowest: two equal Gaussians
-    # are one mode up to 4.5 standard deviations.
-    ridge: float = 2.0
+    # By how much the saddle between minima of one mode is at most above the higher side's lowest: half of a Gaussian
+    # mode lies further up (half of chi-square's median, 6 degrees). Two equal ones are one up to 5.2 deviations.
+    ridge: float = 2.67
     most_joined: int = 24  # modes of which that is asked, the most telling ones
+    # Of minima between modes: so many samples, drawn by their weights, lead to them; within so many standard deviations
+    # of a tile two are one; and of so many, the lowest ones, it is asked whether they join any.
+    led: int = 64
+    apart: float = 0.5
+    most_between: int = 40
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, slots=True)

@@ -25,7 +25,8 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.poses import compose, increments_between
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
-from tactopose_drake.core.posterior.importance_sampling import Cover, cover_modes, weigh_covered
+from tactopose_drake.core.posterior.importance_sampling import weigh_covered
+from tactopose_drake.core.posterior.mode_cover import Cover, cover_modes
 from tactopose_drake.core.posterior.plausibility import explain_with_doubt, is_comfortable
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.searches.doubt import search_with_doubt

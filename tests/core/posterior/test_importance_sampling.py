@@ -10,6 +10,7 @@ from tactopose_drake.core.posterior import importance_sampling_kernels
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.importance_sampling import weigh_modes
+from tactopose_drake.core.posterior.mode_cover import cover_modes
 from tactopose_drake.core.posterior.mode_moments import toward_the_mean, weigh_moments
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.posterior_params import PosteriorParams, SamplingParams
@@ -47,7 +48,7 @@ def posterior(
     tiles: int = 16,
 ) -> Posterior:
     cost = valley.cost if exact is None else exact
-    params = PosteriorParams(sampling=SamplingParams(samples=samples, tiles=tiles))
+    params = PosteriorParams(sampling=SamplingParams(samples=samples, fewest_tiles=tiles, most_tiles=tiles))
     return Posterior(valley, valley, cost, None, turns, np.eye(6) / 1.7, np.eye(3, 4)[None], 0.15, 0.001, params)  # type: ignore[arg-type]
 
 
@@ -93,8 +94,9 @@ def test_the_pose_is_the_mean_as_far_as_it_explains_the_touch() -> None:
     u = SIGMAS * np.array([1, 1, 0, 1, 1, 1]) / math.sqrt(5.0)
     for share, allowed in ((0.6, 1.0), (1.0, 0.75), (1.4, 0.5), (2.8, 0.25), (4.0, 0.0)):
         smooth, exact = Valley(pose(), SIGMAS), Valley(retract(pose(), share * u), SIGMAS)
+        # In rounds: of the first one's samples none is where the exact posterior lies in the last case.
         found = weigh_modes(
-            modes(smooth, pose()[None]), posterior(smooth, exact.cost, samples=4000), np.random.default_rng(0)
+            modes(smooth, pose()[None]), posterior(smooth, exact.cost, samples=1000), np.random.default_rng(0)
         )
         moved = increments_between(pose(), found.mixture.X_PO[0])
         np.testing.assert_allclose(moved / SIGMAS, allowed * share * u / SIGMAS, atol=0.1)
@@ -189,10 +191,8 @@ def test_a_bent_valley_is_as_long_as_it_is() -> None:
     sigmas = np.array([0.02, 0.02, math.radians(20), 0.001, 0.001, 0.001])
     valley = Valley(np.eye(3, 4), sigmas, bend=0.1)
     start = modes(valley, np.eye(3, 4)[None])
-    found = [
-        weigh_modes(start, posterior(valley, samples=4000), np.random.default_rng(seed)).mixture.covariance[0]
-        for seed in range(10)
-    ]
+    asked = dataclasses.replace(posterior(valley), params=PosteriorParams(sampling=SamplingParams(samples=4000)))
+    found = [weigh_modes(start, asked, np.random.default_rng(seed)).mixture.covariance[0] for seed in range(10)]
     turn = np.random.default_rng(1).normal(size=200_000) * sigmas[2]
     arc = np.stack([turn, 0.1 * (1 - np.cos(turn)), 0.1 * np.sin(turn)])
     expected = np.sqrt(np.mean(arc**2, axis=1) + np.array([0.0, 1e-6, 1e-6]))
@@ -258,11 +258,15 @@ def test_the_worth_of_samples_is_their_number_where_they_weigh_the_same() -> Non
 
 
 def test_of_groups_that_are_one_the_shares_are_as_sure_as_what_they_are_together() -> None:
-    densities, count = np.random.default_rng(0).uniform(size=(40, 3)), np.array([20, 20])
-    cost, weights = np.linspace(0.5, 3.0, 40), np.empty((40, 3))
+    densities, cost, weights = (
+        np.random.default_rng(0).uniform(size=(40, 3)),
+        np.linspace(0.5, 3.0, 40),
+        np.empty((40, 3)),
+    )
+    draws = importance_sampling_kernels.Draws(cost, densities, np.array([20, 20]))
 
     def weigh(family: list[int]) -> tuple[float, float, float]:
-        return importance_sampling_kernels.weigh(cost, 1.0, densities, np.array(family), count, weights)
+        return importance_sampling_kernels.weigh(draws, np.ones(3), np.array(family), 1.0, 10.0, 1.0, weights)
 
     lowest, error, worth = weigh([0, 1, 2])
     np.testing.assert_allclose(weights.sum(axis=1), np.exp(lowest - cost) / densities.sum(axis=1))
@@ -271,6 +275,64 @@ def test_of_groups_that_are_one_the_shares_are_as_sure_as_what_they_are_together
     assert worth == pytest.approx(weights.sum() ** 2 / np.sum(weights.sum(axis=1) ** 2))
     assert weigh([0, 0, 0])[1:] == pytest.approx((0.0, worth), abs=1e-12)
     assert 0.0 < weigh([0, 0, 2])[1] <= error
+
+
+def test_a_sample_far_above_its_mode_is_no_part_of_it_however_much_room_there_is() -> None:
+    # Three modes, of which the first two are one; three samples at heights 4, 6 and 9 over the lowest, about each mode.
+    low, height = np.array([5.0, 3.0, 9.0]), np.array([7.0, 9.0, 12.0])
+    density, weights = np.full((3, 3), 1e-9), np.empty((3, 3))
+    draws = importance_sampling_kernels.Draws(height, density, np.array([3]))
+    importance_sampling_kernels.weigh(draws, low, np.array([0, 0, 2]), 3.0, 5.0, 1.0, weights)
+    np.testing.assert_array_equal(weights > 0.0, [[True, True, True], [False, False, True], [False, False, True]])
+
+
+def test_one_sample_does_not_outweigh_all_others() -> None:
+    count, power = 1000, 0.4
+    density, weights = np.ones((count, 1)), np.empty((count, 1))
+    density[17] = 1e-6
+    draws = importance_sampling_kernels.Draws(np.zeros(count), density, np.array([count]))
+    plain = importance_sampling_kernels.weigh(draws, np.zeros(1), np.zeros(1, dtype=int), 0.0, 5.0, 1.0, weights)
+    assert weights[17, 0] == pytest.approx(1e6)
+    assert plain[2] < 1.01
+    mean = weights.mean()
+    truncated = importance_sampling_kernels.weigh(draws, np.zeros(1), np.zeros(1, dtype=int), 0.0, 5.0, power, weights)
+    assert weights[17, 0] == pytest.approx(mean * count**power)
+    np.testing.assert_allclose(np.delete(weights[:, 0], 17), 1.0)
+    # That it did is told all the same: another round is called for.
+    assert truncated[2] == plain[2]
+
+
+@pytest.mark.parametrize(("turn", "fewest", "most"), [(1.0, 16, 16), (20.0, 20, 80), (60.0, 81, 128)])
+def test_the_wider_a_mode_is_the_more_tiles_cover_it(turn: float, fewest: int, most: int) -> None:
+    sigmas = np.array([0.01, 0.01, math.radians(turn), 0.001, 0.001, 0.001])
+    valley = Valley(np.eye(3, 4), sigmas)
+    asked = dataclasses.replace(posterior(valley), params=PosteriorParams())
+    cover = cover_modes(modes(valley, np.eye(3, 4)[None]), asked, np.random.default_rng(0))
+    assert cover is not None
+    assert fewest <= cover.tiles <= most
+    assert cover.proposal.count.sum() >= 4 * cover.tiles
+
+
+def test_modes_that_samples_find_a_way_between_are_one() -> None:
+    """Along an arc of 100 mm lie three minima, of which those at the ends are known: the straight way is a high one."""
+
+    class Arc(Valley):
+        def residuals(self, X_PO: FloatArray) -> FloatArray:
+            rows = super().residuals(X_PO)
+            turn = increments_between(self.X_PO, X_PO)[:, 2]
+            rows[:, 2] = 1.2 * np.sin(3.0 * turn)
+            return rows
+
+    arc = Arc(np.eye(3, 4), np.array([0.02, 0.02, 1.0, 0.001, 0.001, 0.001]), bend=0.1)
+    turns = np.pi / 3.0 * np.array([-1.0, 1.0])
+    u = np.zeros((2, 6))
+    u[:, 2], u[:, 3], u[:, 4] = turns, 0.1 * (1.0 - np.cos(turns)), 0.1 * np.sin(turns)
+    X_PO = retract(np.tile(np.eye(3, 4), (2, 1, 1)), u)
+    np.testing.assert_allclose(arc.cost(X_PO), 0.0, atol=1e-9)
+    found = weigh_modes(
+        modes(arc, X_PO), dataclasses.replace(posterior(arc), params=PosteriorParams()), np.random.default_rng(0)
+    )
+    assert len(found.mixture) == 1
 
 
 def test_the_standard_error_is_that_of_the_weights_from_seed_to_seed() -> None:

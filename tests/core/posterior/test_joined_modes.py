@@ -13,7 +13,7 @@ from tactopose_drake.core.validation import FloatArray
 
 SIGMAS = np.array([0.03, 0.02, 0.05, 0.001, 0.002, 0.0015])
 SCALE = np.outer(SIGMAS, SIGMAS)
-ALONE = np.eye(3, 4)[None]
+ALONE, NONE = np.eye(3, 4)[None], np.empty((0, 3, 4))
 X_PO = make_poses(exp_so3(np.array([0.4, -1.0, 2.0])), np.array([0.1, 0.0, -0.2]))
 # A half turn about the line through this point along the y-axis.
 HALF_TURN = np.array([[-1.0, 0.0, 0.0, 0.08], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, -1.0, -0.06]])
@@ -56,8 +56,9 @@ def families(
     objective: Objective,
     symmetries: FloatArray = ALONE,
     to_the_floor: Callable[[FloatArray], FloatArray] = lambda X: X,
+    between: FloatArray = NONE,
 ) -> Families:
-    return find_families(X, objective, to_the_floor, symmetries, size=0.1)
+    return find_families(X, objective, to_the_floor, symmetries, 0.1, between)
 
 
 def all_one(X: FloatArray, symmetries: FloatArray = ALONE) -> Families:
@@ -82,7 +83,7 @@ def test_modes_are_one_where_the_cost_between_hardly_rises() -> None:
 
 def test_a_ridge_beside_the_middle_counts_too() -> None:
     for place in (1.0, 2.0, 4.0, 5.0):
-        objective = Valleys([0.0, place - 0.5, place, place + 0.5, 6.0], [0.0, 0.0, 3.0, 0.0, 0.0])
+        objective = Valleys([0.0, place - 0.5, place, place + 0.5, 6.0], [0.0, 0.0, 4.0, 0.0, 0.0])
         np.testing.assert_array_equal(families(along(0.0, 6.0), objective).family, [0, 1])
 
 
@@ -119,12 +120,12 @@ def test_minima_between_which_no_pose_is_possible_are_apart() -> None:
     np.testing.assert_array_equal(families(along(0.0, 6.0), Walled()).family, [0, 1])
 
 
-def test_two_gaussians_are_one_up_to_four_and_a_half_standard_deviations() -> None:
+def test_two_gaussians_are_one_up_to_five_standard_deviations() -> None:
     def cost(way: FloatArray, apart: float) -> FloatArray:
         return -np.logaddexp(-0.5 * way**2, -0.5 * (way - apart) ** 2)
 
-    for apart, together in ((4.2, True), (4.8, False)):
-        places = np.linspace(-1.0, 6.0, 701)
+    for apart, together in ((5.0, True), (5.4, False)):
+        places = np.linspace(-1.0, 7.0, 801)
         family = families(along(0.0, apart), Valleys(places.tolist(), cost(places, apart).tolist())).family
         assert (family[1] == 0) == together
 
@@ -154,6 +155,31 @@ def test_a_bent_valley_is_one_mode() -> None:
     # Where the floor is not found, the straight way counts.
     away = families(along(0.0, 1.0), Bent(), to_the_floor=lambda X: X + 1.0).family
     np.testing.assert_array_equal(away, [0, 0])
+
+
+@pytest.mark.parametrize("half_turns", [0, 1])
+def test_modes_are_one_by_way_of_minima_between_them_that_are_no_modes(half_turns: int) -> None:
+    class Corner:
+        """A valley along the first direction, and at its end along the second one."""
+
+        def cost(self, X: FloatArray) -> FloatArray:
+            u = np.stack(
+                [increments_between(np.broadcast_to(X_PO, X.shape), image) / SIGMAS for image in (X, turned(X))]
+            )
+            along_first, along_second = np.square(u[..., 1]), np.square(u[..., 0] - 8.0)
+            return np.minimum(along_first, along_second).min(axis=0)
+
+    def turned(X: FloatArray) -> FloatArray:
+        return compose(X, HALF_TURN) if half_turns else X
+
+    u = np.zeros((5, 6))
+    u[:, :2] = np.array([[0.0, 0.0], [8.0, 8.0], [4.0, 0.0], [8.0, 0.0], [8.0, 4.0]]) * SIGMAS[:2]
+    X = retract(np.tile(X_PO, (5, 1, 1)), u)
+    symmetries = np.stack([np.eye(3, 4), HALF_TURN]) if half_turns else ALONE
+    X[3:] = turned(X[3:])
+    np.testing.assert_array_equal(families(X[:2], Corner(), symmetries).family, [0, 1])
+    np.testing.assert_array_equal(families(X[:2], Corner(), symmetries, between=X[2:]).family, [0, 0])
+    np.testing.assert_array_equal(families(X[:2], Corner(), symmetries, between=X[2:3]).family, [0, 1])
 
 
 def _arch(way: FloatArray) -> FloatArray:

@@ -1,0 +1,184 @@
+"""What modes are sampled from: densities that cover them, and which of them are one.
+
+A narrow mode is covered by a density like Laplace's approximation. A wide one bends, and has bumps along its floor:
+tiles lie along it, the more the wider it is. The modes between which the density hardly falls are one, by way of each
+other or of minima that no search has led to, but samples do.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.kernels.mode_kernels import one_of_each
+from tactopose_drake.core.posterior import importance_sampling_kernels
+from tactopose_drake.core.posterior.hypotheses import Modes
+from tactopose_drake.core.posterior.joined_modes import Families, find_families
+from tactopose_drake.core.posterior.posterior import Posterior
+from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture, across_turns, draw, in_chart
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.validation import FloatArray
+
+_TO_THE_MINIMUM = LevenbergMarquardt(max_iterations=20, tolerance=1e-3, least_refused=0.1)
+_NONE = np.empty((0, 3, 4))
+
+
+class Cover(NamedTuple):
+    """The densities that cover those of some modes that are worth sampling.
+
+    Attributes:
+        close: which modes are not out of the question, shape (c,).
+        lowest: the lowest of their costs that is known.
+        laplace: the logarithms of their masses by Laplace's approximation, but for what all have in common, shape (c,).
+        worthy: which of these are sampled, shape (g,).
+        low: their lowest known costs, shape (g,).
+        information: their information, that of Laplace's approximation, shape (g, 6, 6).
+        tiles: the densities that a round of sampling is made of, but for one at each mode, and for the tails.
+        proposal: those of the first round, over increments from the sampled modes.
+        families: which of the sampled modes are one.
+    """
+
+    close: NDArray[np.intp]
+    lowest: float
+    laplace: FloatArray
+    worthy: NDArray[np.intp]
+    low: FloatArray
+    information: FloatArray
+    tiles: int
+    proposal: StudentTMixture
+    families: Families
+
+
+def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Cover | None:
+    """Covers the modes. None where they cannot be: Laplace's approximation has to do."""
+    mixture, params = modes.mixture, posterior.params.sampling
+    close = (mixture.weights > params.least_weighed_share * mixture.weights.max()).nonzero()[0]
+    X_close = mixture.X_PO[close]
+    information = inverses(mixture.covariance[close])[0] + posterior.gauge
+    if not np.isfinite(information).all():
+        return None  # What is best known of one and the rest of it do not fit into doubles.
+    least = np.minimum(posterior.exact_cost(X_close), modes.cost[close])
+    laplace = -least - 0.5 * across_turns(information, posterior.turn_directions(X_close))[1]
+    share = np.exp(laplace - laplace.max())
+    share /= share.sum()
+    worthy = (share > params.least_sampled_share).nonzero()[0]
+    X_worthy, share, information = X_close[worthy], share[worthy], information[worthy]
+    wide = inverses(np.concatenate([information + posterior.held, information]))[1].reshape(2, -1)
+    wanted = params.tiles * float(share @ np.exp(0.5 * (wide[0] - wide[1])))
+    # Where rounding leaves no number, there are the fewest.
+    tiles = round(min(params.most_tiles, max(params.fewest_tiles, wanted)))
+    proposal = _tile(X_worthy, share, information, tiles, posterior, generator)
+    families = _find_families(X_worthy, posterior)
+    return Cover(close, float(least.min()), laplace, worthy, least[worthy], information, tiles, proposal, families)
+
+
+def tile_samples(
+    X_PO: FloatArray, weights: FloatArray, cover: Cover, samples: int, posterior: Posterior
+) -> StudentTMixture:
+    """Tiles for so many samples, about ones (B, 3, 4) as often as their weights (B, g) say."""
+    params, X_mode = posterior.params.sampling, cover.families.X_PO
+    index, owner, times = _resample(weights, cover.tiles)
+    local = posterior.objective.normal_equations(X_PO[index]).hessian + posterior.held
+    center, local, turns = in_chart(X_mode, owner, X_PO[index], local, posterior.turn_directions(X_PO[index]))
+    count = times * (samples // cover.tiles)
+    return StudentTMixture(X_mode, owner, center, local, turns, count, params.freedom, params.farthest)
+
+
+def join_by_samples(X_PO: FloatArray, weights: FloatArray, cover: Cover, posterior: Posterior) -> Families:
+    """Which modes are one, also by way of minima that samples (B, 3, 4) of these weights (B, g) lead to."""
+    X_mode, params = cover.families.X_PO, posterior.params.moments
+    X_found = _TO_THE_MINIMUM.refine(posterior.objective, X_PO[_resample(weights, params.led).sample]).X_PO
+    every = np.concatenate([X_mode, X_found])
+    found = posterior.objective.normal_equations(X_found).hessian + posterior.held
+    information = np.concatenate([cover.information, found])
+    apart = one_of_each(every, information, posterior.symmetry_poses, params.apart)
+    return _find_families(X_mode, posterior, every[apart[apart >= len(X_mode)][: params.most_between]])
+
+
+def _find_families(X_mode: FloatArray, posterior: Posterior, between: FloatArray = _NONE) -> Families:
+    """Which of the modes (g, 3, 4) are one, by themselves or by way of minima (n, 3, 4) between them."""
+    return find_families(
+        X_mode,
+        posterior.objective,
+        lambda X_PO: _to_the_floor(X_PO, posterior),
+        posterior.symmetry_poses,
+        posterior.size,
+        between,
+        posterior.params.moments,
+    )
+
+
+def _resample(weights: FloatArray, count: int) -> importance_sampling_kernels.Drawn:
+    """So many samples, as often as their weights (B, g) say, without those that are not drawn."""
+    drawn = importance_sampling_kernels.Drawn(*np.empty((3, count), dtype=np.int64))
+    different = importance_sampling_kernels.resample(weights, drawn)
+    return importance_sampling_kernels.Drawn(*(each[:different] for each in drawn))
+
+
+def _tile(
+    X_mode: FloatArray,
+    share: FloatArray,
+    information: FloatArray,
+    tiles: int,
+    posterior: Posterior,
+    generator: np.random.Generator,
+) -> StudentTMixture:
+    """A mixture that covers the sampled modes by so many tiles, beside one density at each."""
+    params = posterior.params.sampling
+    # The root leaves something for modes that Laplace's approximation underrates.
+    root_share = np.sqrt(share)
+    counts = 1 + np.rint(tiles * root_share / root_share.sum()).astype(np.intp)
+    each = np.arange(len(X_mode))
+    group = each.repeat(counts)
+    white = generator.normal(scale=params.tile_scatter, size=(int(counts.max()), 6))
+    white[0] = 0.0  # The first at each mode stands in its middle.
+    laplace = draw(X_mode, each, np.zeros((len(X_mode), 6)), information, counts, white, opposed=False)
+    likely = (share > params.least_tailed_share).nonzero()[0]
+    X_PO = np.concatenate([_to_the_floor(laplace, posterior), X_mode[likely]])
+    smooth, _, hessian = posterior.objective.normal_equations(X_PO)
+    hessian, every = hessian + posterior.held, len(group)
+    weight = np.exp(0.5 * (smooth[:every].min() - smooth[:every])) + params.least_tile_weight
+    count = np.maximum(1, np.rint(params.round_of(tiles) * weight / weight.sum())).astype(np.intp)
+    owner, tails = _tails(X_mode[likely], hessian[every:], posterior)
+    each_tail = max(params.least_tail_samples, round(params.tail_samples / max(len(owner), 1)))
+    group = np.concatenate([group, likely[owner]])
+    order = group.argsort(kind="stable")
+    group, X_PO = group[order], X_PO[np.concatenate([np.arange(every), every + owner])[order]]
+    hessian = np.concatenate([hessian[:every], tails])[order]
+    count = np.concatenate([count, np.full(len(owner), each_tail, dtype=np.intp)])[order]
+    center, local, turns = in_chart(X_mode, group, X_PO, hessian, posterior.turn_directions(X_PO))
+    return StudentTMixture(X_mode, group, center, local, turns, count, params.freedom, params.farthest)
+
+
+def _tails(X_mode: FloatArray, held: FloatArray, posterior: Posterior) -> tuple[NDArray[np.intp], FloatArray]:
+    """Densities for what a mode reaches if one of the contacts is false: of little mass, but far from its middle.
+
+    Args:
+        X_mode: modes, shape (n, 3, 4).
+        held: their information, that which every tile has included, shape (n, 6, 6).
+        posterior: what is sampled.
+
+    Returns:
+        Which mode each is about, shape (t,), and its information, shape (t, 6, 6); of many those that reach farthest.
+    """
+    if posterior.alternatives is None:
+        return np.empty(0, dtype=np.intp), np.empty((0, 6, 6))
+    most = posterior.params.sampling.tail_samples
+    left = posterior.alternatives(X_mode, held)
+    owner, left = np.repeat(np.arange(len(held)), left.shape[1]), left.reshape(-1, 6, 6)
+    if len(left) > most:
+        lost = np.linalg.slogdet(held)[1][owner] - np.linalg.slogdet(left)[1]
+        far = np.sort(np.argsort(-lost, kind="stable")[:most])
+        owner, left = owner[far], left[far]
+    return owner, left
+
+
+def _to_the_floor(X_PO: FloatArray, posterior: Posterior) -> FloatArray:
+    """Moves poses (B, 3, 4) in the directions that the touch determines well, and little in others."""
+    params, units = posterior.params.sampling, posterior.units
+    soft, longest = 1.0 / (units * posterior.straight) ** 2, params.longest_step * posterior.size
+    for _ in range(params.steps if len(X_PO) else 0):
+        _, gradient, hessian = posterior.likelihood.normal_equations(X_PO)
+        importance_sampling_kernels.step_down(gradient, hessian, soft, units, longest, X_PO)
+    return X_PO
