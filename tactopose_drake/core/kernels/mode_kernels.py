@@ -11,19 +11,22 @@ from tactopose_drake.core.validation import FloatArray
 
 
 def one_of_each(
-    X_PO: FloatArray, information: FloatArray, symmetry_poses: FloatArray, sigmas: float
+    X_PO: FloatArray, information: FloatArray, symmetry_poses: FloatArray, sigmas: float, most: int | None = None
 ) -> NDArray[np.int64]:
     """Which poses (n, 3, 4), the best one first, equal none before them that is one of these, up to a symmetry.
 
-    Two are equal when they lie within so many standard deviations of the better one, by its information (n, 6, 6).
+    Two are equal when they lie within so many standard deviations of the better one, by its information (n, 6, 6). No
+    more are looked for than `most`.
     """
-    index = np.empty(len(X_PO), dtype=np.int64)
+    index = np.empty(len(X_PO) if most is None else min(most, len(X_PO)), dtype=np.int64)
     return index[: _find_distinct(X_PO, information, symmetry_poses, sigmas**2, index)]
 
 
 @kernel
 def _find_distinct(X: Floats3, information: Floats3, symmetries: Floats3, threshold: float, index: OutLongs1) -> int:
     """Fills in which poses X (B, 3, 4) equal none of those before them up to a symmetry, and returns their number.
+
+    It ends when the index is full.
 
     Two poses are equal when the squared Mahalanobis length of the increment between them, by the information (B, 6, 6)
     of the better one, is below the threshold for one of the symmetries (g, 3, 4). Most are told apart sooner, by how
@@ -33,6 +36,8 @@ def _find_distinct(X: Floats3, information: Floats3, symmetries: Floats3, thresh
     L, covariance = np.empty((6, 6)), np.empty((6, 6))
     farthest, least_trace = np.empty(X.shape[0]), np.empty(X.shape[0])
     for b in range(X.shape[0]):
+        if count == index.shape[0]:
+            break
         for s in range(symmetries.shape[0]):
             compose_one(X[b], symmetries[s], Y[s])
         is_new = True

@@ -30,5 +30,5 @@ def search_with_doubt(
         return found
     found = search.minimize(problem.objective, space, generator, should_stop)
     information = problem.objective.normal_equations(found.X_PO).hessian + space.information
-    apart = one_of_each(found.X_PO, information, _NO_SYMMETRY, _SAME_MINIMUM)
-    return _REFINEMENT.refine(objective, found.X_PO[apart[:_KEPT]], should_stop)
+    apart = one_of_each(found.X_PO, information, _NO_SYMMETRY, _SAME_MINIMUM, _KEPT)
+    return _REFINEMENT.refine(objective, found.X_PO[apart], should_stop)

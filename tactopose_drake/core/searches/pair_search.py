@@ -81,8 +81,8 @@ _FIRST_STEPS = LevenbergMarquardt(max_iterations=3, tolerance=3e-4, initial_damp
 _FURTHER_STEPS = dataclasses.replace(_FIRST_STEPS, max_iterations=4)
 # Most poses are on their way to the same few minima: of those that come together on it, one is left.
 _ON_THE_WAY = Stage(refinement=_FURTHER_STEPS, kept=30, worth=20.0, apart=1.0)
-# A descent may get stuck where the field has a kink; from there another one goes on. So many of the best are tried.
-_AGAIN = 3
+# A descent may get stuck where the field has a kink; from the best another one goes on.
+_AGAIN = dataclasses.replace(_ON_THE_WAY, kept=3)
 # All that come out have arrived: a pose on its way down a valley would count as a mode of its own.
 _TO_THE_MINIMUM = LevenbergMarquardt(max_iterations=20, tolerance=1e-3, least_refused=_LEAST_REFUSED)
 
@@ -159,7 +159,7 @@ class PairSearch(Search):
         for stage, following in ((last, _FURTHER_STEPS), (_ON_THE_WAY, _TO_THE_MINIMUM)):
             X_PO = self._apart(found, believed, space, stage)
             found = following.refine(objective, X_PO, should_stop)
-        best = self._apart(found, believed, space, _ON_THE_WAY)[:_AGAIN]
+        best = self._apart(found, believed, space, _AGAIN)
         again = _TO_THE_MINIMUM.refine(objective, best if is_near else self._with_images(best), should_stop)
         return join_results(found, again).ranked()
 
@@ -247,8 +247,7 @@ class PairSearch(Search):
         count = int(found.cost.searchsorted(found.cost[0] + stage.worth, side="right"))
         X_PO = found.X_PO[:count]
         hessian = believed.normal_equations(X_PO).hessian if found.hessian is None else found.hessian[:count]
-        apart = one_of_each(X_PO, hessian + space.information, _NO_SYMMETRY, stage.apart)
-        return X_PO[apart[: stage.kept]]
+        return X_PO[one_of_each(X_PO, hessian + space.information, _NO_SYMMETRY, stage.apart, stage.kept)]
 
     def propose(
         self, choice: PairChoice, count: int, space: PoseSpace, generator: np.random.Generator, spared: int = 0

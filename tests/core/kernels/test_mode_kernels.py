@@ -27,3 +27,5 @@ def test_each_pose_belongs_to_the_first_mode_within_its_distance(wide: float) ->
         expected.append(mine)
     assert found.tolist() == sorted(set(expected))
     assert 5 < len(set(expected)) < 60
+    np.testing.assert_array_equal(one_of_each(X_PO, information, symmetries, 3.0, most=4), found[:4])
+    np.testing.assert_array_equal(one_of_each(X_PO, information, symmetries, 3.0, most=100), found)
