@@ -23,7 +23,7 @@ from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.doubted_spread import widen_by_doubt
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
-from tactopose_drake.core.posterior.importance_sampling_kernels import Draws, find_nearest_images, weigh
+from tactopose_drake.core.posterior.importance_sampling_kernels import Draws, Weighed, find_nearest_images, weigh
 from tactopose_drake.core.posterior.joined_modes import Families
 from tactopose_drake.core.posterior.mode_cover import Cover, cover_modes, join_by_samples, tile_samples
 from tactopose_drake.core.posterior.mode_moments import Moments, toward_the_mean, weigh_moments
@@ -47,30 +47,29 @@ def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
 def weigh_covered(modes: Modes, cover: Cover, posterior: Posterior, generator: np.random.Generator) -> Modes:
     """Draws samples of what covers the modes, and weighs the modes by them."""
     close, worthy = cover.close, cover.worthy
-    increments, weights, lowest, error, families = _draw(cover, posterior, generator)
+    increments, weights, weighed, families = _draw(cover, posterior, generator)
     moments = weigh_moments(increments, weights)
     if not (moments.effective_samples > 1.0).any():
         return modes  # One sample outweighs all others: they say less than Laplace's approximation.
-    every = np.exp(cover.laplace + lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
+    every = np.exp(cover.laplace + weighed.lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
     every[worthy] = weights.sum(axis=0)
     masses = modes.mixture.weights * (every.sum() / modes.mixture.weights[close].sum())
     masses[close] = every
-    log_mass = float(np.log(masses.sum()) - lowest + _LOG_TURNS[len(posterior.turns[0])])
+    whole = masses.sum() + weighed.mass - weights.sum()  # What is no part of any mode is part of that.
+    log_mass = float(np.log(whole) - weighed.lowest + _LOG_TURNS[len(posterior.turns[0])])
     found = _update(modes, close[worthy], masses / masses.sum(), moments, families, posterior, log_mass)
-    return copied(found, standard_error=error)
+    return copied(found, standard_error=weighed.error)
 
 
 class _Samples(NamedTuple):
-    """Samples' increments (B, g, 6) from the modes, their weights (B, g) in the modes' shares, and the lowest cost.
+    """Samples' increments (B, g, 6) from the modes, their weights (B, g) in the modes' shares, what they say together.
 
-    The weights are over the density exp(lowest - cost); `standard_error` is the largest of the probabilities of the
-    `families` that the modes make.
+    The weights are over the density exp(lowest - cost). `families` are those that the modes make.
     """
 
     increments: FloatArray
     weights: FloatArray
-    lowest: float
-    standard_error: float
+    weighed: Weighed
     families: Families
 
 
@@ -80,7 +79,7 @@ def _draw(cover: Cover, posterior: Posterior, generator: np.random.Generator) ->
     Where those of one round are not enough, the next are drawn about them as their weights say [CDG08]; all are weighed
     by all proposals together [CMMR12].
     """
-    params, proposal, families, lowest = posterior.params.sampling, cover.proposal, cover.families, cover.lowest
+    params, proposal, families = posterior.params.sampling, cover.proposal, cover.families
     X_mode, g = families.X_PO, len(families.X_PO)
     most = max(params.most_samples, int(proposal.count.sum()))
     X_PO, cost, density, weights = np.empty((most, 3, 4)), np.empty(most), np.zeros((most, g)), np.empty((most, g))
@@ -98,15 +97,15 @@ def _draw(cover: Cover, posterior: Posterior, generator: np.random.Generator) ->
         cost[fresh] = _cost_of_one_image(X_PO[fresh], X_mode, posterior)
         draws = Draws(cost[all_drawn], density[all_drawn], np.concatenate([each.count for each in proposals]))
         limits = params.depth, params.truncation
-        lowest, error, worth = weigh(draws, cover.low, families.family, lowest, *limits, weights[all_drawn])
-        if len(proposals) == 1 and error > params.standard_error:
+        weighed = weigh(draws, cover.low, families.family, cover.lowest, *limits, weights[all_drawn])
+        if len(proposals) == 1 and weighed.error > params.standard_error:
             # Maybe minima between the modes have been missed.
             families = join_by_samples(X_PO[all_drawn], weights[all_drawn], cover, posterior)
-            lowest, error, worth = weigh(draws, cover.low, families.family, lowest, *limits, weights[all_drawn])
-        sure = error <= params.standard_error and worth >= params.effective_samples
+            weighed = weigh(draws, cover.low, families.family, cover.lowest, *limits, weights[all_drawn])
+        sure = weighed.error <= params.standard_error and weighed.worth >= params.effective_samples
         count = max(params.round_of(cover.tiles), int(params.growth * drawn))
-        if sure or worth == 0.0 or drawn + count > params.most_samples:
-            return _Samples(increments.u[all_drawn], weights[all_drawn], lowest, error, families)
+        if sure or weighed.worth == 0.0 or drawn + count > params.most_samples:
+            return _Samples(increments.u[all_drawn], weights[all_drawn], weighed, families)
         proposal = tile_samples(X_PO[all_drawn], weights[all_drawn], cover, count, posterior)
 
 

@@ -45,19 +45,31 @@ class Draws(NamedTuple):
     each: Longs1
 
 
+class Weighed(NamedTuple):
+    """What samples say together.
+
+    Attributes:
+        lowest: the lowest cost, at which exp(-c) is 1.
+        error: the largest standard error of the families' shares, of which 1 is all.
+        worth: the number of samples of the posterior itself that these are worth, their weights as they were.
+        mass: the sum of the weights as they were, those of samples that are no part of any group included.
+    """
+
+    lowest: float
+    error: float
+    worth: float
+    mass: float
+
+
 @kernel
 def weigh(
     draws: Draws, low: Floats1, family: Longs1, lowest: float, depth: float, power: float, weights: OutFloats2
-) -> tuple[float, float, float]:
+) -> Weighed:
     """Weighs samples in the groups' shares (B, g).
 
     Of groups that are one the shares are noisier than what they are together: a family (g,) is named by one of its
     groups. A sample is no part of groups whose family's lowest known cost, of those (g,), is so much less than its own;
     and none weighs more than the mean of all times that power of their number [I08].
-
-    Returns:
-        The lowest cost, at which exp(-c) is 1; the largest standard error of the families' shares, of which 1 is all;
-        and the number of samples of the posterior itself that these are worth, the weights as they were.
     """
     cost, density, count = draws.cost, draws.density, draws.each
     for b in range(cost.shape[0]):
@@ -65,18 +77,19 @@ def weigh(
     high = np.full(low.shape[0], np.inf)
     for g in range(low.shape[0]):
         high[family[g]] = min(high[family[g]], low[g] + depth)
-    each, total = np.zeros(cost.shape[0]), 0.0
+    each, total, mass = np.zeros(cost.shape[0]), 0.0, 0.0
     for b in range(cost.shape[0]):
         whole = 1e-300
         for g in range(family.shape[0]):
             whole += density[b, g]
         weight = np.exp(lowest - cost[b]) / whole
+        mass += weight
         for g in range(family.shape[0]):
             weights[b, g] = weight * (density[b, g] / whole) if cost[b] < high[family[g]] else 0.0
             each[b] += weights[b, g]
         total += each[b]
     if not total > 0.0:
-        return lowest, 0.5, 0.0
+        return Weighed(lowest, 0.5, 0.0, mass)
     most, squares = total * cost.shape[0] ** (power - 1.0), 0.0
     for b in range(cost.shape[0]):
         squares += (each[b] / total) ** 2  # Are numbers, however far below the best known pose all samples lie.
@@ -96,7 +109,7 @@ def weigh(
     for g in range(family.shape[0]):
         if family[g] == g:
             largest = max(largest, _variance(together, g, each, count))
-    return lowest, np.sqrt(largest), 1.0 / squares
+    return Weighed(lowest, np.sqrt(largest), 1.0 / squares, mass)
 
 
 @part

@@ -265,16 +265,17 @@ def test_of_groups_that_are_one_the_shares_are_as_sure_as_what_they_are_together
     )
     draws = importance_sampling_kernels.Draws(cost, densities, np.array([20, 20]))
 
-    def weigh(family: list[int]) -> tuple[float, float, float]:
+    def weigh(family: list[int]) -> importance_sampling_kernels.Weighed:
         return importance_sampling_kernels.weigh(draws, np.ones(3), np.array(family), 1.0, 10.0, 1.0, weights)
 
-    lowest, error, worth = weigh([0, 1, 2])
+    lowest, error, worth, mass = weigh([0, 1, 2])
     np.testing.assert_allclose(weights.sum(axis=1), np.exp(lowest - cost) / densities.sum(axis=1))
     assert lowest == 0.5
+    assert mass == pytest.approx(weights.sum())
     assert error > 0.01
     assert worth == pytest.approx(weights.sum() ** 2 / np.sum(weights.sum(axis=1) ** 2))
-    assert weigh([0, 0, 0])[1:] == pytest.approx((0.0, worth), abs=1e-12)
-    assert 0.0 < weigh([0, 0, 2])[1] <= error
+    assert weigh([0, 0, 0])[1:3] == pytest.approx((0.0, worth), abs=1e-12)
+    assert 0.0 < weigh([0, 0, 2]).error <= error
 
 
 def test_a_sample_far_above_its_mode_is_no_part_of_it_however_much_room_there_is() -> None:
@@ -282,7 +283,8 @@ def test_a_sample_far_above_its_mode_is_no_part_of_it_however_much_room_there_is
     low, height = np.array([5.0, 3.0, 9.0]), np.array([7.0, 9.0, 12.0])
     density, weights = np.full((3, 3), 1e-9), np.empty((3, 3))
     draws = importance_sampling_kernels.Draws(height, density, np.array([3]))
-    importance_sampling_kernels.weigh(draws, low, np.array([0, 0, 2]), 3.0, 5.0, 1.0, weights)
+    weighed = importance_sampling_kernels.weigh(draws, low, np.array([0, 0, 2]), 3.0, 5.0, 1.0, weights)
+    assert weighed.mass == pytest.approx(np.sum(np.exp(3.0 - height) / density.sum(axis=1)))
     np.testing.assert_array_equal(weights > 0.0, [[True, True, True], [False, False, True], [False, False, True]])
 
 
@@ -293,13 +295,14 @@ def test_one_sample_does_not_outweigh_all_others() -> None:
     draws = importance_sampling_kernels.Draws(np.zeros(count), density, np.array([count]))
     plain = importance_sampling_kernels.weigh(draws, np.zeros(1), np.zeros(1, dtype=int), 0.0, 5.0, 1.0, weights)
     assert weights[17, 0] == pytest.approx(1e6)
-    assert plain[2] < 1.01
+    assert plain.worth < 1.01
     mean = weights.mean()
     truncated = importance_sampling_kernels.weigh(draws, np.zeros(1), np.zeros(1, dtype=int), 0.0, 5.0, power, weights)
     assert weights[17, 0] == pytest.approx(mean * count**power)
     np.testing.assert_allclose(np.delete(weights[:, 0], 17), 1.0)
     # That it did is told all the same: another round is called for.
-    assert truncated[2] == plain[2]
+    assert truncated.worth == plain.worth
+    assert truncated.mass == plain.mass == pytest.approx(1e6 + count - 1.0)
 
 
 @pytest.mark.parametrize(("turn", "fewest", "most"), [(1.0, 16, 16), (20.0, 20, 80), (60.0, 81, 128)])
