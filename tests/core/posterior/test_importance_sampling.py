@@ -4,63 +4,16 @@ import math
 import numpy as np
 import pytest
 
-from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations
+from tactopose_drake.core.objectives.objective import NormalEquations
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
-from tactopose_drake.core.posterior import importance_sampling_kernels
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.importance_sampling import weigh_modes
-from tactopose_drake.core.posterior.mode_cover import cover_modes
 from tactopose_drake.core.posterior.mode_moments import toward_the_mean, weigh_moments
-from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.posterior_params import PosteriorParams, SamplingParams
 from tactopose_drake.core.posterior.student_t_mixture import find_increments
 from tactopose_drake.core.validation import FloatArray
-
-SIGMAS = np.array([0.03, 0.02, 0.05, 0.001, 0.002, 0.0015])
-NO_TURNS = (np.empty((0, 3)), np.empty((0, 3)))
-
-
-class Valley(LeastSquaresObjective):
-    """Independent Gaussians of the increments from a pose, one of which may bend: a turn moves the object along too."""
-
-    def __init__(self, X_PO: FloatArray, sigmas: FloatArray, bend: float = 0.0) -> None:
-        self.X_PO, self.sigmas, self.bend = X_PO, sigmas, bend
-
-    def residuals(self, X_PO: FloatArray) -> FloatArray:
-        u = increments_between(self.X_PO, X_PO)
-        u[:, 3] -= self.bend * (1.0 - np.cos(u[:, 2]))
-        u[:, 4] -= self.bend * np.sin(u[:, 2])
-        return u / self.sigmas
-
-    def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
-        here = self.residuals(X_PO)
-        steps = 1e-6 * np.eye(6)
-        columns = [(self.residuals(retract(X_PO, step)) - here) / 1e-6 for step in steps]
-        return here, np.stack(columns, axis=-1)
-
-
-def posterior(
-    valley: Valley,
-    exact: object = None,
-    turns: tuple[FloatArray, FloatArray] = NO_TURNS,
-    samples: int = 128,
-    tiles: int = 16,
-) -> Posterior:
-    cost = valley.cost if exact is None else exact
-    params = PosteriorParams(sampling=SamplingParams(samples=samples, fewest_tiles=tiles, most_tiles=tiles))
-    return Posterior(valley, valley, cost, None, turns, np.eye(6) / 1.7, np.eye(3, 4)[None], 0.15, 0.001, params)  # type: ignore[arg-type]
-
-
-def modes(valley: Valley, X_PO: FloatArray) -> Modes:
-    count = len(X_PO)
-    covariance = np.linalg.inv(valley.normal_equations(X_PO).hessian + 1e-9 * np.eye(6))
-    mixture = GaussianMixture(X_PO, np.full(count, 1 / count), covariance)
-    return Modes(mixture, valley.cost(X_PO), (np.empty((0, 6)),) * count, 0.0)
-
-
-def pose() -> FloatArray:
-    return make_poses(exp_so3(np.array([0.4, -1.0, 2.0])), np.array([0.1, 0.0, -0.2]))
+from tests.core.posterior.valleys import SIGMAS, Valley, modes, pose, posterior
 
 
 def test_a_gaussian_comes_back_as_it_was() -> None:
@@ -255,87 +208,6 @@ def test_the_worth_of_samples_is_their_number_where_they_weigh_the_same() -> Non
     u = increments_between(pose(), X_PO)
     np.testing.assert_allclose(moments.first[0], u.mean(axis=0), rtol=1e-9)
     np.testing.assert_allclose(moments.second[0], u.T @ u / 50, rtol=1e-9)
-
-
-def test_of_groups_that_are_one_the_shares_are_as_sure_as_what_they_are_together() -> None:
-    densities, cost, weights = (
-        np.random.default_rng(0).uniform(size=(40, 3)),
-        np.linspace(0.5, 3.0, 40),
-        np.empty((40, 3)),
-    )
-    draws = importance_sampling_kernels.Draws(cost, densities, np.array([20, 20]))
-
-    def weigh(family: list[int]) -> importance_sampling_kernels.Weighed:
-        return importance_sampling_kernels.weigh(draws, np.ones(3), np.array(family), 1.0, 10.0, 1.0, weights)
-
-    lowest, error, worth, mass = weigh([0, 1, 2])
-    np.testing.assert_allclose(weights.sum(axis=1), np.exp(lowest - cost) / densities.sum(axis=1))
-    assert lowest == 0.5
-    assert mass == pytest.approx(weights.sum())
-    assert error > 0.01
-    assert worth == pytest.approx(weights.sum() ** 2 / np.sum(weights.sum(axis=1) ** 2))
-    assert weigh([0, 0, 0])[1:3] == pytest.approx((0.0, worth), abs=1e-12)
-    assert 0.0 < weigh([0, 0, 2]).error <= error
-
-
-def test_a_sample_far_above_its_mode_is_no_part_of_it_however_much_room_there_is() -> None:
-    # Three modes, of which the first two are one; three samples at heights 4, 6 and 9 over the lowest, about each mode.
-    low, height = np.array([5.0, 3.0, 9.0]), np.array([7.0, 9.0, 12.0])
-    density, weights = np.full((3, 3), 1e-9), np.empty((3, 3))
-    draws = importance_sampling_kernels.Draws(height, density, np.array([3]))
-    weighed = importance_sampling_kernels.weigh(draws, low, np.array([0, 0, 2]), 3.0, 5.0, 1.0, weights)
-    assert weighed.mass == pytest.approx(np.sum(np.exp(3.0 - height) / density.sum(axis=1)))
-    np.testing.assert_array_equal(weights > 0.0, [[True, True, True], [False, False, True], [False, False, True]])
-
-
-def test_one_sample_does_not_outweigh_all_others() -> None:
-    count, power = 1000, 0.4
-    density, weights = np.ones((count, 1)), np.empty((count, 1))
-    density[17] = 1e-6
-    draws = importance_sampling_kernels.Draws(np.zeros(count), density, np.array([count]))
-    plain = importance_sampling_kernels.weigh(draws, np.zeros(1), np.zeros(1, dtype=int), 0.0, 5.0, 1.0, weights)
-    assert weights[17, 0] == pytest.approx(1e6)
-    assert plain.worth < 1.01
-    mean = weights.mean()
-    truncated = importance_sampling_kernels.weigh(draws, np.zeros(1), np.zeros(1, dtype=int), 0.0, 5.0, power, weights)
-    assert weights[17, 0] == pytest.approx(mean * count**power)
-    np.testing.assert_allclose(np.delete(weights[:, 0], 17), 1.0)
-    # That it did is told all the same: another round is called for.
-    assert truncated.worth == plain.worth
-    assert truncated.mass == plain.mass == pytest.approx(1e6 + count - 1.0)
-
-
-@pytest.mark.parametrize(("turn", "fewest", "most"), [(1.0, 16, 16), (20.0, 20, 80), (60.0, 81, 128)])
-def test_the_wider_a_mode_is_the_more_tiles_cover_it(turn: float, fewest: int, most: int) -> None:
-    sigmas = np.array([0.01, 0.01, math.radians(turn), 0.001, 0.001, 0.001])
-    valley = Valley(np.eye(3, 4), sigmas)
-    asked = dataclasses.replace(posterior(valley), params=PosteriorParams())
-    cover = cover_modes(modes(valley, np.eye(3, 4)[None]), asked, np.random.default_rng(0))
-    assert cover is not None
-    assert fewest <= cover.tiles <= most
-    assert cover.proposal.count.sum() >= 4 * cover.tiles
-
-
-def test_modes_that_samples_find_a_way_between_are_one() -> None:
-    """Along an arc of 100 mm lie three minima, of which those at the ends are known: the straight way is a high one."""
-
-    class Arc(Valley):
-        def residuals(self, X_PO: FloatArray) -> FloatArray:
-            rows = super().residuals(X_PO)
-            turn = increments_between(self.X_PO, X_PO)[:, 2]
-            rows[:, 2] = 1.2 * np.sin(3.0 * turn)
-            return rows
-
-    arc = Arc(np.eye(3, 4), np.array([0.02, 0.02, 1.0, 0.001, 0.001, 0.001]), bend=0.1)
-    turns = np.pi / 3.0 * np.array([-1.0, 1.0])
-    u = np.zeros((2, 6))
-    u[:, 2], u[:, 3], u[:, 4] = turns, 0.1 * (1.0 - np.cos(turns)), 0.1 * np.sin(turns)
-    X_PO = retract(np.tile(np.eye(3, 4), (2, 1, 1)), u)
-    np.testing.assert_allclose(arc.cost(X_PO), 0.0, atol=1e-9)
-    found = weigh_modes(
-        modes(arc, X_PO), dataclasses.replace(posterior(arc), params=PosteriorParams()), np.random.default_rng(0)
-    )
-    assert len(found.mixture) == 1
 
 
 def test_the_standard_error_is_that_of_the_weights_from_seed_to_seed() -> None:
