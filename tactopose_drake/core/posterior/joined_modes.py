@@ -134,7 +134,9 @@ def _near_pairs(X_PO: FloatArray, first: int, images: Families) -> NDArray[np.in
     count, turned = min(_NEAREST + 1, len(X_PO)), images.arm / np.sqrt(2.0)
     # A turn moves the columns of a rotation matrix by its angle times the root of two.
     places = compose(X_PO, images.symmetry_poses[:, None]) * np.array([turned, turned, turned, 1.0])
-    way = np.square(places[:, None] - places[0, first:, None]).sum(axis=(3, 4)).min(axis=0)
+    places = places.reshape(len(images.symmetry_poses), -1, 12)
+    square, asked = np.square(places).sum(axis=2), places[0, first:]
+    way = (square[:, :, None] + square[0, first:] - 2.0 * places @ asked.T).min(axis=0).T
     near = way.argpartition(count - 1, axis=1)[:, :count]
     pairs = np.stack([np.arange(first, len(X_PO)).repeat(count), near.ravel()], axis=1)
     pairs.sort(axis=1)
