@@ -225,14 +225,13 @@ def _errors_table(result: DemoResult) -> PageTable:
 
 
 def _read_pads(grasp: GraspResult) -> dict[str, tuple[Patch, FloatArray]]:
-    """What each tactile pad feels at the end, and the areas of its cells, m^2; each has a reading by then."""
-    configs = grasp.station.hand.config.pads
-    if not configs:
+    """What each tactile pad that has a reading feels at the end, and the areas of its cells, m^2."""
+    arrays = {pad.name: pad.array for pad in grasp.station.hand.config.pads}
+    if not arrays:
         return {}
-    patches = grasp.station.diagram.GetOutputPort("patches").Eval(grasp.context)
-    return {
-        pad.name: (patch, load_tactile_pad(pad.array).layout.areas) for pad, patch in zip(configs, patches, strict=True)
-    }
+    names, patches = (grasp.station.diagram.GetOutputPort(port).Eval(grasp.context) for port in ("pads", "patches"))
+    areas = (load_tactile_pad(arrays[name]).layout.areas for name in names)
+    return dict(zip(names, zip(patches, areas, strict=True), strict=True))
 
 
 def _join(contacts: Contacts, pads: list[tuple[Patch, FloatArray]]) -> Contacts:

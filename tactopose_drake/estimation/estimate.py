@@ -1,6 +1,5 @@
 """The one call: from touch to ranked hypotheses of the object's pose."""
 
-import dataclasses
 import math
 import time
 from collections.abc import Sequence
@@ -22,6 +21,7 @@ from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.alike_modes import indistinct_images, join_alike
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.importance_sampling import weigh_modes
+from tactopose_drake.core.posterior.moved_origin import has_far_origin, prior_of_middle
 from tactopose_drake.core.posterior.plausibility import explain_with_doubt
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
@@ -33,7 +33,7 @@ from tactopose_drake.core.shape.free_spin import turn_alike
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, instance_of, known_name, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
-from tactopose_drake.estimation.far_origins import has_far_origin, prior_about_middle, reported_for_origin
+from tactopose_drake.estimation.far_origins import with_near_origin
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.question import Question
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, status_of
@@ -98,17 +98,12 @@ def estimate_pose(
     limit = math.inf if time_limit is None else positive_number("time_limit", time_limit)
     _check_question(model, contacts, method, prior)
     seed, limited = whole_number("seed", seed, least=0), whole_number("max_hypotheses", max_hypotheses, least=1)
-    is_far = has_far_origin(model)
-    about = prior_about_middle(prior, model.middle) if is_far else prior
+    near = prior_of_middle(prior, model.middle) if prior is not None and has_far_origin(model) else prior
     felt = with_shape_errors(model, contacts)
-    evidence = Evidence(
-        felt, about, hand, untouched, balance, friction, patches, outlier_probability, planes, SCEPTICAL
-    )
+    evidence = Evidence(felt, near, hand, untouched, balance, friction, patches, outlier_probability, planes, SCEPTICAL)
     _check_touch(evidence, model.size)
-    found = weigh_poses(model.about_middle if is_far else model, evidence, method, seed, limited, limit)
-    if is_far:
-        found, evidence = reported_for_origin(found, model.middle), dataclasses.replace(evidence, prior=prior)
-    return copied(found, question=Question(model, evidence))
+    found = with_near_origin(model, lambda each: weigh_poses(each, evidence, method, seed, limited, limit))
+    return copied(found, question=Question(model, evidence if near is prior else copied(evidence, prior=prior)))
 
 
 def _check_question(model: ObjectModel, contacts: Contacts, method: str, prior: PosePrior | None) -> None:

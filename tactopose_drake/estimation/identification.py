@@ -31,6 +31,7 @@ from tactopose_drake.core.identification.shape_equality import find_alignment
 from tactopose_drake.core.identification.unknown_object import unknown_probability
 from tactopose_drake.core.kernel_library import make_kernels_ready
 from tactopose_drake.core.posterior.hypotheses import find_modes
+from tactopose_drake.core.posterior.moved_origin import has_far_origin
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -38,6 +39,7 @@ from tactopose_drake.core.statuses import Status
 from tactopose_drake.core.validation import instance_of, known_name, positive_number, shown, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 from tactopose_drake.estimation.estimate import check_units, weigh_poses
+from tactopose_drake.estimation.far_origins import with_near_origin
 from tactopose_drake.estimation.identities import Identification, Identity
 from tactopose_drake.estimation.object_library import LibraryObject, ObjectLibrary
 from tactopose_drake.estimation.pickling import Sealed
@@ -215,6 +217,7 @@ def _model(known: ObjectModel | LibraryObject) -> ObjectModel:
 def _approximate_evidence(known: Sealed[ObjectModel | LibraryObject], evidence: Sealed[Evidence], seed: int) -> float:
     """The evidence of one object by Laplace's approximation of the smooth likelihood."""
     model, touch = _model(known.value), evidence.value
+    model = model.about_middle if has_far_origin(model) else model
     problem, generator = make_problem(model, touch), np.random.default_rng(seed)
     found = METHODS[_METHOD](model, touch).minimize(problem.objective, problem.space, generator)
     information = problem.determining.normal_equations(found.X_PO).hessian
@@ -228,7 +231,7 @@ def _explain(
     """The pose of one object; maybe in another process, which loads a library's object by itself."""
     model, felt = _model(known.value), evidence.value
     felt = dataclasses.replace(felt, contacts=with_shape_errors(model, felt.contacts))
-    return weigh_poses(model, felt, _METHOD, seed, max_hypotheses, math.inf)
+    return with_near_origin(model, lambda near: weigh_poses(near, felt, _METHOD, seed, max_hypotheses, math.inf))
 
 
 def _group_equal_shapes(models: Sequence[ObjectModel]) -> list[int]:

@@ -83,16 +83,15 @@ class TimelineRecorder:
         found = {f"force_{name}": 0.0 for name in self._fingers}
         if contacts.f_PC is not None:
             forces = np.linalg.norm(contacts.f_PC, axis=1)
-            found |= {f"force_{name}": float(force) for name, force in zip(names, forces, strict=False)}
+            found |= {f"force_{name}": float(force) for name, force in zip(names, forces, strict=True)}
         return found
 
     def _pressures(self, view: RunView) -> dict[str, float]:
         if not self._pads or not view.diagram.HasOutputPort("patches"):
             return {}
-        patches = _now(view, "patches")
         return {
             f"pressure_{name}": float(np.nanmax(patch.pressure, initial=0.0)) / 1e3
-            for name, patch in zip(self._pads, patches, strict=False)
+            for name, patch in zip(_now(view, "pads"), _now(view, "patches"), strict=True)
         }
 
     def _widths(self, estimate: PoseEstimate | None) -> dict[str, float]:

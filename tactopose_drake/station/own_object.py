@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from tactopose_drake.core.posterior.moved_origin import has_far_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.estimation.far_origins import has_far_origin
 
 _FRICTION = 0.9
 

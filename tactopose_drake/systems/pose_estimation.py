@@ -60,6 +60,7 @@ def AddPoseEstimation(
         - contact_status
         - contact_solutions
         - patches
+        - pads
         - patch_status
 
     - wrench_<finger>: one per finger of the hand, F_S on the fingertip about its sensor's origin, as a sensor measures
@@ -71,7 +72,7 @@ def AddPoseEstimation(
     - planes, which may stay unconnected, and palm_pose, which is there only with `balance`: of `PoseEstimator`, as are
       object_pose, hypotheses, status; contact_solutions: of `ContactSolver`; contacts, fingers_in_contact,
       contact_status: of `ContactsInPalm` (its `status`).
-    - patches, patch_status: of `PatchDescriptor` (its `status`); only where the hand has pads.
+    - patches, pads, patch_status: of `PatchDescriptor` (its `status`); only where the hand has pads.
 
     Args:
         builder: receives the diagram.

@@ -79,6 +79,7 @@ def AddPoseTracking(
         - contact_status
         - contact_solutions
         - patches
+        - pads
         - patch_status
         - joint_offsets
         - joint_offset_sigmas

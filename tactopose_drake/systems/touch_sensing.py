@@ -49,8 +49,8 @@ def add_touch(
     """Adds what leads from the senses to an estimator, and gives the diagram its ports.
 
     Its inputs are `wrench_<finger>`, `pressures_<pad>`, `age_<pad>` and `joint_positions`; its outputs `contacts`,
-    `fingers_in_contact`, `contact_status`, `contact_solutions`, where the hand has pads `patches` and `patch_status`,
-    and all of the estimator's.
+    `fingers_in_contact`, `contact_status`, `contact_solutions`, where the hand has pads `patches`, `pads` and
+    `patch_status`, and all of the estimator's.
 
     Args:
         builder: of the diagram; it has estimator and refiner already.
@@ -74,13 +74,13 @@ def add_touch(
     touch = {name: contacts.GetOutputPort(name) for name in ("contacts", "fingers_in_contact")}
     touch["contact_status"] = contacts.GetOutputPort("status")
     touch["contact_solutions"] = solver.GetOutputPort("contact_solutions")
-    known = dict(touch)
     if hand.pads:
         pad_errors = None if told is None else PadUncertainty(plant, parts, told)
         descriptor = _add_pads(builder, PatchDescriptor(plant, parts, params.patches, pad_errors), hand)
         posed.append(descriptor)
-        touch |= {"patches": descriptor.GetOutputPort("patches"), "patch_status": descriptor.GetOutputPort("status")}
-        known |= touch | {"pads": descriptor.GetOutputPort("pads")}
+        touch |= {name: descriptor.GetOutputPort(name) for name in ("patches", "pads")}
+        touch["patch_status"] = descriptor.GetOutputPort("status")
+    known = dict(touch)
     if params.use_hand_volume:
         volume = builder.AddNamedSystem("hand_volume", HandVolume(plant, parts, BodySpheres.of_hand(hand), errors))
         posed.append(volume)

@@ -10,9 +10,10 @@ from pydrake.math import RigidTransform
 import tactopose_drake as tp
 from tactopose_drake.core.evidence import GaussianPrior
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, retract, transform_points
+from tactopose_drake.core.posterior.moved_origin import has_far_origin
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.estimation.descriptions import free_line
-from tactopose_drake.estimation.far_origins import about_middle, has_far_origin
+from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.resources import model_path
 
 OFFSET = np.array([1.2, -0.9, 0.8])
@@ -99,3 +100,13 @@ def test_a_free_turn_about_a_far_axis_stays_one_free_direction() -> None:
     assert np.linalg.norm(v_middle) < 1e-2 * np.linalg.norm(free[:3])
     assert "slide along" in free_line(estimate.best)  # of the far origin
     assert free_line(about_middle(estimate.best, model)) == "Not determined by the touch: turn about the object's z."
+
+
+def test_evidence_does_not_hang_on_where_the_origin_is(models: tuple[tp.ObjectModel, tp.ObjectModel]) -> None:
+    contacts = touch_surface(models[0], X_PO, 6, np.random.default_rng(3))
+    near, far = (tp.identify([model], contacts).identities[0] for model in models)
+    assert far.log_evidence == pytest.approx(near.log_evidence, abs=0.2)
+    assert near.estimate is not None
+    assert far.estimate is not None
+    X_near, X_far = near.estimate.best.X_PO, far.estimate.best.X_PO @ RigidTransform(OFFSET)
+    assert X_far.IsNearlyEqualTo(X_near, 0.01)

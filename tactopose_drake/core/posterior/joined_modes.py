@@ -27,7 +27,6 @@ from tactopose_drake.core.validation import FloatArray
 _SHARES, _HALF = np.arange(1.0, 6.0) / 6.0, np.array([3.0 / 6.0])
 # So many pairs are asked for at once; of more, first those that are likely to settle the others.
 _FEW_PAIRS = 30
-_NONE = np.empty((0, 3, 4))
 # Of the ways from a minimum between modes so many are asked for, the shortest ones.
 _NEAREST = 5
 
@@ -76,7 +75,7 @@ def find_families(
     to_the_floor: Callable[[FloatArray], FloatArray],
     symmetry_poses: FloatArray,
     size: float,
-    between: FloatArray = _NONE,
+    between: FloatArray | None = None,
     params: MomentParams = DEFAULT_PARAMS.moments,
 ) -> Families:
     """Finds which minima are one mode, directly or by way of others between them.
@@ -87,17 +86,17 @@ def find_families(
         to_the_floor: moves poses (B, 3, 4) beside a valley down to its floor.
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
         size: the object's, m.
-        between: more minima, by way of which those may be one, shape (n, 3, 4).
+        between: more minima, by way of which those may be one, shape (n, 3, 4); None: no others.
         params: which minima are one mode.
     """
     found = Families(X_PO, np.arange(len(X_PO)), symmetry_poses, 0.5 * size)
     most = min(len(X_PO), params.most_joined)
-    asked = np.concatenate([X_PO[:most], between])
+    asked = X_PO[:most] if between is None else np.concatenate([X_PO[:most], between])
     if len(asked) < 2:
         return found
     low, lay = objective.cost(asked), functools.partial(_lay, asked, found)
     pairs = _pairs(most)
-    if len(between):
+    if len(asked) > most:
         pairs = np.concatenate([pairs, _near_pairs(asked, most, found)])
     chosen = np.ones(len(pairs), dtype=np.bool_)
     if len(pairs) > _FEW_PAIRS:

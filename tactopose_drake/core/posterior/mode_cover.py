@@ -21,7 +21,6 @@ from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.validation import FloatArray
 
 _TO_THE_MINIMUM = LevenbergMarquardt(max_iterations=20, tolerance=1e-3, least_refused=0.1)
-_NONE = np.empty((0, 3, 4))
 
 
 class Cover(NamedTuple):
@@ -96,7 +95,7 @@ def join_by_samples(X_PO: FloatArray, weights: FloatArray, cover: Cover, posteri
     return _find_families(X_mode, posterior, every[apart[apart >= len(X_mode)][: params.most_between]])
 
 
-def _find_families(X_mode: FloatArray, posterior: Posterior, between: FloatArray = _NONE) -> Families:
+def _find_families(X_mode: FloatArray, posterior: Posterior, between: FloatArray | None = None) -> Families:
     """Which of the modes (g, 3, 4) are one, by themselves or by way of minima (n, 3, 4) between them."""
     return find_families(
         X_mode,

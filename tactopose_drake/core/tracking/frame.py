@@ -16,6 +16,7 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs
 from tactopose_drake.core.plain_values import copied
+from tactopose_drake.core.posterior.moved_origin import move_origin, prior_of_middle
 from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, limited, points_near, pose_matrix
 from tactopose_drake.errors import InvalidInputError
 
@@ -139,6 +140,23 @@ class Frame:
                 for name, velocity in self.tip_velocity.items()
             }
             object.__setattr__(self, "tip_velocity", velocities)
+
+    def of_middle(self, p_OC: FloatArray) -> Frame:
+        """The same of the pose of C, which is at p_OC, shape (3,), m, with O's axes, in place of that of O.
+
+        The spreads of a prior and of vision are taken for those of the object's middle.
+        """
+        evidence, vision, depth = self.evidence, self.vision, self.depth_in_hand
+        if evidence.prior is not None:
+            evidence = copied(evidence, prior=prior_of_middle(evidence.prior, p_OC))
+        if vision is not None:
+            vision = vision.moved_to(vision.time, move_origin(vision.X_PO, p_OC), vision.covariance)
+
+        def depth_of_middle(X_PC: FloatArray) -> FloatArray:
+            assert depth is not None
+            return depth(move_origin(X_PC, -p_OC))
+
+        return copied(self, evidence=evidence, vision=vision, depth_in_hand=None if depth is None else depth_of_middle)
 
 
 class SeemingErrors(NamedTuple):

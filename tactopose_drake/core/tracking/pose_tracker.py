@@ -11,6 +11,7 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernel_library import make_kernels_ready
 from tactopose_drake.core.plain_values import copied, seal
 from tactopose_drake.core.poses import increments_between
+from tactopose_drake.core.posterior.moved_origin import has_far_origin, mixture_of_origin
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -51,6 +52,8 @@ _LEAST_SURE = 0.02
 class PoseTracker:
     """Makes beliefs of frames; keeps nothing between them.
 
+    Where the object's frame has its origin far away, all but a belief's `mixture` is of a frame at the object's middle.
+
     A reading that equals the last one to the last bit is taken for the same reading: it tells nothing new.
     """
 
@@ -65,9 +68,11 @@ class PoseTracker:
         self._params = PoseTrackerParams() if params is None else params
         instance_of("params", self._params, PoseTrackerParams)
         self._params.validate()
-        self._model, self._plausibility = model, self._params.plausibility
+        self._p_OC = model.middle if has_far_origin(model) else None
+        self._model = model if self._p_OC is None else model.about_middle
+        self._plausibility = self._params.plausibility
         make_kernels_ready()
-        model.make_ready(surest_position(self._params), _LEAST_SURE)
+        self._model.make_ready(surest_position(self._params), _LEAST_SURE)
 
     def start(self, time: float = 0.0) -> PoseBelief:
         """The belief that knows nothing, s."""
@@ -86,11 +91,18 @@ class PoseTracker:
         """
         instance_of("belief", belief, PoseBelief)
         instance_of("frame", frame, Frame)
-        duration, params = frame.time - belief.time, self._params
-        if duration < 0.0:
+        if frame.time < belief.time:
             raise InvalidInputError(
                 f"frame.time: is {frame.time:g} s; allowed is the belief's, {belief.time:g} s, or later."
             )
+        if self._p_OC is None:
+            return self._step(belief, frame)
+        after = self._step(belief, frame.of_middle(self._p_OC))
+        return _finished(copied(after, mixture=mixture_of_origin(after.mixture, self._p_OC)))
+
+    def _step(self, belief: PoseBelief, frame: Frame) -> PoseBelief:
+        """The same for the object in a frame whose origin is near it; of the belief's mixture nothing is used."""
+        duration, params = frame.time - belief.time, self._params
         if belief.untouched is not None and not len(frame.evidence.touch):
             # A touch that no pose has explained, or a first and short one, and that is gone was none: fingers that
             # start to move feel inertia.
@@ -122,7 +134,7 @@ class PoseTracker:
         if before is None or not len(frame.evidence.touch):
             return None
         nothing = dataclasses.replace(frame.evidence, contacts=Contacts.empty(), patches=())
-        return self.step(before, dataclasses.replace(frame, evidence=nothing, sources=()))
+        return self._step(before, dataclasses.replace(frame, evidence=nothing, sources=()))
 
     def _predict(self, belief: PoseBelief, frame: Frame, reading: ContactReading, duration: float) -> PoseBelief:
         """The belief at the frame's time by the motion since, before anything else that is sensed then."""

@@ -103,7 +103,7 @@ def see(
             record = dataclasses.replace(record, remark=_NOT_BELIEVED)
         else:
             # A prior is a guess of the same kind, which the first picture takes the place of.
-            standing = sighting.pose if len(record.times) == 1 else fuse(standing, sighting, params)
+            standing = sighting.pose if len(record.times) == 1 else fuse(model, standing, sighting, params)
             record = dataclasses.replace(record, accepted_time=sighting.pose.time)
     if never_felt and standing is not None and not reading.has_contact:
         modes = TrackedModes.independent(standing.X_PO[None], standing.covariance[None], len(reading.sources))
@@ -114,12 +114,18 @@ def see(
     return dataclasses.replace(belief, modes=modes, standing=standing, vision=record), is_outlier
 
 
-def fuse(standing: PoseMeasurement | None, sighting: Sighting, params: VisionParams) -> PoseMeasurement:
-    """What vision said, with one more of its poses; of two that contradict each other the later one."""
+def fuse(
+    model: ObjectModel, standing: PoseMeasurement | None, sighting: Sighting, params: VisionParams
+) -> PoseMeasurement:
+    """What vision said, with one more of its poses; of two that contradict each other the later one.
+
+    Of the poses that look as the measured one does, the nearest to what it said counts: none tells them apart.
+    """
     measurement, share = sighting
     if standing is None:
         return measurement
-    u = increments_between(standing.X_PO[None], measurement.X_PO[None])[0]
+    X_seen = nearest_images(measurement.X_PO[None], standing.X_PO, model.symmetry_turns, model.symmetries)
+    u = increments_between(standing.X_PO[None], X_seen)[0]
     expected = standing.covariance + measurement.covariance
     if u @ np.linalg.solve(expected, u) > params.gate:
         return measurement

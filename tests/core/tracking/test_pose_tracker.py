@@ -8,6 +8,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.poses import increments_between, retract
+from tactopose_drake.core.posterior.moved_origin import arc_covariance, increments_of_origin, move_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
@@ -39,6 +40,34 @@ def test_it_starts_lost_and_finds_the_pose(tracker: PoseTracker) -> None:
     assert translation < 0.003
     assert rotation < math.radians(4.0)
     assert np.sum(belief.probability) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("far", [1.8, 3.0])
+def test_where_the_frames_origin_is_decides_nothing(far: float) -> None:
+    mesh, p_CO = make_box(), far * np.array([0.6, 0.0, -0.8])
+    moved = trimesh.Trimesh(mesh.vertices - p_CO, mesh.faces, process=False)
+    trackers = (PoseTracker(mesh), PoseTracker(ObjectModel.from_mesh(moved, cache=False, symmetry="none")))
+    found = []
+    for tracker, origin in zip(trackers, (np.zeros(3), p_CO), strict=True):
+        belief, generator = tracker.start(), np.random.default_rng(0)
+        for i in range(1, 13):
+            prior = GaussianPrior(move_origin(GUESS.mean, origin), GUESS.sigma_translation, GUESS.sigma_rotation)
+            seen = retract(X_PO, generator.normal(size=6) * [0.1, 0.1, 0.1, 0.01, 0.01, 0.01])
+            vision = PoseMeasurement(0.01 * i, move_origin(seen, origin), np.diag([0.01] * 3 + [1e-4] * 3))
+            evidence = Evidence(touch(X_PO, generator), prior=prior)
+            belief = tracker.step(belief, Frame(0.01 * i, evidence, NAMES, vision=vision))
+        found.append(belief)
+    near, far_off = found
+    assert (near.status, far_off.status) == ("ok", "ok")
+    assert far_off.vision.remark == near.vision.remark == ""
+    np.testing.assert_allclose(move_origin(far_off.X_PO[0], -p_CO), near.X_PO[0], atol=0.002)
+    # What is said of the far origin is as sure of the middle, and unsure of the origin by its turns.
+    R, covariance = far_off.X_PO[:1, :, :3], far_off.covariance[:1]
+    J, arc = increments_of_origin(R, p_CO)[0], arc_covariance(R, covariance, p_CO)[0]
+    spread = np.sqrt(np.diag(J @ (covariance[0] - arc) @ J.T))
+    np.testing.assert_allclose(spread, np.sqrt(np.diag(near.covariance[0])), rtol=0.2)
+    turn = np.sqrt(np.trace(near.covariance[0, :3, :3]))
+    assert np.sqrt(np.trace(far_off.covariance[0, 3:, 3:])) > 0.3 * far * turn
 
 
 @pytest.mark.parametrize("finger", range(6))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.poses import compose, increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.motion_prediction import MotionHistory
@@ -57,13 +57,28 @@ def test_pictures_of_one_correlation_time_are_as_one_measurement(box: ObjectMode
     np.testing.assert_allclose(often.X_PO, once.X_PO, atol=1e-9)
 
 
-def test_what_stands_is_known_as_well_by_many_pictures_as_by_one_of_their_time() -> None:
+def test_what_stands_is_known_as_well_by_many_pictures_as_by_one_of_their_time(box: ObjectModel) -> None:
     standing = PoseMeasurement(0.0, X_PO, SEEN)
-    once, often = fuse(standing, seen(0.005, 1.0), VisionParams()), standing
+    once, often = fuse(box, standing, seen(0.005, 1.0), VisionParams()), standing
     for _ in range(15):
-        often = fuse(often, seen(0.005, 1.0 / 15.0), VisionParams())
+        often = fuse(box, often, seen(0.005, 1.0 / 15.0), VisionParams())
     np.testing.assert_allclose(often.covariance, once.covariance, atol=1e-9)
     np.testing.assert_allclose(often.X_PO, once.X_PO, atol=1e-9)
+
+
+def test_what_stands_is_the_same_however_vision_turns_the_object_about_its_axis() -> None:
+    cylinder = ObjectModel.from_mesh(trimesh.creation.cylinder(0.03, 0.1), cache=False)
+    generator = np.random.default_rng(3)
+    still = spun = PoseMeasurement(0.0, X_PO, SEEN)
+    for _ in range(10):
+        X = retract(X_PO, generator.multivariate_normal(np.zeros(6), SEEN))
+        angle = generator.uniform(-np.pi, np.pi)
+        turn = make_poses(exp_so3(np.array([[0.0, 0.0, angle]])), np.zeros((1, 3)))[0]
+        still = fuse(cylinder, still, Sighting(PoseMeasurement(0.0, X, SEEN), 1.0), VisionParams())
+        spun = fuse(cylinder, spun, Sighting(PoseMeasurement(0.0, compose(X, turn), SEEN), 1.0), VisionParams())
+    assert np.sqrt(np.diag(spun.covariance)[3:]).max() < 0.0035
+    np.testing.assert_allclose(spun.X_PO[:, 3], still.X_PO[:, 3], atol=1e-4)
+    np.testing.assert_allclose(spun.X_PO[:, 2], still.X_PO[:, 2], atol=1e-2)
 
 
 def test_a_picture_counts_as_the_share_of_the_correlation_time_since_the_last() -> None:
