@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.evidence.contact_doubt import SCEPTICAL
+from tactopose_drake.core.evidence.contact_doubt import SCEPTICAL, USUAL
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.force_balance import ForceBalance
@@ -83,7 +83,7 @@ def estimate_pose(
             asked between rounds, and at least one is made.
         outlier_probability: that a contact is not of this object at all, before the touch, from 0 to 0.99. With it go
             contacts of the object that are displaced, flipped, have any normal, or tell nothing: see `SCEPTICAL`. 0
-            takes every contact as told.
+            takes every contact as told; all their noise may be larger than told then too, as rarely as a good hand's.
         planes: known planes of the world, in the palm frame, that the held object touches with its lowest point over
             each; a table that it was set upon says how far it has slid in the hand.
 
@@ -100,7 +100,8 @@ def estimate_pose(
     seed, limited = whole_number("seed", seed, least=0), whole_number("max_hypotheses", max_hypotheses, least=1)
     near = prior_of_middle(prior, model.middle) if prior is not None and has_far_origin(model) else prior
     felt = with_shape_errors(model, contacts)
-    evidence = Evidence(felt, near, hand, untouched, balance, friction, patches, outlier_probability, planes, SCEPTICAL)
+    doubt = SCEPTICAL if outlier_probability else USUAL
+    evidence = Evidence(felt, near, hand, untouched, balance, friction, patches, outlier_probability, planes, doubt)
     _check_touch(evidence, model.size)
     found = with_near_origin(model, lambda each: weigh_poses(each, evidence, method, seed, limited, limit))
     return copied(found, question=Question(model, evidence if near is prior else copied(evidence, prior=prior)))
@@ -239,7 +240,7 @@ def _modes_of(
     """What a search has found, as modes of contacts that may be false, up to images (s, 3, 4); so many at the most."""
     X_PO = found.X_PO
     if evidence.prior is None and model.continuous_symmetries:
-        X_PO = turn_alike(X_PO, X_PO[0], model.symmetries)
+        X_PO = turn_alike(X_PO, X_PO[0], model.symmetries, model.symmetry_poses)
     cost, _, hessian = problem.doubted(problem.determining).normal_equations(X_PO)
     for term in problem.bounding:
         cost = cost + term.cost(X_PO)

@@ -41,7 +41,8 @@ def _of_origin(hypothesis: PoseHypothesis, p_OC: FloatArray) -> PoseHypothesis:
 
 
 def _arc(hypothesis: PoseHypothesis, p_OC: FloatArray) -> FloatArray:
-    return arc_covariance(hypothesis.X_PO.rotation().matrix()[None], hypothesis.covariance[None], p_OC)[0]
+    arc: FloatArray = arc_covariance(hypothesis.X_PO.rotation().matrix()[None], hypothesis.covariance[None], p_OC)[0]
+    return arc
 
 
 def _moved(hypothesis: PoseHypothesis, p_OC: FloatArray, covariance: FloatArray) -> PoseHypothesis:

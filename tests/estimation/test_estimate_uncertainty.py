@@ -105,3 +105,31 @@ def test_another_seed_weighs_the_same_modes_by_the_same_samples() -> None:
         first, other = (tp.estimate_pose(pencil, contacts, seed=of_search) for of_search in (0, 1))
         changes.append(abs(first.best.probability - other.best.probability))
     assert np.count_nonzero(np.array(changes) < 0.001) >= 4
+
+
+@pytest.mark.parametrize("sections", [16, 32])
+def test_a_cylinder_of_few_faces_is_unsure_of_its_spin_alone(sections: int) -> None:
+    """Its axis is found a little tilted; upside down it is the same pose all the same."""
+    mesh = trimesh.creation.cylinder(0.034, 0.1, sections=sections)
+    model = tp.ObjectModel.from_mesh(mesh, cache=False)
+    assert sorted(symmetry.order for symmetry in model.symmetries) == [0, 2]
+    for seed in range(6):
+        p_OC, face = trimesh.sample.sample_surface(mesh, 8, seed=seed)
+        best = tp.estimate_pose(model, tp.Contacts(p_OC, mesh.face_normals[face])).best
+        assert len(best.free_directions) == 1
+        assert abs(best.free_directions[0][2]) > 0.99
+        assert np.sqrt(np.diag(best.covariance)[:2]).max() < 0.1
+
+
+def test_contacts_that_must_be_as_told_and_fit_nowhere_are_not_explained() -> None:
+    """Noise may seem larger than told, but not without end."""
+    model, generator = tp.ObjectModel.from_mesh(model_path("objects", "spray_bottle.obj")), np.random.default_rng(0)
+    told, statuses = [], []
+    for seed in range(8):
+        contacts = touch_surface(model, random_pose(seed), 6, np.random.default_rng(seed))
+        told.append(tp.estimate_pose(model, contacts, outlier_probability=0.0))
+        n_PC = generator.normal(size=(6, 3))
+        nonsense = tp.Contacts(contacts.p_PC, n_PC / np.linalg.norm(n_PC, axis=1)[:, None])
+        statuses.append(tp.estimate_pose(model, nonsense, outlier_probability=0.0).status)
+    assert all(estimate.status != "no_solution" and estimate.noise_scale < 2.0 for estimate in told)
+    assert statuses.count("no_solution") >= 7

@@ -48,7 +48,6 @@ def find_modes(
     symmetry_poses: FloatArray,
     size: float,
     max_modes: int,
-    params: ModeParams = DEFAULT_PARAMS.modes,
 ) -> Modes:
     """Merges poses that are one mode up to the object's symmetries, and weighs the modes.
 
@@ -59,10 +58,9 @@ def find_modes(
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (g, 3, 4).
         size: the object's size, m; rotations count by the way of a point at half of it.
         max_modes: how many modes are kept at the most.
-        params: which poses are one mode, and which directions are free.
     """
     information = touch_information + prior_information
-    index = one_of_each(found.X_PO, information, symmetry_poses, params.same_sigmas)
+    index = one_of_each(found.X_PO, information, symmetry_poses, DEFAULT_PARAMS.modes.same_sigmas)
     covariance, log_determinant = _inverses(information[index], size)
     log_weight = -found.cost[index] - 0.5 * log_determinant
     order = (-log_weight).argsort(kind="stable")[:max_modes]
@@ -71,7 +69,7 @@ def find_modes(
     return Modes(
         mixture=GaussianMixture(found.X_PO[index], weight / weight.sum(), covariance[order]),
         cost=found.cost[index],
-        free_directions=tuple(free_directions(touch_information[index], size, params=params)),
+        free_directions=tuple(free_directions(touch_information[index], size)),
         log_mass=float(log_weight[0] + np.log(weight.sum()) + 3.0 * np.log(2.0 * np.pi)),
     )
 

@@ -93,6 +93,7 @@ def explain_with_doubt(
     if judgement is not None:
         false += np.count_nonzero(judgement.is_false, axis=1)
         explained &= judgement.misfit <= _limit(_of_contacts(evidence), params.least_doubted_chance)
+        explained &= judgement.noise_scale <= params.most_noise
     count = len(evidence.contacts) + len(evidence.felt)
     allowed = most_false_contacts(count, _false_share(evidence.outlier_probability), params.usual_false_contacts)
     return np.asarray(explained & (false <= allowed))
@@ -116,14 +117,9 @@ def most_false_contacts(count: int, share: float, chance: float) -> int:
     return most
 
 
-def is_comfortable(
-    model: ObjectModel,
-    evidence: Evidence,
-    problem: PoseProblem,
-    X_PO: FloatArray,
-    params: PlausibilityParams = DEFAULT_PARAMS.plausibility,
-) -> bool:
+def is_comfortable(model: ObjectModel, evidence: Evidence, problem: PoseProblem, X_PO: FloatArray) -> bool:
     """Whether any of the poses (B, 3, 4) explains the touch so well that no contact or pad calls for doubt."""
+    params = DEFAULT_PARAMS.plausibility
     chance = params.comfortable_chance
     if evidence.patches:
         X_PO = X_PO[_by_pad(model, evidence, X_PO, chance, params.comfortable_variance).all(axis=1)]

@@ -27,6 +27,9 @@ class PlausibilityParams:
     least_pad_chance: float = 1e-6  # likewise of a pad: what it feels is known less well than its cells' noise says
     # Contacts' residuals, of those that are as told and over the noise as it seems, that are rarer are not explained.
     least_doubted_chance: float = 1e-3
+    # Nor are those of noise that seems so many times as large as told: four times is the most that it may be, and where
+    # it is twice, it hardly ever seems more than this. Contacts that fit no pose seem to be of noise without end.
+    most_noise: float = 3.0
     # The chance that there are no more false contacts than are allowed: of five one, of six to ten two.
     usual_false_contacts: float = 0.8
     # To a belief over time no contact and no pad calls for doubt where noise of so many times the told variance leaves

@@ -208,7 +208,7 @@ class PairSearch(Search):
             X_PO = np.concatenate([X_PO, space.sample(generator, start.samples)])
         if not self.model.continuous_symmetries:
             return X_PO
-        X_PO = turn_alike(X_PO, space.center, self.model.symmetries)
+        X_PO = turn_alike(X_PO, space.center, self.model.symmetries, self.model.symmetry_poses)
         return X_PO[distinct_poses(X_PO, start.choice.offset * self.model.pair_features.spacing, start.choice.bend)]
 
     def _starts_near(

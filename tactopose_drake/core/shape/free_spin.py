@@ -27,23 +27,30 @@ def turn_toward(X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[
     return _turn(X_PO, X_reference[None], np.zeros(len(X_PO), dtype=np.int64), symmetries)
 
 
-def turn_alike(X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[RotationalSymmetry]) -> FloatArray:
+def turn_alike(
+    X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[RotationalSymmetry], symmetry_poses: FloatArray
+) -> FloatArray:
     """The poses (B, 3, 4), turned so that those which differ by turns about a continuous axis become about the same.
 
     Where the axis is upside down against the reference's, all turns about it are equally far from the reference, and
-    the nearest one is arbitrary. Such poses are turned toward the reference upside down instead.
+    the nearest one is arbitrary. Such poses are turned toward the reference upside down instead: as a symmetry of the
+    object turns it, if one does, so that this brings both together again.
 
     Args:
         X_PO: poses, shape (B, 3, 4).
         X_reference: shape (3, 4).
         symmetries: the object's.
+        symmetry_poses: its finite symmetry group as poses X_OO', the identity first, shape (g, 3, 4).
     """
     continuous = [symmetry for symmetry in symmetries if symmetry.is_continuous]
     if len(continuous) != 1:
         return turn_toward(X_PO, X_reference, symmetries)
     axis = continuous[0].axis
     is_opposite = X_PO[:, :, :3] @ axis @ (X_reference[:, :3] @ axis) < 0.0
-    upside_down = make_poses(X_reference[:, :3] @ continuous[0].half_turn, X_reference[:, 3])
+    turns = symmetry_poses[:, :, :3]
+    flips = turns[turns @ axis @ axis < 0.0]
+    half_turn = flips[0] if len(flips) else continuous[0].half_turn
+    upside_down = make_poses(X_reference[:, :3] @ half_turn, X_reference[:, 3])
     return _turn(X_PO, np.stack([X_reference, upside_down]), is_opposite.astype(np.int64), symmetries)
 
 

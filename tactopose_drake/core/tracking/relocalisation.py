@@ -177,7 +177,7 @@ def _settle_poses(model: ObjectModel, params: RelocalisationParams, evidence: Ev
         found = _REFINEMENT.refine(problem.doubted(problem.objective), np.concatenate([X_PO, found.X_PO]))
     X_PO = _distinct(model, params, problem, found).mixture.X_PO
     judgement = None if problem.mixture is None else problem.mixture.judge(X_PO)
-    return X_PO[explain_with_doubt(model, evidence, judgement, X_PO)]
+    return X_PO[explain_with_doubt(model, evidence, judgement, X_PO, params.posterior.plausibility)]
 
 
 def _cover_poses(
@@ -225,7 +225,7 @@ def _distinct(model: ObjectModel, params: RelocalisationParams, problem: PosePro
 def relocalise(
     model: ObjectModel, params: PoseTrackerParams, touch: Touch, modes: TrackedModes, posterior: Modes, share: float
 ) -> TrackedModes:
-    """The modes of the posterior by the window, by falling weight.
+    """The modes of the posterior by the window: first those that the filter has already, then new ones.
 
     Args:
         model: the object.

@@ -1,6 +1,7 @@
 """What the tracker of a pose assumes, and how much it works: one dataclass for each of its parts."""
 
 import dataclasses
+import math
 from typing import Any
 
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PlausibilityParams, PosteriorParams
@@ -153,10 +154,11 @@ class RelocalisationParams:
 
     @property
     def posterior(self) -> PosteriorParams:
-        """Of the posterior of which so many samples are drawn."""
+        """Of the posterior of which so many samples are drawn; its noise may be any, for the belief learns that."""
         sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, samples=self.samples, most_samples=self.samples)
         moments = dataclasses.replace(DEFAULT_PARAMS.moments, most_joined=self.joined)
-        return dataclasses.replace(DEFAULT_PARAMS, sampling=sampling, moments=moments)
+        plausibility = dataclasses.replace(DEFAULT_PARAMS.plausibility, most_noise=math.inf)
+        return dataclasses.replace(DEFAULT_PARAMS, sampling=sampling, moments=moments, plausibility=plausibility)
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -179,7 +181,7 @@ class MixtureParams:
     max_updated: int = 3  # that touch updates at each frame, at the most; the others wait for a search
     least_updated_share: float = 0.01  # of the mass of the best mode; of less the same is true
     least_share: float = 1e-5  # of the mass of the best mode; less is dropped
-    same_sigmas: float = 3.0  # standard deviations of the window's evidence within which two poses are one mode
+    same_sigmas: float = 3.0  # standard deviations of a mode found, or of one believed, within which both are one
     max_sigma_translation: float = 0.3  # m; of a translation with this standard deviation nothing is known
 
 
@@ -231,7 +233,9 @@ class PoseTrackerParams:
 
 
 # What has such a name is a part of one.
-_PARTS_OF_ONE = ("_share", "_probability", "_factor", "_margin")
+_PARTS_OF_ONE = ("_share", "_probability", "_factor", "_margin", "gain")
+_NOT_PARTS = ("least_gain",)  # of a cost
+_MAY_BE_NONE = ("seed", "doublings", "halvings")
 
 
 def _check_numbers(params: Any) -> None:
@@ -239,10 +243,10 @@ def _check_numbers(params: Any) -> None:
     for field in dataclasses.fields(params):
         name, value = f"{type(params).__name__}.{field.name}", getattr(params, field.name)
         if isinstance(field.default, int):
-            whole_number(name, value, least=0 if field.name == "seed" else 1)
+            whole_number(name, value, least=0 if field.name in _MAY_BE_NONE else 1)
         elif isinstance(field.default, float) or (value is not None and field.default is None):
             positive_number(name, value)
-            if name.endswith(_PARTS_OF_ONE) and value > 1.0:
+            if name.endswith(_PARTS_OF_ONE) and field.name not in _NOT_PARTS and value > 1.0:
                 raise InvalidInputError(f"{name}: is {value:g}; allowed are numbers up to 1.")
         elif isinstance(field.default_factory, type):
             instance_of(name, value, field.default_factory)

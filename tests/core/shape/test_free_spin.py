@@ -46,14 +46,26 @@ def test_upside_down_too_poses_that_differ_by_a_turn_become_the_same() -> None:
     spins = exp_so3(generator.uniform(-np.pi, np.pi, size=(40, 1)) * symmetry.axis)
     R = tilts @ exp_so3(np.array([np.pi, 0.0, 0.0])) @ spins
     X = make_poses(R, -R @ POINT)
-    found = turn_alike(X, reference, [symmetry])
+    found = turn_alike(X, reference, [symmetry], np.eye(3, 4)[None])
     on_axis = np.array([POINT, POINT + 0.1 * symmetry.axis])
     np.testing.assert_allclose(
         [transform_points(pose, on_axis) for pose in found], [transform_points(pose, on_axis) for pose in X], atol=1e-12
     )
     assert rotation_angles(found[:, :, :3], found[0, :, :3]).max() < 0.1
     assert rotation_angles(turn_toward(X, reference, [symmetry])[:, :, :3], found[0, :, :3]).max() > 1.0
-    np.testing.assert_array_equal(turn_alike(X[:0], reference, [symmetry]), X[:0])
+    np.testing.assert_array_equal(turn_alike(X[:0], reference, [symmetry], np.eye(3, 4)[None]), X[:0])
+
+
+def test_a_symmetry_that_turns_the_axis_upside_down_brings_poses_together_whatever_axis_it_is_about() -> None:
+    symmetry, reference = axis([0.0, 0.0, 1.0]), make_poses(np.eye(3), np.zeros(3))
+    for angle in np.linspace(0.0, np.pi, 7):
+        flip = exp_so3(np.pi * np.array([np.cos(angle), np.sin(angle), 0.0]))
+        group = np.stack([np.eye(3, 4), make_poses(flip, POINT - flip @ POINT)])
+        spin = exp_so3(2.0 * symmetry.axis)
+        X = make_poses(flip @ spin, -flip @ spin @ POINT)[None]
+        found = turn_alike(X, reference, [symmetry], group)
+        images = compose(found, group)
+        assert rotation_angles(images[:, :, :3], reference[:, :3]).min() < 1e-6
 
 
 def test_a_sphere_has_but_one_rotation() -> None:
