@@ -20,11 +20,11 @@ from pydrake.multibody.tree import PrismaticJoint
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.sensing.contact_noise import contact_covariance
-from tactopose_drake.core.sensing.contact_noise_kernels import HandErrors, SensedContact, fill_hand_covariance
+from tactopose_drake.core.sensing.contact_noise_kernels import HandVariances, SensedContact, fill_hand_covariance
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.contact_gains import contact_gains, wrench_of
-from tactopose_drake.hand.encoder_offsets import encoder_gains
+from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas
 from tactopose_drake.hand.hand_config import HandUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.joint_matrices import joint_matrix
@@ -45,13 +45,15 @@ class ContactUncertainty:
         uncertainty.validate()
         joints, gains = encoder_gains(plant, hand)
         # What an offset of one standard deviation of each measured joint adds to the plant's positions, shape (nq, k).
-        self._offsets = gains * math.radians(uncertainty.encoder_offset_deg)
+        self._offsets = gains * offset_sigmas(plant, hand, uncertainty)
         self._frames, self._errors = hand.sensor_frames, uncertainty
-        self._variances = HandErrors(
+        self._variances = HandVariances(
             uncertainty.mounting**2, math.radians(uncertainty.mounting_deg) ** 2, uncertainty.fingertip_radius**2
         )
         self._surfaces, self._layers = hand.surfaces, hand.layers
         self._calibrated: dict[str, _Calibrated] = {}
+        # Of each fingertip's surface along an axis, beside what the joints' offsets do to it.
+        self._tip_variance = dict.fromkeys(hand.surfaces, uncertainty.mounting**2 + uncertainty.fingertip_radius**2)
         if hand.calibration is not None:
             self._noise, by_joint = hand.calibration.noise, joint_matrix(plant, hand, joints)
             for finger, found in hand.calibration.fingers.items():
@@ -60,6 +62,8 @@ class ContactUncertainty:
                 of_joints = [hand.calibration.joint_offsets[joint].sigma for joint in found.joints]
                 sigma = np.concatenate([np.array(units) * of_joints, found.sigma])
                 correlation = np.array(found.correlation) if found.correlation else np.eye(len(sigma))
+                shifts = np.square(found.translation.sigma)
+                self._tip_variance[finger] = float(shifts.mean()) + found.radius.sigma**2
                 columns = by_joint[:, [joints.index(joint) for joint in found.joints]]
                 self._calibrated[finger] = _Calibrated(columns, correlation * np.outer(sigma, sigma))
 
@@ -95,12 +99,13 @@ class ContactUncertainty:
         Args:
             kinematics: of the hand, moved to where the joints are.
         """
-        moved = [
-            kinematics.jacobian(frame, self._surfaces[finger].X_SF[:, 3])[3:] @ self._offsets
-            for finger, frame in self._frames.items()
-        ]
-        by_joints = float(np.mean([np.sum(J**2) / 3.0 for J in moved])) if moved else 0.0
-        return math.sqrt(by_joints + self._errors.mounting**2 + self._errors.fingertip_radius**2)
+        variances = []
+        for finger, frame in self._frames.items():
+            J = kinematics.jacobian(frame, self._surfaces[finger].X_SF[:, 3])[3:] @ self._offsets
+            variances.append(float(np.sum(J**2)) / 3.0 + self._tip_variance[finger])
+        if not variances:
+            return math.hypot(self._errors.mounting, self._errors.fingertip_radius)
+        return math.sqrt(sum(variances) / len(variances))
 
     def _of_calibrated(
         self, finger: str, solution: ContactSolution, X_PS: RigidTransform, kinematics: HandKinematics

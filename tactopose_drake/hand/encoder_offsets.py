@@ -1,4 +1,4 @@
-"""Which joints of a hand have encoders, and what an error of one moves."""
+"""Which joints of a hand have encoders, how far these may be off, and what an error of one moves."""
 
 import math
 from typing import NamedTuple
@@ -8,6 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.hand.hand_config import HandUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
 from tactopose_drake.hand.joint_matrices import joint_matrix
 
@@ -38,3 +39,23 @@ def encoder_gains(plant: MultibodyPlant, hand: Hand) -> EncoderGains:
     joints = [plant.GetJointByName(name, hand.model_instance) for name in names]
     units = np.array([SLIDE if isinstance(joint, PrismaticJoint) else 1.0 for joint in joints])
     return EncoderGains(names, joint_matrix(plant, hand, names) * units)
+
+
+def offset_sigmas(plant: MultibodyPlant, hand: Hand, uncertainty: HandUncertainty) -> FloatArray:
+    """How far each encoder may be off, standard deviations, shape (k,), rad; of a joint that slides as `EncoderGains`.
+
+    That is what the hand's calibration has left of its offset, where it has found one, and what is declared of others.
+
+    Args:
+        plant: finalized plant of the hand alone.
+        hand: the hand in it.
+        uncertainty: what is declared.
+    """
+    names = measured_joints(plant, hand)
+    sigma = np.full(len(names), math.radians(uncertainty.encoder_offset_deg))
+    found = {} if hand.calibration is None else hand.calibration.joint_offsets
+    for k, name in enumerate(names):
+        if name in found:
+            slides = isinstance(plant.GetJointByName(name, hand.model_instance), PrismaticJoint)
+            sigma[k] = found[name].sigma / SLIDE if slides else math.radians(found[name].sigma)
+    return sigma

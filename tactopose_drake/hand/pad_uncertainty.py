@@ -12,7 +12,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.encoder_offsets import encoder_gains
+from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas
 from tactopose_drake.hand.hand_config import HandUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics
@@ -30,7 +30,7 @@ class PadUncertainty:
             uncertainty: its errors.
         """
         uncertainty.validate()
-        self._offsets = encoder_gains(plant, hand).gains * math.radians(uncertainty.encoder_offset_deg)
+        self._offsets = encoder_gains(plant, hand).gains * offset_sigmas(plant, hand, uncertainty)
         self._frames = hand.pad_frames
         mounted = np.repeat([uncertainty.mounting, math.radians(uncertainty.mounting_deg)], 3)
         self._mounted = np.diag(mounted**2)

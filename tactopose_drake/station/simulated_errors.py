@@ -101,7 +101,7 @@ _VECTORS = {
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class HandErrors:
+class DrawnErrors:
     """What a simulated hand errs, in numbers.
 
     Attributes:
@@ -120,7 +120,7 @@ class HandErrors:
     drift: dict[str, FloatArray]
 
 
-def hand_errors(errors: SimulatedErrors, hand: HandConfig) -> HandErrors:
+def hand_errors(errors: SimulatedErrors, hand: HandConfig) -> DrawnErrors:
     """The errors of a hand: those that are given, and the others drawn, or none; `errors` is valid."""
     generator = np.random.default_rng(errors.seed)
     sigma = hand.uncertainty if errors.drawn else None
@@ -128,7 +128,7 @@ def hand_errors(errors: SimulatedErrors, hand: HandConfig) -> HandErrors:
         sigma = HandUncertainty(**dict.fromkeys((field.name for field in dataclasses.fields(HandUncertainty)), 0.0))
     joints = dict.fromkeys(joint for finger in hand.fingers for joint in finger.joints)  # fingers may share one
     drawn_offsets = {joint: sigma.encoder_offset_deg * generator.normal() for joint in joints}
-    found = HandErrors({}, {}, {}, {}, {})
+    found = DrawnErrors({}, {}, {}, {}, {})
     for joint, offset in (drawn_offsets | errors.joint_offsets_deg).items():
         found.offsets[joint] = math.radians(offset)
     for finger in (finger.name for finger in hand.fingers if finger.sensor_frame):

@@ -18,7 +18,7 @@ from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.other_object import change_object
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.simulated_errors import HandErrors, SimulatedErrors, hand_errors
+from tactopose_drake.station.simulated_errors import DrawnErrors, SimulatedErrors, hand_errors
 from tactopose_drake.systems.joint_encoders import JointEncoders
 from tactopose_drake.systems.palm_on_base import PalmOnBase
 from tactopose_drake.systems.palm_pose import PalmPose
@@ -52,7 +52,7 @@ def add_senses(
 
 
 def _add_encoders(
-    builder: DiagramBuilder, errors: SimulatedErrors, drawn: HandErrors, hand: Hand, positions: OutputPort
+    builder: DiagramBuilder, errors: SimulatedErrors, drawn: DrawnErrors, hand: Hand, positions: OutputPort
 ) -> OutputPort:
     """What is measured of the joint positions."""
     joints, gains = encoder_gains(*make_hand_plant(hand.config))

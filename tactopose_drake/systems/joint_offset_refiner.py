@@ -19,7 +19,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.keyframes import Keyframe
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.encoder_offsets import encoder_gains
+from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas
 from tactopose_drake.hand.hand_config import HandUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics
@@ -93,7 +93,7 @@ class JointOffsetRefiner(CollectableSystem):
         self._belief = self.DeclareAbstractInputPort("belief", AbstractValue.Make(None))
         self._kinematics = declare_kinematics(self, plant, hand.palm_frame, self._positions)
         count = len(self.joints)
-        start = JointOffsets.of_sigma(np.full(count, math.radians(uncertainty.encoder_offset_deg)))
+        start = JointOffsets.of_sigma(offset_sigmas(plant, hand, uncertainty))
         self._refined = self.DeclareAbstractState(AbstractValue.Make(_Refined(start, np.zeros(count))))
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
         ticket = self.abstract_state_ticket(self._refined)

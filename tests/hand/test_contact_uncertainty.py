@@ -13,6 +13,7 @@ from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solv
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.calibration_report import calibration_of
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
+from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.kinematics import HandKinematics
@@ -103,6 +104,22 @@ def test_a_calibrated_soft_fingertip_gives_way_by_what_the_force_errs() -> None:
     n = X_PS.rotation() @ solution.n_S
     said = uncertainty.covariance(finger, solution, X_PS, kinematics)
     assert math.sqrt(n @ said[:3, :3] @ n) == pytest.approx(0.1 / SOFT.stiffness, rel=0.05)
+
+
+def test_a_calibration_narrows_whatever_its_errors_move() -> None:
+    told = HandUncertainty(encoder_offset_deg=2.0, mounting=0.001, fingertip_radius=0.001)
+    wrong = WrongHand(0, told)
+    plant, hand = wrong.plant, wrong.hand
+    known = np.diag((0.1 * wrong.errors.sigma) ** 2)
+    found = calibration_of(wrong.errors, np.zeros(len(wrong.truth)), known, 0.0)
+    calibrated = dataclasses.replace(hand, calibration=found)
+    fingers = np.isin(encoder_gains(plant, hand).joints, wrong.errors.joints)  # and not the wrist
+    np.testing.assert_allclose(offset_sigmas(plant, hand, told), math.radians(2.0))
+    np.testing.assert_allclose(offset_sigmas(plant, calibrated, told)[fingers], math.radians(0.2), rtol=1e-3)
+    kinematics = HandKinematics(plant, hand.palm_frame)
+    before, after = (ContactUncertainty(plant, each, told).surface_sigma(kinematics) for each in (hand, calibrated))
+    assert before > 0.002
+    assert after == pytest.approx(0.1 * before, rel=1e-3)
 
 
 def test_a_thicker_fingertip_moves_the_point_along_its_normal_and_a_mounting_anywhere() -> None:

@@ -1,11 +1,14 @@
 """How far a hand's errors move its arrays, against the same errors drawn at random."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import log_so3
+from tactopose_drake.hand.calibration_file import HandCalibration, Measured
+from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.kinematics import HandKinematics
@@ -37,6 +40,19 @@ def test_joint_offsets_move_arrays_as_drawn_offsets_do() -> None:
     scale = np.sqrt(np.outer(np.diag(said), np.diag(said))) + 1e-12
     np.testing.assert_allclose(np.cov(np.transpose(drawn)) / scale, said / scale, atol=0.1)
     assert np.sqrt(np.trace(said[:3, :3])) > 5e-4
+
+
+def test_a_calibrated_joint_misplaces_arrays_by_what_is_left_of_its_offset() -> None:
+    plant, hand = make_hand_plant(load_hand_config("barrett_like"))
+    kinematics, layout = HandKinematics(plant, hand.palm_frame), load_tactile_pad("bh280_finger").layout
+    errors = HandUncertainty(encoder_offset_deg=2.0, mounting=0.0, mounting_deg=0.0)
+    found = HandCalibration(joint_offsets={name: Measured(sigma=0.5) for name in encoder_gains(plant, hand).joints})
+    wide, narrow = (
+        PadUncertainty(plant, each, errors).covariance("finger_2", layout, kinematics)
+        for each in (hand, dataclasses.replace(hand, calibration=found))
+    )
+    assert np.trace(wide) > 1e-4
+    np.testing.assert_allclose(narrow, wide / 16.0, atol=1e-12)
 
 
 def test_a_palm_array_is_off_by_its_mounting_alone() -> None:

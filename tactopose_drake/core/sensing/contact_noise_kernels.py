@@ -43,7 +43,7 @@ class SensedContact(NamedTuple):
     by_normal: Floats2
 
 
-class HandErrors(NamedTuple):
+class HandVariances(NamedTuple):
     """Variances of where a fingertip is along each axis, m^2, of how it is turned about each, rad^2, and of how thick
     it is, m^2.
     """
@@ -117,7 +117,7 @@ def fill_covariances(
 
 @kernel
 def fill_hand_covariance(
-    X: Floats2, contact: SensedContact, by_joints: Floats2, errors: HandErrors, out: OutFloats2
+    X: Floats2, contact: SensedContact, by_joints: Floats2, errors: HandVariances, out: OutFloats2
 ) -> None:
     """Fills the covariance (6, 6) of a contact's point and of a small turn of its normal, in P.
 
