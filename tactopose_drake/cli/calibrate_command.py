@@ -9,7 +9,7 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from tactopose_drake.cli.calibration_page import save_calibration_page
-from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.consoles import ERRORS, OUT, print_replaced
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.progress_bar import progress_bar
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -30,7 +30,7 @@ _SURE = 0.9  # probability of a pose, below which another is worth naming
 
 @click.command("calibrate")
 @click.option("--hand", required=True, help="The hand's YAML file, or one of the package by name.")
-@click.option("--object", "mesh", type=PATH, required=True, help="Mesh of the object, or its SDF or URDF.")
+@click.option("--object", "mesh", type=PATH, required=True, help="Mesh of the object, or its SDF, URDF or MJCF.")
 @click.option("--scale", type=float, default=1.0, show_default=True, help="Metres in the mesh's unit: 0.001 for mm.")
 @click.option("--grasps", "folder", type=PATH, required=True, help="Folder of grasps: files or recordings.")
 @click.option(
@@ -64,11 +64,14 @@ def calibrate(hand: str, mesh: Path, scale: float, folder: Path, out: Path, html
     OUT.print(calibration_table(result.calibration, result.sliding))
     for line in calibration_lines(result, [grasp.name for grasp in grasps]):
         OUT.print(line, soft_wrap=True)
+    replaced = [path for path in (out, html) if path is not None and path.is_file()]
     result.save(out)
-    OUT.print(f"Written: {out}", soft_wrap=True)
     if html is not None:
         save_calibration_page(html, hand, result, [grasp.name for grasp in grasps])
-        OUT.print(f"Written: {html}", soft_wrap=True)
+    for path in (out, html):
+        if path is not None and path not in replaced:
+            OUT.print(f"Written: {path}", soft_wrap=True)
+    print_replaced(replaced)
 
 
 def _grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:

@@ -1,6 +1,8 @@
 """What the command line prints on: no name of a file or finger is taken for markup, or tells the terminal anything."""
 
 import logging
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -63,3 +65,9 @@ class OnceFilter(logging.Filter):
 
 OUT = PlainConsole()
 ERRORS = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
+
+
+def print_replaced(paths: Sequence[Path]) -> None:
+    """Says which files were there before and have been replaced, if there were any."""
+    if paths:
+        OUT.print(f"Replaced: {', '.join(map(str, paths))}", soft_wrap=True)

@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from tactopose_drake import hand, visualization
-from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.consoles import ERRORS, OUT, print_replaced
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.reports import hypotheses_table
 from tactopose_drake.cli.symmetry_option import SYMMETRY_HELP, parse_symmetries
@@ -28,11 +28,11 @@ from tactopose_drake.estimation.search_methods import METHODS
 
 
 @click.command()
-@click.option("--object", "mesh", type=PATH, required=True, help="Mesh of the object, or its SDF or URDF.")
+@click.option("--object", "mesh", type=PATH, required=True, help="Mesh of the object, or its SDF, URDF or MJCF.")
 @click.option("--scale", type=float, default=1.0, show_default=True, help="Metres in the mesh's unit: 0.001 for mm.")
 @click.option("--symmetry", multiple=True, default=("auto",), show_default=True, help=SYMMETRY_HELP)
-@click.option("--mass", type=float, help="Of the object, kg; by default what its SDF or URDF says.")
-@click.option("--contacts", "contacts_file", type=PATH, required=True, help="contacts.yaml: contacts, patches.")
+@click.option("--mass", type=float, help="Of the object, kg; by default what its SDF, URDF or MJCF says.")
+@click.option("--contacts", "contacts_file", type=PATH, required=True, help="contacts.yaml: contacts, patches, planes.")
 @click.option("--prior", "prior_file", type=PATH, help="prior.yaml: what is known of the pose without touch.")
 @click.option(
     "--hand-volume", "volume_file", type=PATH, help="YAML of where the hand is, and which of its parts feel nothing."
@@ -109,13 +109,12 @@ def estimate(
     for line in (free_line(about_middle(found.best, model)), false_contacts_line(is_false), status_line(found)):
         if line:
             OUT.print(line, soft_wrap=True)
-    replaced = [str(path) for path in (out, html) if path is not None and path.is_file()]
+    replaced = [path for path in (out, html) if path is not None and path.is_file()]
     if out is not None:
         save_result(out, found)
     if html is not None:
         found.save_html(html)
-    if replaced:
-        OUT.print(f"Replaced: {', '.join(replaced)}", soft_wrap=True)
+    print_replaced(replaced)
     if remote is not None:
         visualization.draw_scene(remote, visualization.scene_of(found))
         OUT.print(f"Drawn into the meshcat-server whose page is {remote.web_url()}", soft_wrap=True)

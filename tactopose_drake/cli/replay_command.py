@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tactopose_drake.cli.consoles import OUT
+from tactopose_drake.cli.consoles import OUT, print_replaced
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.run_command import print_end, showing
 from tactopose_drake.cli.titles import grasp_title
@@ -53,8 +53,7 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | 
     if page is not None and html is not None and not page.save(html, title):
         OUT.print(f"{html}: not written, since there never was an estimate.", style="yellow", soft_wrap=True)
         replaced = [path for path in replaced if path != html]
-    if replaced:
-        OUT.print(f"Replaced: {', '.join(map(str, replaced))}", soft_wrap=True)
+    print_replaced(replaced)
     print_end(played.view)
 
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.consoles import ERRORS, OUT, print_replaced
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.titles import grasp_title
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.output_files import check_outputs
-from tactopose_drake.runs.monitor import Monitor, estimate_line, explained_estimate
+from tactopose_drake.runs.monitor import Monitor, estimate_line, explained_estimate, wrong_senses
 from tactopose_drake.runs.page_recorder import PageRecorder
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.runs.stepping import Observer, Progress, RunView
@@ -51,12 +51,13 @@ def run(
         if drawn is not None:
             tell("writing the results")
             written = _save(drawn, html, picture, f"{grasp_title(loaded)}: {Path(scenario).name}")
-    if replaced := [str(path) for path in earlier if path in written]:
-        OUT.print(f"Replaced: {', '.join(replaced)}", soft_wrap=True)
+    print_replaced([path for path in earlier if path in written])
     if record is not None:
         OUT.print(f"Recorded: {record}", soft_wrap=True)
     for lost in view.lost:
         ERRORS.print(f"not recorded: {lost}", style="yellow")
+    if view.slowness:
+        ERRORS.print(f"warning: {view.slowness}", style="yellow")
     print_end(view)
 
 
@@ -92,6 +93,8 @@ def showing(monitor: bool) -> Iterator[tuple[Observer, Progress]]:
 def print_end(view: RunView) -> None:
     """Says what the last estimate is; the exit status tells whether there is one."""
     OUT.print(f"{view.context.get_time():.2f} s: {estimate_line(view)}", soft_wrap=True, highlight=False)
+    if (wrong := wrong_senses(view)) != "ok":
+        OUT.print(f"Senses: {wrong}.", soft_wrap=True, highlight=False)
     if view.outcome:
         OUT.print(f"{view.outcome[0].upper()}{view.outcome[1:]}.", soft_wrap=True, highlight=False)
     if explained_estimate(view) is None:

@@ -28,7 +28,8 @@ def write_csv(run: RecordedRun, path: Path) -> None:
 
     A cell is empty where its column has no new value then, and "nan" where there was no reading. Columns are called
     `<what>/<part>_<unit>`: `time_s`, `joint/<joint>_rad`, `wrench/<finger>/f_x_N`, `pressure/<pad>/<cell>_Pa`,
-    `prior/p_x_m`, `true/p_x_m`, of the best hypothesis `object/p_x_m`, and `status`.
+    `prior/p_x_m`, `true/p_x_m`, of the best hypothesis `object/p_x_m`, `status`, and of
+    a run on devices `sense_status`.
 
     Args:
         run: the recording.
@@ -40,7 +41,7 @@ def write_csv(run: RecordedRun, path: Path) -> None:
     columns: dict[str, tuple[str, ...]] = {}
     for name, signal in run.signals.items():
         columns[name] = _columns(name, run, signal.values)
-    columns |= {"estimates": tuple(f"object/{part}" for part in _OBJECT), "status": ("status",)}
+    columns |= {"estimates": tuple(f"object/{part}" for part in _OBJECT), **{text: (text,) for text in _texts(run)}}
     header = [column for group in columns.values() for column in group]
     start = dict(zip(columns, np.cumsum([0, *map(len, columns.values())]).tolist(), strict=False))
     with written_beside(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
@@ -55,6 +56,11 @@ def write_csv(run: RecordedRun, path: Path) -> None:
             row[start[name] : start[name] + len(cells)] = cells
         if row_time is not None:
             table.writerow([repr(row_time), *row])
+
+
+def _texts(run: RecordedRun) -> list[str]:
+    """The statuses that have columns."""
+    return ["status", *(["sense_status"] if any("sense_status" in line for line in run.estimates) else [])]
 
 
 def _columns(name: str, run: RecordedRun, values: Sequence[Value]) -> tuple[str, ...]:
@@ -82,7 +88,8 @@ def _changes(run: RecordedRun) -> Iterator[_Cells]:
             yield time, name, _cells(value)
     for line in run.estimates:
         time = float(line["time"])
-        yield time, "status", [str(line.get("status", ""))]
+        for text in _texts(run):
+            yield time, text, [str(line.get(text, ""))]
         for best in (line["hypotheses"] or ())[:1]:
             sigmas = np.sqrt(np.diag(np.array(best["covariance"])))
             numbers = [*best["translation"], *best["quaternion_wxyz"], *sigmas.tolist(), best["probability"]]

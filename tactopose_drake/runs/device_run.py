@@ -28,6 +28,8 @@ from tactopose_drake.station.senses import CanSenses, SimulatedDevices
 from tactopose_drake.systems.can_barrett_hand import PADS
 from tactopose_drake.systems.signals import Signal
 
+_MOST_LATE = 0.25  # s, by which a run may fall behind the devices before that is said
+
 
 def run_devices(
     scenario: Scenario,
@@ -67,7 +69,19 @@ def run_devices(
         tell("running")
         with contextlib.suppress(KeyboardInterrupt):
             advance(simulator, devices, scenario.estimation.estimator.period, _end(scenario, duration), observer)
-        return RunView(station.diagram, simulator.get_context())
+        time = simulator.get_context().get_time()
+        slowness = slowness_of(time, time / max(simulator.get_actual_realtime_rate(), 1e-9))
+        return RunView(station.diagram, simulator.get_context(), slowness=slowness)
+
+
+def slowness_of(time: float, taken: float) -> str:
+    """What is wrong with a run of some time that has taken longer, s, for the devices go on meanwhile; or nothing."""
+    if taken <= time + _MOST_LATE:
+        return ""
+    return (
+        f"the run of {time:.2f} s took {taken:.2f} s: estimates take longer than their period, or the machine is busy. "
+        "What devices felt is then of later times than joints, palm and prior beside it; a longer period helps."
+    )
 
 
 def check_devices(scenario: Scenario, duration: float | None) -> None:

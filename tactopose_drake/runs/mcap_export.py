@@ -24,6 +24,7 @@ from tactopose_drake.runs.ros2_poses import ros_covariance, ros_pose, ros_xyz
 from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
 
 _OBJECT_COLOUR = (0.85, 0.55, 0.25)
+_POSES_IN = {"true_pose": "", "palm_pose": "world"}  # in which frame they are; empty: the palm's
 _END_OF_STAMPS = 2**31  # s since the epoch, in `builtin_interfaces/Time`
 
 
@@ -48,11 +49,13 @@ def write_mcap(run: RecordedRun, path: Path) -> None:
     | /object_pose | geometry_msgs/PoseWithCovarianceStamped, in the palm, of the best hypothesis |
     | /hypotheses | geometry_msgs/PoseArray, all of them by falling probability |
     | /true_pose | geometry_msgs/PoseStamped, of a simulation |
-    | /status | std_msgs/String |
+    | /palm_pose | geometry_msgs/PoseStamped, of the palm in the world, where an arm carries the hand |
+    | /status, /sense_status | std_msgs/String |
     | /tf | tf2_msgs/TFMessage: the hand's links and frames by the joints, and the object by the best hypothesis |
     | /scene | visualization_msgs/MarkerArray: the shapes of hand and object, in the frames of /tf |
 
-    Covariances are as ROS has them: of the position, then of a rotation about the palm's axes, m and rad.
+    In /tf the hand stands where the scenario has it, also where an arm carries it. Covariances are as ROS has them: of
+    the position, then of a rotation about the palm's axes, m and rad.
 
     Args:
         run: the recording.
@@ -125,12 +128,15 @@ def _messages(run: RecordedRun) -> Iterator[_Message]:
                 pose = {"pose": ros_pose(value.X_PO), "covariance": covariance}
                 stamped = {"header": header(time, hand.palm), "pose": pose}
                 yield _Message(time, "/prior", "geometry_msgs/PoseWithCovarianceStamped", stamped)
-            elif name == "true_pose":
-                stamped = {"header": header(time, hand.palm), "pose": ros_pose(value)}
-                yield _Message(time, "/true_pose", "geometry_msgs/PoseStamped", stamped)
+            elif name in _POSES_IN:
+                frame = _POSES_IN[name] or hand.palm
+                stamped = {"header": header(time, frame), "pose": ros_pose(value)}
+                yield _Message(time, f"/{name}", "geometry_msgs/PoseStamped", stamped)
     for line in run.estimates:
         time = float(line["time"])
-        yield _Message(time, "/status", "std_msgs/String", {"data": str(line.get("status", ""))})
+        for text in ("status", "sense_status"):
+            if text in line:
+                yield _Message(time, f"/{text}", "std_msgs/String", {"data": str(line[text])})
         poses = [_recorded_pose(hypothesis) for hypothesis in line["hypotheses"] or ()]
         if not poses:
             continue

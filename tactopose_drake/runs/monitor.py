@@ -85,7 +85,7 @@ def monitor_line(view: RunView, rates: dict[str, float]) -> str:
         f"{sense} {measured}" + (f" {rates[sense]:.0f} Hz" if sense in rates else "")
         for sense, measured in _senses(view)
     ]
-    wrong = _value(view, "sense_status", "ok")
+    wrong = wrong_senses(view)
     return "; ".join([_title(view), *senses, *([] if wrong == "ok" else [wrong]), estimate_line(view)])
 
 
@@ -144,6 +144,11 @@ def _age(view: RunView, sense: str) -> str:
 
 def _title(view: RunView) -> str:
     return f"{view.context.get_time():.2f} s"
+
+
+def wrong_senses(view: RunView) -> str:
+    """Each sense that gives no readings, and why; "ok" where all do, or a simulator makes them."""
+    return str(_value(view, "sense_status", "ok"))
 
 
 def estimate_line(view: RunView) -> str:

@@ -19,6 +19,7 @@ class RunView:
         context: its root context.
         devices: of a run on CAN devices or from their logs; None else.
         lost: what of a finished run could not be recorded, and why, in sentences.
+        slowness: by how much a finished run on devices fell behind them, in a sentence; empty where it kept up.
         outcome: how the grasp of a finished run went, where a simulator knows the truth.
         true_pose: X_PO, where a simulator knows it.
     """
@@ -27,6 +28,7 @@ class RunView:
     context: Context
     devices: CanDevices | None = None
     lost: tuple[str, ...] = ()
+    slowness: str = ""
     outcome: str = ""
     true_pose: RigidTransform | None = None
 

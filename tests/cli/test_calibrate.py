@@ -60,11 +60,12 @@ def test_what_is_written_is_what_the_hand_then_knows(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, page = tmp_path / "calibration.yaml", tmp_path / "page.html"
+    page.write_text("of an earlier calibration")
     assert calibrate(folder, "--out", out, "--html", page) == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert "The hand by 5 grasps" in printed
     assert "What remains of a contact: 0." in printed
-    assert f"Written: {out}" in printed
+    assert f"Written: {out} Replaced: {page}" in printed
     truth = yaml.safe_load((folder / "truth.yaml").read_text())
     found = yaml.safe_load(out.read_text())["fingers"]
     for finger, radius in truth.items():

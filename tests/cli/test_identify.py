@@ -62,9 +62,10 @@ def test_the_touched_object_is_named(
     assert "warning" not in err
 
 
-def test_what_is_found_is_written(folder: Path, tmp_path: Path) -> None:
+def test_what_is_found_is_written(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "result.json"
     assert run(folder / "library", folder / "contacts.yaml", "--out", str(out)) == 0
+    assert "Replaced" not in capsys.readouterr().out
     found = json.loads(out.read_text())
     assert set(found) == {"status", "unknown", "duration", "objects"}
     assert [known["name"] for known in found["objects"]] == ["block", "box"]
@@ -73,6 +74,7 @@ def test_what_is_found_is_written(folder: Path, tmp_path: Path) -> None:
     assert found["unknown"] < 0.1
     assert run(folder / "library", folder / "contacts.yaml", "--unknown-prior", "0", "--out", str(out)) == 0
     assert json.loads(out.read_text())["unknown"] == 0.0
+    assert f"Replaced: {out}" in capsys.readouterr().out
 
 
 def test_what_is_none_of_the_objects_is_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -77,7 +77,8 @@ def test_every_estimate_is_there_as_it_was(recording: Path, tmp_path: Path) -> N
     out = tmp_path / "run.mcap"
     tactopose("export", recording, "--format", "mcap", "--out", out)
     found, lines, start = messages(out), estimates(recording), load_manifest(recording).start
-    assert [value.data for _, value in found["/status"]] == [line["status"] for line in lines]
+    for text in ("status", "sense_status"):
+        assert [value.data for _, value in found[f"/{text}"]] == [line[text] for line in lines]
     np.testing.assert_allclose(
         [time - start for time, _ in found["/status"]], [line["time"] for line in lines], atol=1e-6
     )

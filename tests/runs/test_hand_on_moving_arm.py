@@ -12,12 +12,15 @@ from tactopose_drake.hand.fingertip_weights import FingertipWeights
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.runs.known_signals import known_signals
+from tactopose_drake.runs.mcap_export import write_mcap
+from tactopose_drake.runs.recorded_senses import read_recording
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.senses import SimulatedDevices
 from tests import held_cube
 from tests.runs.cube_grasp import write_grasp
+from tests.runs.test_export import messages
 
 TURNED, DURATION = 0.4, 0.9  # s, when the arm has turned the hand over, and how long the run is
 PALMS = [
@@ -66,6 +69,11 @@ def test_what_is_felt_does_not_see_the_fingertips_weight_as_the_hand_turns(scena
         assert np.abs(felt[3:] - F_S[3:]).max() < 0.05
     played = replay(tmp_path / "run", scenario)
     assert played.whole
+    write_mcap(read_recording(tmp_path / "run"), tmp_path / "run.mcap")
+    _, last = messages(tmp_path / "run.mcap")["/palm_pose"][-1]
+    position = last.pose.position
+    assert last.header.frame_id == "world"
+    np.testing.assert_allclose([position.x, position.y, position.z], PALMS[1].translation(), atol=0.02)
     for finger, F_S in held_cube.WRENCHES.items():
         felt = played.view.diagram.GetOutputPort(f"wrench_{finger}").Eval(played.view.context)
         assert np.abs(felt[3:] - F_S[3:]).max() < 0.05

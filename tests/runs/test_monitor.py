@@ -10,6 +10,7 @@ from rich.console import Console
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.drivers.simulation import faults
+from tactopose_drake.runs.device_run import slowness_of
 from tactopose_drake.runs.monitor import Monitor, estimate_line, monitor_table
 from tactopose_drake.runs.stepping import RunView
 from tests.runs.stations import Running, fingers_running, pads_running
@@ -113,3 +114,8 @@ def test_pressures_of_the_pads(can: ObjectModel) -> None:
         running.run(0.4)
         table = printed(monitor_table(view_of(running), {}))
     assert "finger_1 44 kPa, finger_2 36 kPa, finger_3 42 kPa, palm 40 kPa" in table
+
+
+def test_a_run_that_falls_behind_its_devices_says_by_how_much() -> None:
+    assert slowness_of(2.0, 2.2) == ""
+    assert slowness_of(2.0, 9.0).startswith("the run of 2.00 s took 9.00 s: estimates take longer than their period")
