@@ -8,9 +8,10 @@ from numbers import Integral
 from typing import Any
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernel_library import make_kernels_ready
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import instance_of
+from tactopose_drake.core.validation import instance_of, shown
 from tactopose_drake.errors import InvalidInputError, TactoposeError
 from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.estimation.pickling import Sealed
@@ -56,10 +57,11 @@ def estimate_poses(
     if executor is not None:
         instance_of("executor", executor, Executor)
     contacts = list(contacts)
-    of, before = _each("models", models, ObjectModel, len(contacts)), _each("priors", priors, PosePrior, len(contacts))
+    of = _each("models", models, ObjectModel, len(contacts))
+    before = _each("priors", priors, GaussianPrior, len(contacts))
     seeds = _each("seed", seed, Integral, len(contacts))
     make_kernels_ready()  # Threads that meet a type for the first time at once may each get their own from numba.
-    estimates: list[PoseEstimate | None] = [None] * len(contacts)
+    estimates: dict[int, PoseEstimate] = {}
     with contextlib.ExitStack() as stack:
         pool = stack.enter_context(ThreadPoolExecutor(os.cpu_count())) if executor is None else executor
         size = _TO_A_THREAD if isinstance(pool, ThreadPoolExecutor) else _TO_A_PROCESS
@@ -70,15 +72,14 @@ def estimate_poses(
         done = 0
         try:
             for future in as_completed(futures):
-                for i, estimate in zip(futures[future], future.result(), strict=True):
-                    estimates[i] = estimate
+                estimates.update(zip(futures[future], future.result(), strict=True))
                 done += len(futures[future])
                 if on_progress is not None:
                     on_progress(done, len(contacts))
         finally:
             for future in futures:
                 future.cancel()
-    return [estimate for estimate in estimates if estimate is not None]
+    return [estimates[i] for i in range(len(contacts))]
 
 
 def _each(name: str, value: Any, kind: type, count: int) -> list[Any]:
@@ -86,7 +87,10 @@ def _each(name: str, value: Any, kind: type, count: int) -> list[Any]:
     if value is None or isinstance(value, kind):
         return [value] * count
     if not isinstance(value, Sequence) or len(value) != count:
-        raise InvalidInputError(f"{name}: allowed are one {kind.__name__}, and as many as there are touches, {count}.")
+        is_list = isinstance(value, Sequence) and not isinstance(value, str)
+        given = f"are {len(value)}" if is_list else f"is {shown(value)}"
+        allowed = "PosePrior" if kind is GaussianPrior else kind.__name__
+        raise InvalidInputError(f"{name}: {given}; allowed are one {allowed}, or one for each touch, {count}.")
     for i, one in enumerate(value):
         if one is not None:
             instance_of(f"{name}[{i}]", one, kind)

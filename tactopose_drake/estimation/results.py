@@ -57,7 +57,8 @@ class PoseHypothesis(PlainValue):
 
     Attributes:
         X_PO: the object's pose in the palm frame: the mean of its mode, as far as that explains the touch about as
-            well as the mode's minimum does (its cost is higher by 0.3 at the most).
+            well as the mode's minimum does (its cost is higher by 0.3 at the most). Each time a new one, which is not
+            the hypothesis' own.
         cost: its negative log likelihood up to a constant: half the sum of squared whitened residuals.
         probability: posterior weight among the hypotheses.
         covariance: (6, 6) of the increment (w, v): R_PO = R_hat exp(w), p_PO = p_hat + v; rad, m (v in P).
@@ -111,6 +112,19 @@ class PoseHypothesis(PlainValue):
             InvalidInputError: for an unknown or missing name, or a value that cannot be one.
         """
         return super().from_dict(read_fields(cls, data, _OF_HYPOTHESIS))
+
+
+class _CopiedPose:
+    """A field of a frozen dataclass whose values can be changed: who asks for it gets a copy."""
+
+    def __set__(self, owner: PoseHypothesis, X: RigidTransform) -> None:
+        vars(owner)["X_PO"] = X
+
+    def __get__(self, owner: PoseHypothesis, kind: type[PoseHypothesis]) -> RigidTransform:
+        return RigidTransform(vars(owner)["X_PO"])
+
+
+setattr(PoseHypothesis, "X_PO", _CopiedPose())  # noqa: B010 (as a field it has a type of its own)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -203,7 +203,7 @@ def keep_clear(estimate: PoseEstimate, collisions: Collisions, tolerance: float)
     """The estimate without the hypotheses that collide.
 
     Where no other explains the touch, either the hand's shape, its joints or the touch is not what it seems; then all
-    stay, and the status is "ambiguous".
+    stay, and the status is "ambiguous". An estimate that explains nothing stays as it is.
 
     Args:
         estimate: of the poses that were checked.
@@ -214,6 +214,8 @@ def keep_clear(estimate: PoseEstimate, collisions: Collisions, tolerance: float)
         The estimate, and whether it is clear of the hand.
     """
     clear = [bool(depth <= tolerance) for depth in collisions.depth]
+    if estimate.status == "no_solution":
+        return estimate, all(clear)
     if any(is_clear and h.explains_touch for is_clear, h in zip(clear, estimate.hypotheses, strict=True)):
         return estimate if all(clear) else estimate.keep(clear), True
     return replace(estimate, status="ambiguous"), False

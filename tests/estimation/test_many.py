@@ -112,9 +112,9 @@ def test_numbers_that_do_not_agree_are_refused(box: tp.ObjectModel) -> None:
     contacts, priors = touches([box] * 3)
     with pytest.raises(InvalidInputError, match="contacts: are of one touch; allowed is a sequence of Contacts"):
         tp.estimate_poses(box, contacts[0])
-    with pytest.raises(InvalidInputError, match=r"models: allowed are one ObjectModel, and as many as .* touches, 3"):
+    with pytest.raises(InvalidInputError, match=r"models: are 2; allowed are one .*, or one for each touch, 3"):
         tp.estimate_poses([box] * 2, contacts)
-    with pytest.raises(InvalidInputError, match=r"priors: allowed are one PosePrior"):
+    with pytest.raises(InvalidInputError, match="priors: are 2; allowed are one PosePrior"):
         tp.estimate_poses(box, contacts, priors=priors[:2])
     with pytest.raises(InvalidInputError, match=r"seed\[1\]: is a str; allowed is an Integral"):
         tp.estimate_poses(box, contacts, seed=[0, "1", 2])  # type: ignore[list-item]

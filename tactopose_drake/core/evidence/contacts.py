@@ -66,8 +66,8 @@ class Contacts(PlainValue):
 
     Raises:
         InvalidInputError: what is not of finite numbers, too many contacts, a shape that does not fit, a normal whose
-            length differs from 1 by more than 1e-3, a number out of its range, or a covariance that is not symmetric,
-            or of a point or a normal that no sigma in its range has.
+            length differs from 1 by more than 1e-3, a number out of its range, or a covariance that is not symmetric
+            and positive semidefinite, or of a point or a normal that no sigma in its range has.
     """
 
     p_PC: FloatArray
@@ -90,6 +90,7 @@ class Contacts(PlainValue):
             limits["sigma_position"] = (1e-7, MOST_SIGMA_POSITION, "m")
         else:
             sigmas["sigma_position"], sigmas["sigma_normal"] = _sigmas_of(covariance, n_PC)
+            _check_definite(covariance)
         values: dict[str, FloatArray | None] = {
             "p_PC": p_PC,
             "n_PC": n_PC,
@@ -232,6 +233,19 @@ def _covariances(value: ArrayLike, count: int) -> FloatArray:
     if off > _ROUNDING * np.abs(covariance).max(initial=0.0):
         raise InvalidInputError(f"covariance: is not symmetric, by up to {off:.3g}; allowed are symmetric matrices.")
     return covariance
+
+
+def _check_definite(covariance: FloatArray) -> None:
+    """Raises InvalidInputError if one of covariances (k, 6, 6) is none: if its least eigenvalue is negative."""
+    # In units of the largest standard deviations of point and turn, in which metres and radians compare.
+    scale = np.sqrt(np.einsum("kii->ki", covariance).reshape(-1, 2, 3).max(axis=2)).repeat(3, axis=1)
+    scale[scale == 0.0] = 1.0
+    least = np.linalg.eigvalsh(covariance / (scale[:, :, None] * scale[:, None, :]))[:, 0]
+    if least.min(initial=0.0) < -_ROUNDING:
+        raise InvalidInputError(
+            f"covariance[{int(least.argmin())}]: is none, as some combination of errors would have a variance below 0; "
+            "allowed are positive semidefinite matrices."
+        )
 
 
 def _sigmas_of(covariance: FloatArray, n_PC: FloatArray | None) -> tuple[FloatArray, FloatArray]:

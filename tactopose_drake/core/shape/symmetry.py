@@ -31,7 +31,7 @@ class RotationalSymmetry:
         order: the object is unchanged by turns of 2 pi / order; 0: by every turn (continuous).
 
     Raises:
-        InvalidInputError: if the axis is not a unit vector, the point not finite, or the order 1 or negative.
+        InvalidInputError: if the axis is not a unit vector, the point not finite, or the order 1, negative or above 60.
     """
 
     axis: FloatArray
@@ -41,7 +41,7 @@ class RotationalSymmetry:
     def __post_init__(self) -> None:
         axis = unit_vectors("axis", self.axis, (3,))
         point = limited("point", self.point, (3,), most=FARTHEST)
-        order = whole_number("order", self.order, least=0)
+        order = whole_number("order", self.order, least=0, most=_LARGEST_GROUP)
         if order == 1:
             raise InvalidInputError("order: is 1; allowed are 0 (continuous) and numbers >= 2.")
         for name, array in (("axis", axis), ("point", point)):

@@ -13,7 +13,7 @@ from scipy.ndimage import binary_erosion, maximum_filter
 
 from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, positive_number, whole_number
 from tactopose_drake.core.vision.rasterizer import Camera, inverse_depths
 from tactopose_drake.errors import InvalidInputError
 
@@ -36,11 +36,12 @@ class DepthCameraModel:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
-        for field in dataclasses.fields(self):
-            zero = field.name in ("depth_noise", "common_share")
-            positive_number(f"DepthCameraModel.{field.name}", getattr(self, field.name), allow_zero=zero)
-        if self.common_share > 1.0:
-            raise InvalidInputError(f"DepthCameraModel.common_share: is {self.common_share:g}; allowed is up to 1.")
+        for name in ("width", "height"):
+            whole_number(f"DepthCameraModel.{name}", getattr(self, name), least=1)
+        for name in ("focal_length", "nearest", "farthest"):
+            positive_number(f"DepthCameraModel.{name}", getattr(self, name))
+        positive_number("DepthCameraModel.depth_noise", self.depth_noise, allow_zero=True)
+        positive_number("DepthCameraModel.common_share", self.common_share, allow_zero=True, most=1.0)
         if self.nearest >= self.farthest:
             raise InvalidInputError(
                 f"DepthCameraModel.nearest: is {self.nearest:g}; allowed is less than `farthest`, {self.farthest:g}."

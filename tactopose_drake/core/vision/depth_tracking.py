@@ -8,7 +8,6 @@ Sources: [C92] Y. Chen and G. Medioni, Object modelling by registration of multi
 Computing, 1992.
 """
 
-import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -17,9 +16,8 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, flag, positive_number, whole_number
 from tactopose_drake.core.vision.depth_pictures import DepthPicture, expected_picture, fit_to_picture
-from tactopose_drake.errors import InvalidInputError
 
 _REACH = 0.05  # beyond the object's own size, from where it is expected, that a point may be the object's, m
 _LEAST_SIGMA = 1e-4  # of a point, m
@@ -28,7 +26,7 @@ _TURNED = 1.8  # standard deviation about each axis of an object of which nothin
 _SPIN = 0.02  # standard deviation about an axis of continuous symmetry, where all angles are the same pose, rad
 
 
-@dataclasses.dataclass(kw_only=True, slots=True)
+@dataclass(kw_only=True, slots=True)
 class DepthTrackerModel:
     """How the tracker fits."""
 
@@ -48,12 +46,13 @@ class DepthTrackerModel:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
-        for field in dataclasses.fields(self):
-            if field.name != "knows_hand":
-                positive_number(f"DepthTrackerModel.{field.name}", getattr(self, field.name))
+        flag("DepthTrackerModel.knows_hand", self.knows_hand)
+        for name in ("least_pixels", "narrowing_steps", "last_steps"):
+            whole_number(f"DepthTrackerModel.{name}", getattr(self, name), least=1)
+        for name in ("gate", "sigma_translation", "sigma_rotation_deg", "first_width"):
+            positive_number(f"DepthTrackerModel.{name}", getattr(self, name))
         for name in ("most_hidden", "most_seen_through", "width_factor"):
-            if getattr(self, name) > 1.0:
-                raise InvalidInputError(f"DepthTrackerModel.{name}: is {getattr(self, name):g}; allowed is up to 1.")
+            positive_number(f"DepthTrackerModel.{name}", getattr(self, name), most=1.0)
 
     @property
     def widths(self) -> list[float]:

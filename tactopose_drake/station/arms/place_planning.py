@@ -9,7 +9,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.grasping.held_axis import HeldAxis, find_held_axis
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.station.arms.carried_hand import ArmSpeeds, CarriedHand, Descent, PlacedHand
@@ -50,9 +50,14 @@ class PlaceParams:
         finite_array("PlaceParams.p_WTable", self.p_WTable, (3,))
         if not np.linalg.norm(finite_array("PlaceParams.down_P", self.down_P, (3,))) > 0.0:
             raise InvalidInputError("PlaceParams.down_P: is zero; allowed is a direction.")
-        for field in dataclasses.fields(self):
-            if field.name not in ("p_WHole", "p_WTable", "down_P", "seed"):
-                positive_number(f"PlaceParams.{field.name}", getattr(self, field.name), allow_zero=True)
+        for name in ("table_give", "end_clearance", "table_clearance", "hand_clearance", "most_turn", "meet_turn"):
+            positive_number(f"PlaceParams.{name}", getattr(self, name), allow_zero=True)
+        for name in ("speed_share", "insert_speed_share"):
+            positive_number(f"PlaceParams.{name}", getattr(self, name), most=1.0)
+        for name in ("box_width", "touch_speed", "most_acceleration"):
+            positive_number(f"PlaceParams.{name}", getattr(self, name))
+        positive_number("PlaceParams.most_lean_deg", self.most_lean_deg, allow_zero=True, most=90.0, unit="deg")
+        whole_number("PlaceParams.seed", self.seed, least=0)
 
 
 class PlacePlanner:

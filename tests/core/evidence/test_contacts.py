@@ -105,6 +105,10 @@ def test_a_turn_of_the_palm_changes_nothing_of_a_covariance() -> None:
     np.testing.assert_allclose(there.sigma_normal, here.sigma_normal, rtol=1e-9)
 
 
+INDEFINITE = np.diag(np.repeat([8e-7, 0.0076], 3))
+INDEFINITE[0, 1:3] = INDEFINITE[1:3, 0] = 1e-5
+
+
 @pytest.mark.parametrize(
     ("covariance", "message"),
     [
@@ -113,6 +117,7 @@ def test_a_turn_of_the_palm_changes_nothing_of_a_covariance() -> None:
         (np.triu(np.ones((2, 6, 6))), "covariance: is not symmetric"),
         (np.full((2, 6, 6), np.nan), "covariance"),
         (np.tile(-np.eye(6), (2, 1, 1)), r"covariance\[0\]: says -1 of the point"),
+        (np.stack([1e-6 * np.eye(6), INDEFINITE]), r"covariance\[1\]: is none, as some combination of errors"),
     ],
 )
 def test_a_covariance_that_is_none_is_refused(covariance: np.ndarray, message: str) -> None:

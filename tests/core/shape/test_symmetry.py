@@ -45,6 +45,7 @@ def test_axes_that_belong_to_no_finite_group_are_refused() -> None:
         ([0, 0, 1], [0, np.nan, 0], 2, r"point\[1\]: is nan"),
         ([0, 0, 1], [0, 0, 0], 1, "order: is 1; allowed are 0"),
         ([0, 0, 1], [0, 0, 0], -2, "order: is -2"),
+        ([0, 0, 1], [0, 0, 0], 360, "order: is 360; allowed are integers from 0 to 60"),
     ],
 )
 def test_impossible_symmetries_are_refused(axis: list[float], point: list[float], order: int, message: str) -> None:

@@ -137,7 +137,7 @@ def test_a_spin_that_changes_nothing_is_not_uncertain() -> None:
 def test_the_fit_narrows_what_counts_step_by_step() -> None:
     widths = DepthTrackerModel(first_width=0.1, width_factor=0.5, narrowing_steps=3, last_steps=2).widths
     np.testing.assert_allclose(widths, [0.1, 0.05, 0.025, 0.0, 0.0])
-    with pytest.raises(InvalidInputError, match=r"width_factor: is 1\.2; allowed is up to 1"):
+    with pytest.raises(InvalidInputError, match=r"width_factor: is 1\.2; allowed are numbers from 0 to 1"):
         DepthTrackerModel(width_factor=1.2).validate()
 
 
