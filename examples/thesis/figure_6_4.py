@@ -40,7 +40,7 @@ from touch_study import (
 )
 
 import tactopose_drake as tp
-from tactopose_drake.core.exploration import Hold, choose_touch, distinct_poses
+from tactopose_drake.core.exploration import Hold, choose_touch, merged_modes
 from tactopose_drake.core.posterior import GaussianMixture
 from tactopose_drake.visualization import (
     Scene,
@@ -148,7 +148,7 @@ def plot(runs: Runs, path: Path) -> None:
 def first_grasp() -> tuple[Grasp, tp.PoseEstimate]:
     """The ambiguous grasp that is shown: the first of the first object that another pose explains about as well."""
     for grasp, estimate in ambiguous_grasps(OBJECTS[0]):
-        weights = distinct_poses(grasp.model, estimate.modes).weights
+        weights = merged_modes(grasp.model, estimate.modes).weights
         if len(weights) > 1 and weights[1] >= ABOUT_AS_WELL:
             return grasp, estimate
     raise AssertionError("there is no end of grasps")
@@ -209,7 +209,7 @@ def main(grasps: int, first_seed: int, out: Path | None) -> None:
     """Shows an ambiguous grasp, and counts the touches that it takes to make such grasps unique."""
     console, meshcat = Console(), Meshcat(MeshcatParams(host="localhost"))
     grasp, estimate = first_grasp()
-    belief = distinct_poses(grasp.model, estimate.modes)
+    belief = merged_modes(grasp.model, estimate.modes)
     console.print(show(meshcat, grasp, belief), highlight=False)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,7 @@ import time
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from tactopose_drake.core.exploration import Tolerance, distinct_poses, nearest_twins, resolved_share
+from tactopose_drake.core.exploration import Tolerance, merged_modes, nearest_twins, resolved_share
 from tactopose_drake.station import Scenario, Station
 from tactopose_drake.systems import TouchExplorationParams
 
@@ -102,7 +102,7 @@ def explore_in_physics(station: Station) -> PhysicalExploration:
         if port("explored_phase").Eval(context) == "done":
             break
     belief = port("explored_hypotheses").Eval(context).modes
-    best = distinct_poses(station.model, belief, TOLERANCE).X_PO[:1]
+    best = merged_modes(station.model, belief, TOLERANCE).X_PO[:1]
     truth = station.object_pose(context).GetAsMatrix34()
     outcome = "unique" if status == "resolved" else "the object slipped" if moved >= SLIPPED else "not unique"
     return PhysicalExploration(

@@ -28,7 +28,7 @@ from tactopose_drake.core.exploration import (
     Tolerance,
     choose_by_chance,
     choose_touch,
-    distinct_poses,
+    merged_modes,
     nearest_twins,
     resolved_share,
 )
@@ -240,7 +240,7 @@ def explore(grasp: Grasp, estimate: tp.PoseEstimate, chooser: Chooser, seed: int
             contacts, free = touch(grasp, moves[choice[0]].take(np.array([choice[1]])), contacts, free, noise)
             estimate = estimate_again(grasp, contacts, free)
         shares.append(share_of(grasp.model, estimate))
-    best = distinct_poses(grasp.model, estimate.modes, TOLERANCE).X_PO[:1]
+    best = merged_modes(grasp.model, estimate.modes, TOLERANCE).X_PO[:1]
     is_right = same_pose(grasp.model, best, grasp.X_PO)[0]
     return Exploration(touches if shares[-1] >= UNIQUE else None, bool(is_right), tuple(shares))
 

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import trimesh
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraphInspector, Shape, Sphere
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
@@ -13,6 +12,7 @@ from tactopose_drake.core.mesh.loading import load_mesh
 from tactopose_drake.core.mesh.primitives import box_mesh, capsule_mesh, cylinder_mesh, sphere_mesh
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.estimation.hull_vertices import hull_vertices
 from tactopose_drake.resources import add_model, make_parser, passing_builder
 
 
@@ -95,9 +95,7 @@ def _mesh(path: Path, shape: Shape) -> trimesh.Trimesh:
         ball = sphere_mesh(1.0)
         return trimesh.Trimesh(ball.vertices * [shape.a(), shape.b(), shape.c()], ball.faces, process=False)
     if isinstance(shape, Convex):
-        hull = shape.GetConvexHull()
-        vertices = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
-        of_hull: trimesh.Trimesh = trimesh.convex.convex_hull(vertices)
+        of_hull: trimesh.Trimesh = trimesh.convex.convex_hull(hull_vertices(shape.GetConvexHull()))
         return of_hull
     if isinstance(shape, Mesh) and shape.source().is_path():
         raw = load_mesh(shape.source().path())

@@ -32,6 +32,7 @@ _CLOSE = 1e-8  # which a contact that was found may be off, in radians and share
 _ITERATIONS = 15  # to find a contact
 _STEP = 1e-6  # of its differences, in radians and shares of the length
 _LONGEST = 0.2  # of its steps
+_BENT = (-1.0, 1.6)  # between which joints are made up, within their limits: rad, of those that slide m
 _LENGTH = 0.01  # that counts as a radian in the search for a contact, m
 
 
@@ -93,7 +94,7 @@ class GraspCloser:
         self._constant = joint_offsets(plant, hand, measured_joints(plant, hand))
         joints = [plant.GetJointByName(name, hand.model_instance) for name in errors.joints]
         limits = np.array([[j.position_lower_limits()[0], j.position_upper_limits()[0]] for j in joints])
-        self._low, self._high = np.clip(limits, -1.0, 1.6).T
+        self._low, self._high = np.clip(limits, *_BENT).T
         draw = np.random.default_rng(0)
         self._postures: dict[str, tuple[FloatArray, FloatArray]] = {}  # of each finger's joints, and X_PM at them
         for finger in errors.fingers:

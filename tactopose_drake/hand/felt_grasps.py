@@ -160,7 +160,10 @@ class FeltGrasps:
         return vector
 
     def wrench_noise(self) -> Noise:
-        """By how much the sensors' noise alone moves the contacts; as much as a weak one's where there is none."""
+        """By how much the sensors' noise alone turns contacts' normals; as much as a weak one's where there is none.
+
+        Points move along the fingertip's surface by it, along which the object's surface does not tell where they are.
+        """
         normal = np.full(len(self.grasp), np.nan)
         for finger, felt in self._fingers.items():
             surface, layer = self._hand.surfaces[finger], self._hand.layers.get(finger)

@@ -14,6 +14,7 @@ from tactopose_drake.core.surfaces import Superquadric, Surface
 from tactopose_drake.core.surfaces.surface import random_directions
 from tactopose_drake.core.surfaces.surface_fitting import fit_surface, residual
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.hull_vertices import hull_vertices
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.shape_depth import shape_depth
 
@@ -140,8 +141,7 @@ def _outline(shape: Shape) -> FloatArray:
     elif isinstance(shape, Box):
         points = _CORNERS * shape.size()
     elif isinstance(shape, Mesh | Convex):
-        hull = shape.GetConvexHull()
-        points = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
+        points = hull_vertices(shape.GetConvexHull())
     return points
 
 

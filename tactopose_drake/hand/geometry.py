@@ -18,6 +18,7 @@ from tactopose_drake.core.evidence import hand_geometry
 from tactopose_drake.core.shape.sphere_packing import Spheres, pack_box, pack_capsule, pack_convex
 from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.hull_vertices import hull_vertices
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.resources import passing_builder
@@ -181,8 +182,7 @@ def corner_spheres(plant: MultibodyPlant, inspector: SceneGraphInspector, bodies
             if isinstance(shape, Box):
                 points = (0.5 * np.asarray(shape.size()) - _CORNER) * _BOX_EDGES
             elif isinstance(shape, Mesh | Convex):
-                hull = shape.GetConvexHull()
-                vertices = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
+                vertices = hull_vertices(shape.GetConvexHull())
                 points = vertices[farthest_points(vertices, _MOST_CORNERS)]
             body.append(np.full(len(points), index, dtype=np.int64))
             centres.append(inspector.GetPoseInFrame(geometry).multiply(points.T).T)
@@ -213,8 +213,7 @@ def _pack(shape: Shape) -> Spheres:
         rings = [np.column_stack([np.cos(a) * _CIRCLE, np.full(24, np.sin(a))]) for a in _LATITUDES]
         return pack_convex(np.concatenate(rings) * [shape.a(), shape.b(), shape.c()])
     if isinstance(shape, Mesh | Convex):
-        hull = shape.GetConvexHull()
-        return _pack_hull(np.array([hull.vertex(i) for i in range(hull.num_vertices())]).tobytes())
+        return _pack_hull(hull_vertices(shape.GetConvexHull()).tobytes())
     return np.zeros((0, 3)), np.zeros(0)
 
 

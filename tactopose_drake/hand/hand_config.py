@@ -108,7 +108,12 @@ class HandConfig:
     calibration: str = ""
 
     def validate(self) -> None:
-        """Raises InvalidInputError if a name is missing or double, or a surface has impossible dimensions."""
+        """Checks all that can be told without the hand's model.
+
+        Raises:
+            InvalidInputError: a name that is missing or double, or a number that is out of its range.
+            UnknownNameError: a coupling or a rest position of what the hand has not.
+        """
         for name, value in (("model", self.model), ("base_link", self.base_link), ("palm_frame", self.palm_frame)):
             if not value:
                 raise InvalidInputError(f"HandConfig.{name}: is empty; allowed is a name in the hand's model.")

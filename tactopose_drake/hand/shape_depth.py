@@ -10,6 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.hull_vertices import hull_vertices
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +74,7 @@ def shape_depth(shape: Shape) -> ShapeDepth | None:
         hull = shape.GetConvexHull()
         normals = np.array([hull.face_normal(i) for i in range(hull.num_faces())])
         offsets = np.array([hull.face_normal(i) @ hull.element_centroid(i) for i in range(hull.num_faces())])
-        middle = np.mean([hull.vertex(i) for i in range(hull.num_vertices())], axis=0)
-        return ShapeDepth(lambda p: float(np.min(offsets - normals @ p)), middle)
+        return ShapeDepth(lambda p: float(np.min(offsets - normals @ p)), hull_vertices(hull).mean(axis=0))
     return None
 
 

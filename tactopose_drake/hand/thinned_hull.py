@@ -13,6 +13,7 @@ from pydrake.geometry import Convex, Mesh, PolygonSurfaceMesh
 from scipy.spatial import cKDTree
 
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.estimation.hull_vertices import hull_vertices
 
 _DISTANCES = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3)  # that vertices keep where facets are too small, m
 _KEPT = 64  # hulls, of as many files
@@ -40,7 +41,7 @@ def _of_file(path: Path, changed: int, scale: tuple[float, float, float], neares
 
 
 def _thin(mesh: Convex, nearest: float) -> Convex:
-    vertices = _vertices(mesh.GetConvexHull())
+    vertices = hull_vertices(mesh.GetConvexHull())
     for distance in (nearest, *(longer for longer in _DISTANCES if longer > nearest)):
         kept = _thinned(vertices, distance)
         hull = mesh if len(kept) == len(vertices) else Convex(kept.T, "hull")
@@ -59,13 +60,9 @@ def _thinned(points: FloatArray, nearest: float) -> FloatArray:
     return points[taken]
 
 
-def _vertices(hull: PolygonSurfaceMesh) -> FloatArray:
-    return np.array([hull.vertex(i) for i in range(hull.num_vertices())])
-
-
 def _least_area(hull: PolygonSurfaceMesh) -> float:
     """The least area of the parallelograms on the facets' triangles, m^2, each facet divided from its first vertex."""
-    vertices, data, start = _vertices(hull), np.asarray(hull.face_data()), 0
+    vertices, data, start = hull_vertices(hull), np.asarray(hull.face_data()), 0
     triangles: list[tuple[int, int, int]] = []
     while start < len(data):
         first, *others = data[start + 1 : start + 1 + data[start]]

@@ -27,6 +27,7 @@ from pydrake.systems.framework import Context
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.hull_vertices import hull_vertices
 
 _GREY = (0.62, 0.64, 0.67)
 READABLE_MESHES = (".obj", ".vtk", ".gltf")
@@ -151,6 +152,5 @@ def _mesh(shape: Shape) -> trimesh.Trimesh | None:
         mesh = trimesh.creation.icosphere(subdivisions=3)
         mesh.apply_scale([shape.a(), shape.b(), shape.c()])
     elif isinstance(shape, Mesh | Convex) and shape.extension() in READABLE_MESHES:
-        hull = shape.GetConvexHull()
-        mesh = trimesh.convex.convex_hull(np.array([hull.vertex(i) for i in range(hull.num_vertices())]))
+        mesh = trimesh.convex.convex_hull(hull_vertices(shape.GetConvexHull()))
     return mesh

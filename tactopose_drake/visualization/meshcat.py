@@ -35,14 +35,14 @@ def check_meshcat(meshcat: object) -> None:
         )
 
 
-def draw_scene(meshcat: Meshcat | RemoteMeshcat, scene: Scene, *, path: str = "/tactopose") -> None:
+def draw_scene(meshcat: Meshcat | RemoteMeshcat, scene: Scene) -> None:
     """Draws a scene, in the palm frame, upright.
 
     Args:
-        meshcat: receives it; what was at the path is deleted.
+        meshcat: receives it, under `/tactopose`; what was there is deleted.
         scene: what to draw.
-        path: where.
     """
+    path = "/tactopose"
     meshcat.Delete(path)
     meshcat.SetTransform(path, upright(scene))
     if scene.hypotheses:

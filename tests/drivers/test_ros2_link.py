@@ -67,10 +67,7 @@ def test_what_one_participant_says_another_hears() -> None:
     assert (seconds_of(said.header.stamp), said.header.frame_id) == (12.25, "palm ä")
     assert said.name == ["a", "bc"]
     np.testing.assert_array_equal(said.position, [0.1, np.nan])
-    started = time.monotonic()
-    while listener.wait(0.05):
-        pass
-    assert time.monotonic() - started < 5.0
+    assert any(not listener.wait(0.05) for _ in range(100))  # once all is read
 
 
 def test_a_damaged_message_is_left_out_and_the_next_is_heard() -> None:

@@ -102,7 +102,7 @@ def test_an_ambiguous_grasp_holds_in_force_closure_and_is_ambiguous(
     grasp, estimate = ambiguous
     assert grasp_quality(grasp.model, grasp.contacts, grasp.X_PO, friction=study.FRICTION).force_closure
     assert study.share_of(grasp.model, estimate) < study.AMBIGUOUS
-    belief = study.distinct_poses(grasp.model, estimate.modes)
+    belief = study.merged_modes(grasp.model, estimate.modes)
     for i in range(len(belief)):
         others = np.delete(belief.X_PO, i, axis=0)
         assert not study.same_pose(grasp.model, others[:1], belief.X_PO[i]).any()

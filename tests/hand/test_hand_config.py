@@ -205,17 +205,22 @@ def test_a_palm_may_be_a_link_that_is_fixed_to_the_base(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "kind"),
+    ("text", "surface"),
     [
-        ("!SphereSurface {radius: 0.01}", Sphere),
-        ("!EllipsoidSurface {semi_axes: [0.01, 0.01, 0.02]}", Ellipsoid),
-        ("!CapsuleSurface {radius: 0.01, length: 0.02}", Capsule),
-        ("!SuperquadricSurface {semi_axes: [0.01, 0.01, 0.02], exponents: [0.4, 0.6]}", Superquadric),
+        ("!SphereSurface {radius: 0.01}", Sphere(0.01)),
+        ("!EllipsoidSurface {semi_axes: [0.01, 0.015, 0.02]}", Ellipsoid((0.01, 0.015, 0.02))),
+        ("!CapsuleSurface {radius: 0.01, length: 0.02}", Capsule(0.01, 0.02)),
+        (
+            "!SuperquadricSurface {semi_axes: [0.01, 0.015, 0.02], exponents: [0.4, 0.6]}",
+            Superquadric((0.01, 0.015, 0.02), (0.4, 0.6)),
+        ),
     ],
 )
-def test_fingertip_surfaces_by_tag(tmp_path, text, kind):
-    config = load_hand_config(write_gripper(tmp_path, surface=text))
-    assert isinstance(config.fingers[0].surface.make(), kind)
+def test_fingertip_surfaces_by_tag(tmp_path, text, surface):
+    made = load_hand_config(write_gripper(tmp_path, surface=text)).fingers[0].surface.make()
+    assert type(made) is type(surface)
+    np.testing.assert_array_equal(made.shape, surface.shape)
+    np.testing.assert_array_equal(made.X_SF, surface.X_SF)
 
 
 def test_unknown_joint_is_named_with_the_valid_ones(tmp_path):

@@ -9,6 +9,6 @@ from .next_touch import choose_telling_touch as choose_telling_touch
 from .next_touch import choose_touch as choose_touch
 from .next_touch import is_allowed as is_allowed
 from .tolerance import Tolerance as Tolerance
-from .tolerance import distinct_poses as distinct_poses
+from .tolerance import merged_modes as merged_modes
 from .tolerance import nearest_twins as nearest_twins
 from .tolerance import resolved_share as resolved_share

@@ -8,7 +8,7 @@ from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.exploration.foreseen_touch import entropy
 from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
 from tactopose_drake.core.exploration.next_touch import Hold, NextTouch, TouchCriterion, allowed_moves, information
-from tactopose_drake.core.exploration.tolerance import distinct_poses
+from tactopose_drake.core.exploration.tolerance import merged_modes
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
 
@@ -37,7 +37,7 @@ def choose_by_chance(
     Raises:
         InvalidInputError: a belief without a mode.
     """
-    distinct = distinct_poses(model, belief, criterion.tolerance)
+    distinct = merged_modes(model, belief, criterion.tolerance)
     allowed = {
         finger: mask & moves[finger].feel(model, distinct.X_PO[:1]).is_hit[0]
         for finger, mask in allowed_moves(model, hold, distinct, moves, others, criterion).items()

@@ -25,7 +25,7 @@ from tactopose_drake.core.exploration.foreseen_touch import (
     told_within_modes,
 )
 from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
-from tactopose_drake.core.exploration.tolerance import Tolerance, distinct_poses
+from tactopose_drake.core.exploration.tolerance import Tolerance, merged_modes
 from tactopose_drake.core.grasping.quality import grasp_quality
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -146,7 +146,7 @@ def choose_touch(
     Raises:
         InvalidInputError: a belief without a mode.
     """
-    distinct = distinct_poses(model, checked_mixture("belief", belief), criterion.tolerance)
+    distinct = merged_modes(model, checked_mixture("belief", belief), criterion.tolerance)
     value = {finger: information(model, distinct, options, criterion) for finger, options in moves.items()}
     allowed = allowed_moves(model, hold, distinct, moves, others, criterion)
     return _best(value, allowed, entropy(distinct, criterion.tolerance))
@@ -176,7 +176,7 @@ def choose_telling_touch(
     """
     weights = _shares_of(candidates)
     distinct = [
-        Candidate(each.model, distinct_poses(each.model, each.belief, criterion.tolerance), weight)
+        Candidate(each.model, merged_modes(each.model, each.belief, criterion.tolerance), weight)
         for each, weight in zip(candidates, weights, strict=True)
     ]
     value = {finger: name_information(distinct, options, criterion) for finger, options in moves.items()}

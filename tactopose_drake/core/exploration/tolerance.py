@@ -15,6 +15,7 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 
 # Of a Gaussian in three dimensions 95 % lies within so many standard deviations: the root of chi-square's quantile.
 _SIGMAS = 2.795
+_LEAST_WEIGHT = 0.01  # of a mode that is left in, beside the likeliest
 _SAMPLES = 1000  # poses that stand for a belief
 
 
@@ -69,22 +70,19 @@ def nearest_twins(model: ObjectModel, X_PO: FloatArray, X_reference: FloatArray,
     return Twins(twins.reshape(*shape, 3, 4)[row, best], increments.reshape(*shape, 6)[row, best], off[row, best] < 1.0)
 
 
-def distinct_poses(
-    model: ObjectModel, belief: GaussianMixture, tolerance: Tolerance = Tolerance(), least: float = 0.01
-) -> GaussianMixture:
-    """The belief with modes that are one and the same made one, by falling weight.
+def merged_modes(model: ObjectModel, belief: GaussianMixture, tolerance: Tolerance = Tolerance()) -> GaussianMixture:
+    """The belief with modes that are one and the same made one, by falling weight, without those of next to none.
 
     Args:
         model: the object, whose symmetric twins are the same.
         belief: of its pose.
         tolerance: how near to each other poses are the same.
-        least: modes of less weight are left out, but for the largest.
 
     Raises:
         InvalidInputError: a belief without a mode.
     """
     belief = checked_mixture("belief", belief)
-    left = belief.likely(least)
+    left = belief.likely(_LEAST_WEIGHT)
     left = left[np.argsort(-belief.weights[left], kind="stable")]
     poses, masses, covariances = [], [], []
     while len(left):
@@ -118,5 +116,5 @@ def resolved_share(model: ObjectModel, belief: GaussianMixture, tolerance: Toler
     """
     belief = checked_mixture("belief", belief)
     drawn = belief.sample(_SAMPLES, np.random.default_rng(0))
-    best = distinct_poses(model, belief, tolerance).X_PO[0]
+    best = merged_modes(model, belief, tolerance).X_PO[0]
     return float(nearest_twins(model, drawn, best, tolerance).same.mean())

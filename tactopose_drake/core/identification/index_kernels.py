@@ -15,6 +15,7 @@ ANGLE_BINS = 13  # The middles of the first and the last are 0 and pi: right ang
 
 @kernel
 def count_features(points: Floats2, normals: Floats2, counts: OutLongs1) -> None:
+    """Counts pairs of samples, of points and normals of shape (n, 3), by their features, in rows of the table."""
     feature = np.empty(4)
     for i in range(points.shape[0]):
         for j in range(points.shape[0]):
@@ -31,6 +32,16 @@ def count_features(points: Floats2, normals: Floats2, counts: OutLongs1) -> None
 def add_densities(
     first: Longs1, objects: Ints1, counts: UnsignedShorts1, low: Longs1, weights: Floats2, density: OutFloats1
 ) -> None:
+    """Adds to each object's density (n,) the counts about one pair of contacts, between the table's rows.
+
+    Args:
+        first: of each row the first of its entries, and after the last row their number, shape (rows + 1,).
+        objects: of each entry, shape (e,).
+        counts: of each entry, shape (e,).
+        low: the lowest bin of each of the four features, shape (4,).
+        weights: of that bin and those after it, by feature, shape (4, m).
+        density: added to.
+    """
     most = weights.shape[1]
     for d in range(most):
         for a in range(most):

@@ -138,14 +138,14 @@ def follow_residuals(
 def compare_frames(
     history: Floats3, source: Longs1, noise: Floats2, recent: int, earlier: int, comparison: OutFloats2
 ) -> float:
-    """How much the means of the latest frames' residuals differ from those of as many before, in all.
+    """How much the means of the latest frames' residuals differ from those of frames before, in all.
 
     Args:
         history: residuals by source, oldest first, shape (h, s, 4); NaN where one did not touch.
         source: of each of k contacts, shape (k,).
         noise: variances of the differences of its distance and of its normal, shape (k, 2).
-        recent: of how many frames the means are.
-        earlier: with how many they are compared, which lie as long back.
+        recent: of how many frames the means are; between these and those before as many are left out.
+        earlier: with how many they are compared.
         comparison: written, the differences of each contact's four rows, and one over their variances; 0 of a contact
             that has not touched all along, shape (k, 6).
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.exploration.tolerance import Tolerance, distinct_poses, nearest_twins, resolved_share
+from tactopose_drake.core.exploration.tolerance import Tolerance, merged_modes, nearest_twins, resolved_share
 from tactopose_drake.core.poses import exp_so3, make_poses
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -30,7 +30,7 @@ def test_modes_that_are_one_pose_are_made_one(can: ObjectModel) -> None:
     # The second lies upside down and has another spin.
     X_PO[1, :, :3] = exp_so3(np.array([np.pi, 0.0, 0.0])) @ exp_so3(np.array([0.0, 0.0, 1.0]))
     belief = mixture(X_PO, [0.3, 0.25, 0.446, 0.004], 0.001)
-    joined = distinct_poses(can, belief)
+    joined = merged_modes(can, belief)
     np.testing.assert_allclose(joined.weights, np.array([0.55, 0.446]) / 0.996)
     np.testing.assert_allclose(joined.X_PO, X_PO[[0, 2]])
     # The spread of two modes 4 mm apart counts, beside their own.
