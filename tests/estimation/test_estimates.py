@@ -128,3 +128,11 @@ def test_a_hypothesis_is_carried_into_the_world_with_its_covariance() -> None:
     moved = [X_WP @ RigidTransform(retract(before, step * column)) for column in A.T]
     B = np.array([increments_between(after, X.GetAsMatrix34()) for X in moved]).T / step
     np.testing.assert_allclose(covariance, B @ B.T, rtol=1e-5, atol=1e-5)
+
+
+def test_who_changes_a_pose_that_was_told_changes_nothing_of_the_estimate() -> None:
+    told = tp.PoseHypothesis(RigidTransform([0.1, 0.2, 0.3]), 1.0, 1.0, np.eye(6), np.zeros((0, 6)))
+    told.X_PO.set_translation([9.0, 9.0, 9.0])
+    np.testing.assert_array_equal(told.X_PO.translation(), [0.1, 0.2, 0.3])
+    with pytest.raises(AttributeError):
+        told.X_PO = RigidTransform()  # type: ignore[misc]

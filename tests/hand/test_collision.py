@@ -1,3 +1,4 @@
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -263,3 +264,11 @@ def test_an_estimate_keeps_clear_of_the_hand_where_it_can(
     kept, told = keep_clear(estimate_of(*explains), collisions, 0.002)
     assert (len(kept.hypotheses), kept.status, told) == (left, status, is_clear)
     assert sum(h.probability for h in kept.hypotheses) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.005])
+def test_an_estimate_that_explains_nothing_stays_as_it_is(depth: float) -> None:
+    nothing = dataclasses.replace(estimate_of(False), status="no_solution")
+    kept, is_clear = keep_clear(nothing, Collisions(np.array([depth]), (None,)), 0.002)
+    assert kept is nothing
+    assert is_clear == (depth == 0.0)

@@ -299,6 +299,8 @@ def test_a_frame_from_before_is_refused(tracker: PoseTracker) -> None:
 def test_parameters_out_of_range_are_refused() -> None:
     with pytest.raises(InvalidInputError, match="slip_time"):
         PoseTracker(make_box(), PoseTrackerParams(slip_time=0.0))
+    with pytest.raises(InvalidInputError, match=r"SlipParams\.noise_gain: is 5"):
+        PoseTrackerParams(slip=SlipParams(noise_gain=5.0)).validate()
     with pytest.raises(InvalidInputError, match=r"SlipParams\.rough_share: is 1\.5"):
         PoseTracker(make_box(), PoseTrackerParams(slip=SlipParams(rough_share=1.5)))
     with pytest.raises(InvalidInputError, match="max_modes"):

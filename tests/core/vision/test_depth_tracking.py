@@ -148,3 +148,7 @@ def test_bad_parameters_are_named() -> None:
         DepthCameraModel(focal_length=0.0).validate()
     with pytest.raises(InvalidInputError, match=r"DepthCameraModel\.nearest: is 5"):
         DepthCameraModel(nearest=5.0).validate()
+    with pytest.raises(InvalidInputError, match=r"DepthCameraModel\.width: is 240\.5; allowed are integers"):
+        DepthCameraModel(width=240.5).validate()  # type: ignore[arg-type]
+    with pytest.raises(InvalidInputError, match=r"DepthTrackerModel\.knows_hand: is 'no'"):
+        DepthTrackerModel(knows_hand="no").validate()  # type: ignore[arg-type]

@@ -184,6 +184,21 @@ def test_the_rod_leans_on_the_table_and_the_hand_stays_off_it(planner: PlacePlan
     assert seen[1] > 30.0
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        ("speed_share", 5.0, "from 0 to 1"),
+        ("touch_speed", 0.0, "> 0"),
+        ("most_acceleration", 0.0, "> 0"),
+        ("most_lean_deg", 120.0, "from 0 to 90 deg"),
+        ("seed", -3, ">= 0"),
+    ],
+)
+def test_how_fast_the_arm_goes_has_limits(name: str, value: float, allowed: str) -> None:
+    with pytest.raises(InvalidInputError, match=rf"PlaceParams\.{name}: is {value:g}; allowed are \w+ {allowed}"):
+        PlaceParams(**{name: value}).validate()
+
+
 def pencil() -> tp.ObjectModel:
     return tp.ObjectModel.from_mesh(model_path("objects", "pencil.obj"), mass=0.0055)
 
