@@ -75,7 +75,9 @@ def estimate_pose(
         untouched: parts of the hand that feel no contact: the object is not in them, nor presses into them.
         balance: that the object is at rest under the contacts' forces and gravity alone.
         friction: coefficient of friction; each force lies in its cone about the object's normal.
-        method: the search. Those of `GLOBAL_METHODS` need no prior; the others start from it.
+        method: the search. Those of `GLOBAL_METHODS` need no prior; the others start from it. Probabilities are among
+            what it finds: "monte_carlo", "direct" and "simulated_annealing" miss the pose in a fifth to a half of
+            touches without a prior, and may then be "ok" all the same.
         seed: of the search's random numbers.
         max_hypotheses: how many hypotheses are kept at the most. What the others carry counts for the status, and is
             left out of the probabilities; `kept_share` says how much is left.
