@@ -68,7 +68,8 @@ class GripController(CollectableSystem):
 
     - hand_state: measured positions and velocities of the hand's joints, shape (nq + nv,), rad and rad/s.
     - desired_state: of the hand's actuators, positions, then velocities, shape (2 na,), rad and rad/s; for the plant's
-      port of that name. Changes once a period.
+      port of that name. Changes once a period. The initialisation sets the closing joints to where they are measured,
+      0 before; a context that is initialised again goes on as it was.
     - holding: shape (1,), 1 once every closing motor has stalled, 0 before.
     - status: str, "closing: " and the joints whose motors have not stalled, or "holding".
     """
@@ -93,13 +94,13 @@ class GripController(CollectableSystem):
                 raise UnknownNameError("GripControllerParams.fixed: joint", name, names)
         self._joints = joints.positions(names)
         self._names = names
-        self._closing = np.array([name not in self._params.fixed for name in names])
-        start = np.array([self._params.fixed.get(name, 0.0) for name in names])
+        start = np.array([self._params.fixed.get(name, np.nan) for name in names])
 
         nx = plant.num_multibody_states(hand.model_instance)
         self._state_port = self.DeclareVectorInputPort("hand_state", nx)
-        # Commands, then which motors have stalled; a motor that does not close counts as stalled.
-        state = self.DeclareDiscreteState(np.concatenate([start, ~self._closing]))
+        # Commands, NaN until the initialisation where nothing is commanded yet, then which motors have stalled; a motor
+        # that does not close counts as stalled.
+        state = self.DeclareDiscreteState(np.concatenate([start, ~np.isnan(start)]))
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(self._params.period, self._params.period, self._update)
         ticket = self.discrete_state_ticket(state)
@@ -118,9 +119,9 @@ class GripController(CollectableSystem):
 
     def _start(self, context: Context, state: DiscreteValues) -> EventStatus:
         commanded, stalled = np.split(context.get_discrete_state_vector().value(), 2)
-        state.get_mutable_vector().SetFromVector(
-            np.concatenate([np.where(self._closing, self._measured(context), commanded), stalled])
-        )
+        # Commands of a context that goes on stay: they lie beyond the joint by what the motor presses with.
+        begun = np.where(np.isnan(commanded), self._measured(context), commanded)
+        state.get_mutable_vector().SetFromVector(np.concatenate([begun, stalled]))
         return EventStatus.Succeeded()
 
     def _update(self, context: Context, state: DiscreteValues) -> EventStatus:
@@ -140,7 +141,7 @@ class GripController(CollectableSystem):
         commanded, stalled = np.split(context.get_discrete_state_vector().value(), 2)
         # Without the velocity, the damping would hold a moving finger back as if it had stalled.
         velocity = np.where(stalled > 0, 0.0, self._params.closing_speed)
-        output.SetFromVector(np.concatenate([commanded, velocity]))
+        output.SetFromVector(np.concatenate([np.nan_to_num(commanded), velocity]))
 
     def _calc_holding(self, context: Context, output: BasicVector) -> None:
         _, stalled = np.split(context.get_discrete_state_vector().value(), 2)

@@ -4,7 +4,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import Context, DiagramBuilder
 
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.hand_config import load_hand_config
@@ -35,10 +35,20 @@ class Closing:
         builder.Connect(self.plant.get_state_output_port(instance), self.controller.GetInputPort("hand_state"))
         desired = self.plant.get_desired_state_input_port(instance)
         builder.Connect(self.controller.GetOutputPort("desired_state"), desired)
-        diagram = builder.Build()
-        self.context = diagram.CreateDefaultContext()
-        self.plant_context = self.plant.GetMyMutableContextFromRoot(self.context)
-        self.simulator = Simulator(diagram, self.context)
+        self.diagram = builder.Build()
+        self.use(self.diagram.CreateDefaultContext())
+
+    def use(self, context: Context) -> None:
+        """Goes on from a context of the diagram."""
+        self.context = context
+        self.plant_context = self.plant.GetMyMutableContextFromRoot(context)
+        self.simulator = Simulator(self.diagram, context)
+
+    def torques(self) -> np.ndarray:
+        torques: np.ndarray = self.plant.get_net_actuation_output_port(self.hand.model_instance).Eval(
+            self.plant_context
+        )
+        return torques
 
     def angle(self, joint: str) -> float:
         return float(self.plant.GetJointByName(joint).get_angle(self.plant_context))
@@ -67,8 +77,7 @@ def test_a_blocked_finger_pushes_with_the_stall_torque_and_the_hand_holds_when_a
         hand.plant.get_joint_actuator(i).joint().name()
         for i in hand.plant.GetJointActuatorIndices(hand.hand.model_instance)
     ].index("finger_3_proximal_joint")
-    torque = hand.plant.get_net_actuation_output_port(hand.hand.model_instance).Eval(hand.plant_context)[index]
-    assert 0.75 < torque < 1.3
+    assert 0.75 < hand.torques()[index] < 1.3
     assert not hand.holding()
     hand.simulator.AdvanceTo(1.4)  # the others come to their own limits
     assert hand.holding()
@@ -81,6 +90,20 @@ def test_the_commands_start_where_the_hand_is() -> None:
     hand.simulator.Initialize()
     desired = hand.controller.GetOutputPort("desired_state").Eval(hand.controller.GetMyContextFromRoot(hand.context))
     np.testing.assert_allclose(desired, [0.5, 0, 0.9, 0, 0, 1.5, 1.5, 1.5])
+
+
+def test_a_context_that_is_initialised_again_goes_on_as_it_was() -> None:
+    hand = Closing(GripControllerParams(fixed=SPREAD, closing_speed=2.0, stall_torque=0.8))
+    for until, has_stalled in ((0.3, False), (1.6, True)):  # before, the closing joints lag behind their commands
+        hand.simulator.AdvanceTo(until)
+        assert hand.holding() == has_stalled
+        again = hand.context.Clone()
+        hand.simulator.AdvanceTo(until + 0.1)
+        torques = hand.torques()
+        hand.use(again)
+        hand.simulator.AdvanceTo(until + 0.1)
+        np.testing.assert_array_equal(hand.torques(), torques)
+    assert (torques > 0.7).sum() == 3, "three motors press"
 
 
 @pytest.mark.parametrize(
