@@ -60,7 +60,8 @@ class GraspController(CollectableSystem):
         - status
 
     - hand_state: measured positions and velocities of the hand's joints, shape (nq + nv,), rad and rad/s.
-    - wrench_<finger>: F_S, shape (6,), N m and N; NaN counts as no force.
+    - wrench_<finger>: F_S, shape (6,), N m and N; NaN counts as no force while the fingers close, and changes nothing
+      while they hold.
     - open: shape (1,); above 0 the fingers go back to where they began, and close again afterwards; may stay
       unconnected.
     - rest_positions: where the joints of the fingers that take no part, and all others, are to be, shape (nq,), rad;

@@ -138,6 +138,18 @@ def test_no_reading_counts_as_no_force(hand_plant):
     assert not bench.holding()
 
 
+def test_no_reading_leaves_the_squeeze_as_it_is_while_the_hand_holds(hand_plant):
+    bench = Bench(hand_plant)
+    bench.set_forces(SET_FORCE, SET_FORCE)
+    bench.run(0.2)
+    assert bench.holding()
+    torque = bench.torque("FFJ3")
+    bench.set_forces(np.nan, SET_FORCE)
+    bench.run(1.0)
+    assert bench.torque("FFJ3") == torque
+    assert bench.status() == "holding; not carrying: first"
+
+
 def test_torques_follow_joint_positions_and_velocities(hand_plant):
     bench = Bench(hand_plant)
     before = bench.torque("THJ4")

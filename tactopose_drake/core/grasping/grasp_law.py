@@ -53,7 +53,8 @@ def update_push(push: float, force: float, set_force: float, holding: bool, peri
 
     Args:
         push: now, N.
-        force: measured magnitude of the fingertip's force, N; NaN where there is no reading yet.
+        force: measured magnitude of the fingertip's force, N; NaN where there is no reading, which counts as no force
+            while the fingers close, and leaves the push as it is when holding.
         set_force: N.
         holding: whether all fingers have closed; the grasp is then left alone, but for fingers that go slack. Driving
             each force on to its set value would push the released object about, since the sum of the measured forces
@@ -61,9 +62,8 @@ def update_push(push: float, force: float, set_force: float, holding: bool, peri
         period: s.
         law: gains.
     """
-    force = 0.0 if np.isnan(force) else force
-    lack = (set_force - force) / set_force
-    if holding and lack < 1.0 - law.slack_share:
+    lack = (set_force - (0.0 if np.isnan(force) else force)) / set_force
+    if holding and (np.isnan(force) or lack < 1.0 - law.slack_share):
         return push
     # The last tenth is approached slowly, so that the measured force does not overshoot.
     rate = law.push_rate * float(np.clip(2.0 * lack, -1.0, 1.0))

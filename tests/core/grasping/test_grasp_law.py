@@ -52,8 +52,9 @@ def test_push_never_changes_faster_than_its_rate():
         assert abs(update_push(1.0, force, 3.0, False, PERIOD, LAW) - 1.0) <= LAW.push_rate * PERIOD + 1e-12
 
 
-def test_no_reading_counts_as_no_force():
+def test_no_reading_counts_as_no_force_until_the_hand_holds():
     assert update_push(1.0, np.nan, 3.0, False, PERIOD, LAW) == update_push(1.0, 0.0, 3.0, False, PERIOD, LAW)
+    assert update_push(1.0, np.nan, 3.0, True, PERIOD, LAW) == 1.0
 
 
 def test_holding_leaves_all_but_slack_fingers_alone():
