@@ -87,11 +87,12 @@ class TouchExplorer(CollectableSystem):
         - count
 
     All inputs are read once a period. What was felt is kept in the palm's frame: it holds as long as the object rests
-    in the hand.
+    in the hand. Once the hand lets go, it is forgotten, and so it is when the clock goes back: the finger that is under
+    way comes back, and it waits again.
 
-    - holding: shape (1,), above 0 once the hand holds the object.
-    - next_touch: `GuardedMove`, or None; `NextTouchChooser` gives it. One that was chosen before it was asked for is
-      not made.
+    - holding: shape (1,), above 0 while the hand holds the object.
+    - next_touch: `GuardedMove`, or None; `NextTouchChooser` gives it. One that was chosen before it was asked for, or
+      later than now, is not made.
     - contacts: `Contacts` in P, with forces.
     - fingers_in_contact: tuple of the names of the fingers that make them.
     - joint_positions: measured, of the hand, shape (nq,), rad; a finger of which one is NaN comes back.
@@ -103,7 +104,7 @@ class TouchExplorer(CollectableSystem):
     - deciding: shape (1,), 1 while it waits for a motion to make.
     - phase: str, "wait" until the hand holds, "settle", "decide", "reach", "press" and "return"; "done" after the most
       touches.
-    - count: how many motions have ended, shape (1,).
+    - count: how many motions have ended in this hold, shape (1,).
     """
 
     def __init__(self, hand: HandConfig, params: TouchExplorerParams | None = None) -> None:
@@ -151,13 +152,25 @@ class TouchExplorer(CollectableSystem):
             "press": self._press,
             "return": self._come_back,
         }
-        after = before if before.phase == "done" else step[before.phase](context, before)
+        is_held = self._holding.Eval(context)[0] > 0.0
+        if before.phase != "wait" and (not is_held or context.get_time() < before.since):
+            after = self._let_go(context, before)
+        else:
+            after = before if before.phase == "done" else step[before.phase](context, before)
         if after is not before:
             state.get_mutable_abstract_state(self._state).set_value(after)
         return EventStatus.Succeeded()
 
+    def _let_go(self, context: Context, before: Exploration) -> Exploration:
+        """Forgets the object; a finger that is under way comes back first."""
+        nothing = Exploration()
+        if before.move is None:
+            return nothing
+        coming_back = dataclasses.replace(before, phase="return", felt=nothing.felt, swept=nothing.swept)
+        return self._come_back(context, coming_back)
+
     def _wait(self, context: Context, before: Exploration) -> Exploration:
-        if self._holding.Eval(context)[0] <= 0.0:
+        if not self._holding.Eval(context)[0] > 0.0:
             return before
         return dataclasses.replace(before, phase="settle", since=context.get_time())
 
@@ -168,7 +181,7 @@ class TouchExplorer(CollectableSystem):
 
     def _decide(self, context: Context, before: Exploration) -> Exploration:
         move = eval_optional_input(self._next_touch, context, GuardedMove)
-        if move is None or move.time < before.since:
+        if move is None or not before.since <= move.time <= context.get_time():
             return before
         return dataclasses.replace(before, phase="reach", since=context.get_time(), move=move, share=0.0, way=())
 

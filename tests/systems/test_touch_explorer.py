@@ -47,11 +47,12 @@ class Bench:
         self.set("contacts", HELD.joined(felt) if is_felt else HELD)
         self.set("fingers_in_contact", (*NAMES, "ring") if is_felt else NAMES)
 
-    def offer(self, goal: float | None, time: float = 100.0) -> None:
+    def offer(self, goal: float | None, time: float | None = None) -> None:
         if goal is None:
             self.set("next_touch", None)
             return
         start = self.q_rest[self.places]
+        time = self.context.get_time() if time is None else time
         self.set("next_touch", GuardedMove("ring", self.joints, start, start + goal, 1.0, 2.0, time))
 
     def run(self, duration: float) -> None:
@@ -190,8 +191,61 @@ def test_a_finger_whose_joints_are_not_known_comes_back(bench: Bench) -> None:
     assert bench.count() == 1.0
 
 
+@pytest.mark.parametrize("is_moving", [False, True])
+def test_what_was_felt_of_an_object_is_forgotten_with_it(bench: Bench, is_moving: bool) -> None:
+    begin(bench)
+    bench.run(0.1)
+    bench.touch(True)
+    bench.run_until("return")
+    bench.touch(False)
+    if not is_moving:
+        bench.run_until("settle")
+    assert len(bench.touches()) == 3
+    before = bench.commanded()
+    bench.set("holding", [0.0])
+    bench.run(PARAMS.period)
+    assert len(bench.touches()) == 2
+    np.testing.assert_allclose(bench.commanded(), before, atol=0.03)
+    bench.run_until("wait")
+    np.testing.assert_allclose(bench.commanded(), bench.q_rest)
+    assert bench.count() == 0.0
+    bench.offer(None)
+    bench.set("holding", [1.0])
+    bench.run_until("decide")
+    assert len(bench.touches()) == 2
+    assert bench.explorer.GetOutputPort("deciding").Eval(bench.context)[0] == 1.0
+
+
+def test_an_empty_hand_asks_for_no_motion(bench: Bench) -> None:
+    bench.set("holding", [1.0])
+    bench.run_until("decide")
+    bench.set("holding", [0.0])
+    bench.run(PARAMS.period)
+    assert bench.phase() == "wait"
+    assert bench.explorer.GetOutputPort("deciding").Eval(bench.context)[0] == 0.0
+
+
+def test_a_clock_that_goes_back_begins_anew(bench: Bench) -> None:
+    bench.context.SetTime(50.0)
+    begin(bench)
+    bench.run_until("settle")
+    assert bench.untouched() is not None
+    bench.context.SetTime(0.0)
+    bench.simulator.Initialize()
+    bench.run(PARAMS.period)
+    assert bench.untouched() is None
+    bench.run_until("decide")
+    bench.run(0.1)
+    assert bench.phase() == "decide", "the motion that is offered is of then"
+    bench.offer(0.4)
+    bench.run_until("reach")
+
+
 def test_it_rests_after_the_most_touches(bench: Bench) -> None:
     begin(bench)
+    bench.run_until("settle")
+    bench.run_until("decide")
+    bench.offer(0.4)
     bench.run_until("done", 5.0)
     assert bench.count() == PARAMS.most_touches
     bench.run(0.3)
