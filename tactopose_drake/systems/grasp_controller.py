@@ -46,6 +46,8 @@ class GraspControllerParams:
 class GraspController(CollectableSystem):
     """Brings the hand from an open posture to a grasp by joint torques, from its own senses alone.
 
+    When the clock goes back, the times of `GraspControllerParams` begin anew; a hand that holds goes on holding.
+
     .. pydrake_system::
 
         name: GraspController
@@ -152,7 +154,8 @@ class GraspController(CollectableSystem):
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         time, value = context.get_time(), context.get_discrete_state_vector().value()
         pushes, since, holding, began = value[:-3].copy(), value[-3], bool(value[-2]), value[-1]
-        began = time if np.isnan(began) else began
+        # A time that is yet to come is of before the clock went back, and counts as NaN.
+        began = began if began <= time else time
         if self._open.HasValue(context) and self._open.Eval(context)[0] > 0.0:
             pushes = np.maximum(pushes - self._params.period * self._law.push_rate, -self._law.approach_push)
             discrete_state.set_value(np.append(pushes, [np.nan, 0.0, time]))
@@ -161,7 +164,7 @@ class GraspController(CollectableSystem):
         for i, (motion, force) in enumerate(zip(self._motions.values(), forces, strict=True)):
             pushes[i] = update_push(pushes[i], force, motion.set_force, holding, self._params.period, self._law)
         carried = all(self._carries(f, motion) for f, motion in zip(forces, self._motions.values(), strict=True))
-        since = (time if np.isnan(since) else since) if carried else np.nan
+        since = (since if since <= time else time) if carried else np.nan
         holding = holding or time - since >= self._params.settle_time or time - began >= self._params.closing_time
         discrete_state.set_value(np.append(pushes, [since, holding, began]))
         return EventStatus.Succeeded()

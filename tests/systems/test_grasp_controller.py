@@ -88,6 +88,25 @@ def test_the_time_to_close_counts_from_when_it_begins(hand_plant):
     assert bench.holding()
 
 
+@pytest.mark.parametrize("force", [0.0, SET_FORCE])
+def test_a_clock_that_goes_back_begins_the_times_anew(hand_plant, force):
+    bench = Bench(hand_plant)
+    bench.context.SetTime(50.0)
+    bench.set_forces(force, force)
+    bench.run(0.5 * PARAMS.settle_time)
+    bench.context.SetTime(0.0)
+    bench.simulator.Initialize()
+    longest = PARAMS.settle_time if force else PARAMS.closing_time
+    bench.run(longest - 2 * PARAMS.period)
+    assert not bench.holding()
+    bench.run(4 * PARAMS.period)
+    assert bench.holding()
+    bench.context.SetTime(-1.0)
+    bench.simulator.Initialize()
+    bench.run(PARAMS.period)
+    assert bench.holding()
+
+
 def test_holds_once_all_fingers_carry_their_force(hand_plant):
     bench = Bench(hand_plant)
     bench.set_forces(SET_FORCE, 0.0)
