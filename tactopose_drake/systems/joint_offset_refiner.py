@@ -116,6 +116,14 @@ class JointOffsetRefiner(CollectableSystem):
     def _calc_positions(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._positions.Eval(context) - self._gains @ self._state(context).applied)
 
+    def advance(self, context: Context) -> None:
+        """Looks at the belief at once: for a loop without a simulator.
+
+        Args:
+            context: this system's; its state becomes the next.
+        """
+        self._update(context, context.get_mutable_state())
+
     def _update(self, context: Context, state: State) -> EventStatus:
         belief = eval_input(self._belief, context, PoseBelief)
         before = self._state(context)

@@ -50,8 +50,8 @@ class ObjectTracker:
         Args:
             hand: the hand's names, fingertips and model.
             model: the object.
-            params: parameters of each part; there is a belief whenever `update` is called, so that the period, the
-                latency and `live` count for nothing.
+            params: parameters of each part; there is a belief whenever `update` is called, and `refinement` looks at
+                it, so that their periods, the latency and `live` count for nothing.
         """
         params = params_of(PoseTrackingParams, params)
         belief = dataclasses.replace(params.belief, latency=0.0)
@@ -59,7 +59,8 @@ class ObjectTracker:
         self.context = self.diagram.CreateDefaultContext()
         self._joints = NamedJoints(*make_hand_plant(hand))
         self.joint_names = self._joints.names
-        self._estimator = self.diagram.GetSubsystemByName("pose_belief")
+        parts = ["pose_belief"] if params.refinement is None else ["pose_belief", "offset_refiner"]
+        self._advancing = [self.diagram.GetSubsystemByName(name) for name in parts]
         ports = [self.diagram.get_input_port(index) for index in range(self.diagram.num_input_ports())]
         self._sizes = {
             kind: {port.get_name()[len(kind) + 1 :]: port.size() for port in ports if port.get_name().startswith(kind)}
@@ -121,7 +122,8 @@ class ObjectTracker:
             self.diagram.GetInputPort(name).FixValue(self.context, value)
         for name, given in objects.items():
             self.diagram.GetInputPort(name).FixValue(self.context, AbstractValue.Make(given))
-        self._estimator.advance(self._estimator.GetMyMutableContextFromRoot(self.context))
+        for system in self._advancing:
+            system.advance(system.GetMyMutableContextFromRoot(self.context))
         belief: PoseBelief = self.diagram.GetOutputPort("belief").Eval(self.context)
         return belief
 

@@ -18,6 +18,7 @@ from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_config import HandUncertainty
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.resources import model_path
+from tactopose_drake.systems.object_tracker import ObjectTracker
 from tactopose_drake.systems.pose_estimation import MakePoseEstimation, PoseEstimationParams
 from tactopose_drake.systems.pose_tracking import MakePoseTracking, PoseTrackingParams
 from tests.hand.calibrated_shadow import WrongHand
@@ -133,6 +134,28 @@ def test_contacts_do_not_jump_while_something_is_held(bottle: ObjectModel) -> No
     found = run.said("joint_offsets")
     run.hold(second, frames=2)
     felt = run.diagram.GetOutputPort("contacts").Eval(run.context)
+    np.testing.assert_allclose(felt.p_PC, contacts_of(run, second, found).p_PC, atol=5e-4)
+    assert np.abs(felt.p_PC - contacts_of(run, second, 0.0 * found).p_PC).max() > 5e-4
+
+
+def test_a_loop_without_a_simulator_refines_too(bottle: ObjectModel) -> None:
+    run = Run(4, bottle)
+    tracker = ObjectTracker(run.hand.config, bottle, PARAMS)
+    first, second = run.hand.close(bottle, 2, GRASPS)
+    time = 0.0
+    for grasp, frames in ((first, 18), (second, 2)):
+        q = run.readings(grasp)
+        nothing = dict.fromkeys(run.hand.hand.sensor_frames, np.zeros(6))
+        time += 1.2
+        found = tracker.diagram.GetOutputPort("joint_offsets").Eval(tracker.context)
+        tracker.update(nothing, q, time, vision=run.guess(grasp))
+        for _ in range(frames):
+            time += STEP
+            noise = 1e-4 * run.generator.normal(size=6)
+            wrenches = {finger: wrench + noise for finger, wrench in grasp.recorded.wrenches.items()}
+            tracker.update(nothing | wrenches, q, time)
+    assert np.any(found != 0.0), "by the first grasp"
+    felt = tracker.diagram.GetOutputPort("contacts").Eval(tracker.context)
     np.testing.assert_allclose(felt.p_PC, contacts_of(run, second, found).p_PC, atol=5e-4)
     assert np.abs(felt.p_PC - contacts_of(run, second, 0.0 * found).p_PC).max() > 5e-4
 
