@@ -27,7 +27,8 @@ class FingertipWeight(CollectableSystem):
         output_ports:
         - wrench_<finger>
 
-    - joint_positions: of the hand, shape (nq,), rad. Those at the initialisation count as those of the tare.
+    - joint_positions: of the hand, shape (nq,), rad. Those at the first initialisation of a context count as those of the
+      tare; of a finger with one that is not known then, those at the next.
     - palm_pose: `RigidTransform` X_WP at each instant, of a hand that an arm moves, z of W pointing up; its orientation
       alone counts. Optional: without it, the hand's base stays as `weights` has it.
     - wrench_<finger> (input): F_S of a sensor that was tared with nothing but the fingertip on it, N m and N.
@@ -81,7 +82,8 @@ class FingertipWeight(CollectableSystem):
         return self._weights.wrenches(self._positions.Eval(context), R_WP)
 
     def _remember(self, context: Context, state: State) -> EventStatus:
-        now = self._now(context)
+        before, now = context.get_discrete_state(self._at_tare).value(), self._now(context)
         at_tare = np.concatenate([now[finger] for finger in self._fingers])
-        state.get_mutable_discrete_state(self._at_tare).SetFromVector(at_tare)
+        # A context that goes on is of sensors that were tared before.
+        state.get_mutable_discrete_state(self._at_tare).SetFromVector(np.where(np.isnan(before), at_tare, before))
         return EventStatus.Succeeded()

@@ -81,6 +81,28 @@ def test_a_touch_comes_out_whole_on_an_arm_that_turns_the_palm(hand) -> None:
     assert np.linalg.norm(weights.wrenches(q, palms[1])["first"][3:] - at_tare["first"][3:]) > 0.1
 
 
+def test_a_context_that_is_initialised_again_keeps_the_tare(hand) -> None:
+    plant, parts = hand
+    system = FingertipWeight(FingertipWeights(plant, parts, R_WBASE), ("thumb", "first"), plant.num_positions())
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    for finger in ("thumb", "first"):
+        system.GetInputPort(f"wrench_{finger}").FixValue(context, TOUCH)
+    # The thumb's joints are not known at first: it has no tare until they are.
+    q = np.zeros(plant.num_positions())
+    q[plant.GetJointByName("THJ4").position_start()] = np.nan
+    system.GetInputPort("joint_positions").FixValue(context, q)
+    simulator.Initialize()
+    system.GetInputPort("joint_positions").FixValue(context, held_cube.Q)
+    before = system.GetOutputPort("wrench_first").Eval(context)
+    assert np.abs(before - TOUCH).max() > 1e-4
+    assert np.isnan(system.GetOutputPort("wrench_thumb").Eval(context)).all()
+    again = context.Clone()
+    Simulator(system, again).Initialize()
+    np.testing.assert_array_equal(system.GetOutputPort("wrench_first").Eval(again), before)
+    np.testing.assert_allclose(system.GetOutputPort("wrench_thumb").Eval(again), TOUCH)
+
+
 def test_the_weight_by_the_palm_is_that_by_the_base(hand) -> None:
     plant, parts = hand
     context = plant.CreateDefaultContext()
