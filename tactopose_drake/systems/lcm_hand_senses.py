@@ -1,5 +1,6 @@
 """What a hand senses, from messages over LCM, where a diagram has simulated senses."""
 
+import copy
 import dataclasses
 from collections.abc import Mapping
 from typing import Any
@@ -101,6 +102,8 @@ class LcmHandSenses(CollectableSystem):
         message = eval_input(self._message, context, HandSensesMessage)
         before, now = context.get_abstract_state(self._received).get_value(), context.get_time()
         is_new = (message.utime, message.sequence) != (before.message.utime, before.message.sequence)
+        # A copy: a sender may fill one message again and again, which would be compared with itself.
+        message = copy.deepcopy(message) if is_new else before.message
         came = now if is_new and message.sequence >= 0 else before.time
         age = now - came
         status = self._fit(message)

@@ -8,7 +8,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem, LcmSubscriberSystem
 
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectBeliefMessage
@@ -86,6 +86,33 @@ def test_a_message_of_before_the_clock_went_back_is_not_fresh() -> None:
     assert np.all(np.isnan(wired.value("wrench_thumb")))
     wired.run(0.02, HandSensesMessage(utime=6, sequence=2, wrenches=dict(held_cube.WRENCHES)))
     assert wired.value("status") == "ok"
+
+
+class _OneMessage(LeafSystem):
+    """A driver that fills the same message again and again."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.message = HandSensesMessage(sequence=0)
+        self.DeclareAbstractOutputPort("message", lambda: AbstractValue.Make(HandSensesMessage()), self._calc)
+
+    def _calc(self, context: Context, output: AbstractValue) -> None:
+        time = context.get_time()
+        self.message.utime, self.message.sequence = round(1e6 * time), round(1e3 * time)
+        self.message.wrenches = {"thumb": np.full(6, time)}
+        output.set_value(self.message)
+
+
+def test_a_sender_that_uses_one_message_again_is_alive() -> None:
+    builder = DiagramBuilder()
+    driver = builder.AddSystem(_OneMessage())
+    senses = builder.AddSystem(LcmHandSenses(load_hand_config("shadow_like"), max_age=0.1))
+    builder.Connect(driver.get_output_port(), senses.get_input_port())
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(0.5)
+    context = senses.GetMyContextFromRoot(simulator.get_context())
+    assert senses.GetOutputPort("status").Eval(context) == "ok"
+    np.testing.assert_allclose(senses.GetOutputPort("wrench_thumb").Eval(context), 0.5, atol=0.003)
 
 
 def test_pads_too_and_what_does_not_fit_is_said() -> None:
