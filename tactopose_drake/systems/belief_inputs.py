@@ -144,8 +144,9 @@ class BeliefInputs:
                 "and None."
             )
         now = context.get_time()
-        if before.prior is None or not np.array_equal(before.prior.X_PO, seen.mean):
-            before = dataclasses.replace(before, prior=PoseMeasurement.from_prior(seen, now))
+        measured = PoseMeasurement.from_prior(seen, now)
+        if before.prior is None or measured.is_news_after(before.prior):
+            before = dataclasses.replace(before, prior=measured)
         # One that stays as it is is no new measurement, nor a late one.
         return (before.prior if before.prior is not None and now < before.prior.time + _FROZEN else None), before
 

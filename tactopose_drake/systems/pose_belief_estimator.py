@@ -94,8 +94,8 @@ class PoseBeliefEstimator(CollectableSystem):
     - contact_status, patch_status: str, "ok", or which fingers and pads do not feel the object and why; remarks of the
       status.
     - prior: `PosePrior`, or None while there is none. It counts once, and as well as it says until the object is felt.
-    - vision: `PoseMeasurement`, with the time of its picture, or `PosePrior`, which counts as of when it changes, and
-      the first as a prior; None while there is none.
+    - vision: `PoseMeasurement`, with the time of its picture, or `PosePrior`, which counts as of when its pose changes
+      or is surer than before, and the first as a prior; None while there is none.
     - hand: `HandGeometry` in P, where the object is not, or None.
     - untouched: `HandGeometry` in P, the parts of the hand that feel no contact, or None.
     - planes: tuple of `PlaneContact` in P, what of the world the object rests against; they count while it is felt.

@@ -181,6 +181,18 @@ def test_a_prior_without_a_time_counts_once_and_again_when_it_changes(box: Objec
     assert bench.read("status") == "no_contact"
 
 
+def test_a_prior_counts_again_when_it_is_surer_and_not_when_it_is_less_so(box: ObjectModel) -> None:
+    bench = Bench(PoseBeliefEstimator(box))
+    bench.fix(contacts=Contacts.empty(), fingers_in_contact=(), vision=SEEN)
+    bench.simulator.AdvanceTo(1.0)
+    for translation, rotation in ((0.002, 0.01), (0.02, 0.1)):
+        bench.fix(vision=PosePrior(SEEN.X_PO, translation, rotation))
+        bench.simulator.AdvanceTo(bench.context.get_time() + 0.1)
+        assert bench.read("status") == "no_contact"
+        sigma = np.sqrt(np.diag(bench.read("belief").covariance[0]))
+        np.testing.assert_allclose(sigma, np.repeat([0.01, 0.002], 3), rtol=0.02)
+
+
 def test_a_missing_or_wrong_input_is_named(box: ObjectModel) -> None:
     system = PoseBeliefEstimator(box)
     system.set_name("belief")

@@ -80,6 +80,14 @@ class PoseMeasurement:
         """
         return copied(self, time=time, X_PO=X_PO, covariance=covariance)
 
+    def is_news_after(self, last: PoseMeasurement) -> bool:
+        """Whether it says more than the last one did: another pose, or the same more surely.
+
+        One that is less sure of the same pose may be of a filter that sees nothing any more.
+        """
+        is_same = np.array_equal(self.X_PO, last.X_PO)
+        return not is_same or bool(np.any(np.diag(self.covariance) < np.diag(last.covariance)))
+
     def as_prior(self) -> GaussianPrior:
         """A prior that is at least as wide in every direction of rotation and of translation."""
         parts = np.stack([self.covariance[part, part] for part in (_W, _V)])

@@ -39,13 +39,13 @@ class VisionRecord:
 
     Attributes:
         times: of the poses that were used or turned down lately, s.
-        X_PO: the last of them, shape (3, 4); None before the first.
+        last: of them; None before the first.
         accepted_time: when the best mode last took one for an inlier, s.
         remark: what is wrong with it; empty where nothing is.
     """
 
     times: tuple[float, ...] = ()
-    X_PO: FloatArray | None = None
+    last: PoseMeasurement | None = None
     accepted_time: float = -np.inf
     remark: str = ""
 

@@ -62,10 +62,10 @@ def read_vision(
     if measurement.time in record.times:
         return None, record
     times = (*record.times[-params.remembered :], measurement.time)
-    if record.X_PO is not None and np.array_equal(record.X_PO, measurement.X_PO):
+    if record.last is not None and not measurement.is_news_after(record.last):
         return None, dataclasses.replace(record, times=times, remark="vision is frozen")
     now = history.predict(measurement)
-    record = dataclasses.replace(record, times=times, X_PO=measurement.X_PO, remark="")
+    record = dataclasses.replace(record, times=times, last=measurement, remark="")
     if now is None:
         return None, record
     since = min((abs(measurement.time - earlier) for earlier in times[:-1]), default=params.correlation_time)

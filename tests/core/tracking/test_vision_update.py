@@ -91,3 +91,13 @@ def test_a_picture_counts_as_the_share_of_the_correlation_time_since_the_last() 
         assert np.abs(increments_between(sighting.pose.X_PO, X)).max() < 1e-9
         shares.append(sighting.share)
     np.testing.assert_allclose(shares, [1.0, 0.1, 0.2, 1.0])
+
+
+@pytest.mark.parametrize(("scale", "is_news"), [(1.0, False), (4.0, False), (0.25, True)])
+def test_the_same_pose_is_news_where_it_is_surer(scale: float, is_news: bool) -> None:
+    params = VisionParams()
+    _, record = read_vision(VisionRecord(), PoseMeasurement(0.0, X_PO, SEEN), MotionHistory((0.0,)), 0.0, params)
+    again = PoseMeasurement(1.0, X_PO, scale * SEEN)
+    sighting, record = read_vision(record, again, MotionHistory((1.0,)), 1.0, params)
+    assert (sighting is not None) == is_news
+    assert record.remark == ("" if is_news else "vision is frozen")
