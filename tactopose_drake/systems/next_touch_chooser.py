@@ -120,7 +120,8 @@ class NextTouchChooser(CollectableSystem):
     - joint_positions: of the hand, in the order of a plant of the hand alone, shape (nq,), rad.
     - deciding: shape (1,), above 0 while a motion is asked for; may stay unconnected, and one always is.
     - next_touch: `GuardedMove`; None where none is needed or allowed, or the joints are not known.
-    - resolved: the probability that the object is within the tolerance of one pose, shape (1,); 0 before the first.
+    - resolved: the probability that the object is within the tolerance of one pose, shape (1,); 0 while there is no
+      estimate, or none that explains the touch.
     - status: str, "chosen", "resolved" where enough of the belief is about one pose, or "held: " and why there is no
       choice.
     """
@@ -161,17 +162,17 @@ class NextTouchChooser(CollectableSystem):
     def _update(self, context: Context, state: State) -> EventStatus:
         if self._deciding.HasValue(context) and self._deciding.Eval(context)[0] <= 0.0:
             return EventStatus.Succeeded()
-        touch, status = None, "held: no estimate yet"
+        touch, share, status = None, 0.0, "held: no estimate yet"
         estimate = eval_optional_input(self._hypotheses, context, PoseEstimate)
-        if estimate is not None:
+        if estimate is not None and estimate.status == "no_solution":
+            status = "held: no pose explains the touch"
+        elif estimate is not None:
             share = resolved_share(self._model, estimate.modes, self._criterion.tolerance)
-            state.get_mutable_discrete_state(self._share).set_value([share])
-            if estimate.status == "no_solution":
-                status = "held: no pose explains the touch"
-            elif share >= self._params.enough:
+            if share >= self._params.enough:
                 status = "resolved"
             else:
                 touch, status = self._choose(context, estimate.modes)
+        state.get_mutable_discrete_state(self._share).set_value([share])
         state.get_mutable_abstract_state(self._touch).set_value(touch)
         state.get_mutable_abstract_state(self._status).set_value(status)
         return EventStatus.Succeeded()

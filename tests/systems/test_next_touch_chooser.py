@@ -108,8 +108,9 @@ def test_no_touch_is_needed_where_enough_of_the_belief_is_about_one_pose(bust: O
 
 
 def test_what_is_wanting_is_said(bust: ObjectModel) -> None:
-    assert choose(bust, None)[2] == "held: no estimate yet"
-    assert choose(bust, estimate(0.6, 0.4, status="no_solution"))[2] == "held: no pose explains the touch"
+    assert choose(bust, None) == (None, 0.0, "held: no estimate yet")
+    unexplained = estimate(0.6, 0.4, status="no_solution")
+    assert choose(bust, unexplained) == (None, 0.0, "held: no pose explains the touch")
     for lost in (np.full(24, np.nan), np.append(np.zeros(23), 30.0)):
         assert choose(bust, estimate(0.6, 0.4), joint_positions=lost)[2] == "held: a joint position is not known"
     five = ("thumb", "first", "middle", "ring", "little")
@@ -117,6 +118,19 @@ def test_what_is_wanting_is_said(bust: ObjectModel) -> None:
     assert all_hold[2] == "held: no motion is allowed"
     # While none is asked for, there is none.
     assert choose(bust, estimate(0.6, 0.4), deciding=np.zeros(1))[:2] == (None, 0.0)
+
+
+@pytest.mark.parametrize("later", [None, estimate(0.6, 0.4, status="no_solution")])
+def test_what_was_resolved_is_no_longer_without_an_estimate(bust: ObjectModel, later: PoseEstimate | None) -> None:
+    config = load_hand_config("shadow_like")
+    system = NextTouchChooser(config, bust, NextTouchParams(moves=60))
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    for hypotheses, until, is_resolved in ((estimate(0.98, 0.02, status="ok"), 0.05, True), (later, 0.15, False)):
+        system.GetInputPort("hypotheses").FixValue(context, AbstractValue.Make(hypotheses))
+        simulator.AdvanceTo(until)
+        assert (system.GetOutputPort("resolved").Eval(context)[0] > 0.0) == is_resolved
+        assert (system.GetOutputPort("status").Eval(context) == "resolved") == is_resolved
 
 
 def test_bad_parameters_are_refused() -> None:
