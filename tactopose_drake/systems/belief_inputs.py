@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, InputPort, LeafSystem
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
@@ -125,14 +125,23 @@ class BeliefInputs:
             raise PortTypeError(f"{self._name(self._contacts)}: is not connected; it needs a Contacts.")
         contacts = eval_optional_input(self._contacts, context, Contacts) or Contacts.empty()
         patches: tuple[Patch, ...] = eval_optional_input(self._patches, context, tuple) or ()
-        fingers = eval_optional_input(self._fingers, context, tuple) or ()
-        if len(fingers) != len(contacts):
-            fingers = tuple(f"contact {i}" for i in range(len(contacts)))
-        pads = eval_optional_input(self._pads, context, tuple) or ()
-        if len(pads) != len(patches):
-            pads = tuple(map(str, range(len(patches))))
+        fingers = self._read_names(self._fingers, context, [f"contact {i}" for i in range(len(contacts))])
+        pads = self._read_names(self._pads, context, [str(i) for i in range(len(patches))])
         felt = tuple(pad_source(pad) for pad, patch in zip(pads, patches, strict=True) if patch.is_felt)
         return contacts, patches, (*fingers, *felt)
+
+    def _read_names(self, port: InputPort, context: Context, rows: list[str]) -> tuple[str, ...]:
+        """The names that a port gives what touches, or where it is not connected the rows' own."""
+        names = eval_optional_input(port, context, tuple)
+        if names is None:
+            return tuple(rows)
+        if not all(isinstance(name, str) for name in names) or len(names) != len(rows) or len({*names}) != len(rows):
+            touches = "contacts" if port is self._fingers else "patches"
+            raise PortTypeError(
+                f"{self._name(port)}: holds {names!r}; allowed are as many different names as there are {touches}, "
+                f"{len(rows)}."
+            )
+        return names
 
     def _read_vision(self, context: Context, before: Remembered) -> tuple[PoseMeasurement | None, Remembered]:
         seen = eval_optional_input(self._vision, context, object)

@@ -208,6 +208,22 @@ def test_a_missing_or_wrong_input_is_named(box: ObjectModel) -> None:
         PoseBeliefEstimator(box, PoseBeliefParams(period=0.0))
 
 
+@pytest.mark.parametrize("fingers", [(), FINGERS[:5], ("a", "a", "b", "c", "d", "e"), (1, 2, 3, 4, 5, 6)])
+def test_names_that_do_not_fit_the_contacts_are_refused(box: ObjectModel, fingers: tuple[object, ...]) -> None:
+    bench = Bench(PoseBeliefEstimator(box))
+    bench.fix(fingers_in_contact=fingers)
+    named = re.escape(f"input port 'fingers_in_contact' of system 'belief': holds {fingers!r}; allowed are as many")
+    with pytest.raises(PortTypeError, match=named):
+        bench.feel()
+
+
+def test_names_that_do_not_fit_the_patches_are_refused(box: ObjectModel) -> None:
+    bench = Bench(PoseBeliefEstimator(box))
+    bench.fix(pads=("palm",))
+    with pytest.raises(PortTypeError, match=r"'pads' of system 'belief': holds .*as there are patches, 0\."):
+        bench.feel()
+
+
 def test_arithmetic_that_fails_begins_anew_and_says_so(box: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(PoseBeliefEstimator(box))
     bench.feel(3)
