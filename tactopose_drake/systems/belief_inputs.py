@@ -13,6 +13,7 @@ from pydrake.systems.framework import Context, InputPort, LeafSystem
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import FASTEST, Frame, PoseMeasurement
@@ -21,7 +22,7 @@ from tactopose_drake.errors import PortTypeError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.shape_errors import with_shape_errors
 from tactopose_drake.systems.collision_input import CollisionInput
-from tactopose_drake.systems.ports import eval_optional_input
+from tactopose_drake.systems.ports import eval_items, eval_optional_input, port_name
 
 # Noise moves a reading that is alive within less than this, s.
 _FROZEN = 0.5
@@ -63,7 +64,7 @@ class BeliefInputs:
 
     def __init__(self, system: LeafSystem, model: ObjectModel, clearance: CollisionInput | None) -> None:
         """Declares the ports; keeps references to the object's model, whose surface may be off, and to `clearance`."""
-        self._system, self._model, self._clearance = system, model, clearance
+        self._model, self._clearance = model, clearance
 
         def declare(name: str, model: Any) -> Any:
             return system.DeclareAbstractInputPort(name, AbstractValue.Make(model))
@@ -98,7 +99,7 @@ class BeliefInputs:
             hand=eval_optional_input(self._hand, context, HandGeometry),
             untouched=untouched,
             patches=patches,
-            planes=eval_optional_input(self._planes, context, tuple) or (),
+            planes=eval_items(self._planes, context, PlaneContact),
         )
         remarks, points = [], evidence.touch.p_PC
         if np.array_equal(points, before.points):
@@ -122,9 +123,9 @@ class BeliefInputs:
     def _read_touch(self, context: Context) -> tuple[Contacts, tuple[Patch, ...], tuple[str, ...]]:
         """Contacts, patches, and the names of what touches."""
         if not (self._contacts.HasValue(context) or self._patches.HasValue(context)):
-            raise PortTypeError(f"{self._name(self._contacts)}: is not connected; it needs a Contacts.")
+            raise PortTypeError(f"{port_name(self._contacts)}: is not connected; it needs a Contacts.")
         contacts = eval_optional_input(self._contacts, context, Contacts) or Contacts.empty()
-        patches: tuple[Patch, ...] = eval_optional_input(self._patches, context, tuple) or ()
+        patches = eval_items(self._patches, context, Patch)
         fingers = self._read_names(self._fingers, context, [f"contact {i}" for i in range(len(contacts))])
         pads = self._read_names(self._pads, context, [str(i) for i in range(len(patches))])
         felt = tuple(pad_source(pad) for pad, patch in zip(pads, patches, strict=True) if patch.is_felt)
@@ -138,7 +139,7 @@ class BeliefInputs:
         if not all(isinstance(name, str) for name in names) or len(names) != len(rows) or len({*names}) != len(rows):
             touches = "contacts" if port is self._fingers else "patches"
             raise PortTypeError(
-                f"{self._name(port)}: holds {names!r}; allowed are as many different names as there are {touches}, "
+                f"{port_name(port)}: holds {names!r}; allowed are as many different names as there are {touches}, "
                 f"{len(rows)}."
             )
         return names
@@ -149,7 +150,7 @@ class BeliefInputs:
             return seen, before
         if not isinstance(seen, PosePrior):
             raise PortTypeError(
-                f"{self._name(self._vision)}: holds a {type(seen).__name__}; allowed are PoseMeasurement, PosePrior "
+                f"{port_name(self._vision)}: holds a {type(seen).__name__}; allowed are PoseMeasurement, PosePrior "
                 "and None."
             )
         now = context.get_time()
@@ -186,6 +187,3 @@ class BeliefInputs:
             remarks.append("the palm's pose is not finite")
             return None
         return X_WP
-
-    def _name(self, port: Any) -> str:
-        return f"input port {port.get_name()!r} of system {self._system.get_name()!r}"

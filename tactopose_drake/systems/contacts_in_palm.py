@@ -17,7 +17,7 @@ from tactopose_drake.core.validation import FloatArray, params_of, positive_numb
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
-from tactopose_drake.systems.ports import eval_input
+from tactopose_drake.systems.ports import eval_named
 
 # Variances of a contact of a hand that errs in nothing: of where its point is, m^2, and of its normal, rad^2.
 _LEAST = np.diag(np.repeat([1e-5**2, 1e-3**2], 3))
@@ -115,7 +115,7 @@ class ContactsInPalm(CollectableSystem):
         self.DeclareAbstractOutputPort(name, model.Clone, calc, prerequisites_of_calc={self._touch.ticket()})
 
     def _calc_touch(self, context: Context, cached: AbstractValue) -> None:
-        solutions = eval_input(self._solutions, context, dict)
+        solutions = eval_named(self._solutions, context, ContactSolution)
         kinematics = self._kinematics.Eval(context)
         X_PS = kinematics.poses(self._sensor_frames)
         fingers = tuple(finger for finger in X_PS if finger in solutions and solutions[finger].valid)

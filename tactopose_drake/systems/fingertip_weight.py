@@ -27,7 +27,7 @@ class FingertipWeight(CollectableSystem):
         output_ports:
         - wrench_<finger>
 
-    - joint_positions: of the hand, shape (nq,), rad. Those at the first initialisation of a context count as those of the
+    - joint_positions: of the hand, shape (nq,), rad. Those at a context's first initialisation count as those of the
       tare; of a finger with one that is not known then, those at the next.
     - palm_pose: `RigidTransform` X_WP at each instant, of a hand that an arm moves, z of W pointing up; its orientation
       alone counts. Optional: without it, the hand's base stays as `weights` has it.

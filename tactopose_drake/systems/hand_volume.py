@@ -9,12 +9,13 @@ from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
+from tactopose_drake.errors import PortTypeError
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
-from tactopose_drake.systems.ports import eval_optional_input
+from tactopose_drake.systems.ports import eval_items, port_name
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -104,9 +105,13 @@ class HandVolume(CollectableSystem):
         output.set_value(self._placed.Eval(context).hand)
 
     def _calc_untouched(self, context: Context, output: AbstractValue) -> None:
-        fingers = eval_optional_input(self._fingers_untouched, context, tuple) or ()
+        fingers = eval_items(self._fingers_untouched, context, str)
         chosen = np.zeros(len(self._spheres.radius), dtype=np.bool_)
         for finger in fingers:
+            if finger not in self._on_tip:
+                raise PortTypeError(
+                    f"{port_name(self._fingers_untouched)}: holds {finger!r}; allowed are {', '.join(self._on_tip)}."
+                )
             chosen |= self._on_tip[finger]
         placed = self._placed.Eval(context)
         of_known = chosen[placed.known]

@@ -25,7 +25,7 @@ from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
-from tactopose_drake.systems.ports import eval_input
+from tactopose_drake.systems.ports import eval_input, eval_named
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -144,7 +144,7 @@ class JointOffsetRefiner(CollectableSystem):
         is_settled = belief.status == "ok" and touch is not None and touch.frames >= self._params.least_frames
         if not is_settled or touch is None or turned < math.radians(self._params.least_turn_deg):
             return before
-        by_source = self._contact_gains(context, eval_input(self._solutions, context, dict))
+        by_source = self._contact_gains(context, eval_named(self._solutions, context, ContactSolution))
         rows = [i for i, source in enumerate(touch.sources) if source in by_source]
         gains = np.array([by_source[touch.sources[i]] for i in rows]).reshape(len(rows), 6, len(self.joints))
         known = before.offsets

@@ -8,13 +8,12 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, params_of, positive_number, whole_number
 from tactopose_drake.estimation.identification import Likelihood, check_likelihood, check_objects, check_prior, identify
 from tactopose_drake.estimation.object_library import ObjectLibrary
 from tactopose_drake.systems.collectable_system import CollectableSystem
-from tactopose_drake.systems.ports import eval_input, eval_optional_input
+from tactopose_drake.systems.touch_input import eval_touch, too_few
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -89,15 +88,11 @@ class ObjectIdentifier(CollectableSystem):
         self.DeclareStateOutputPort("status", self._status)
 
     def _update(self, context: Context, state: State) -> EventStatus:
-        patches: tuple[Patch, ...] = eval_optional_input(self._patches, context, tuple) or ()
-        if self._contacts.HasValue(context) or not self._patches.HasValue(context):
-            contacts = eval_input(self._contacts, context, Contacts)
-        else:
-            contacts = Contacts.empty()
+        contacts, patches = eval_touch(self._contacts, self._patches, context)
         touches = len(contacts) + sum(patch.is_felt for patch in patches)
         status = state.get_mutable_abstract_state(self._status)
         if touches < self._params.min_contacts:
-            status.set_value(f"held: {touches} contacts, {self._params.min_contacts} needed")
+            status.set_value(f"held: {too_few(touches, self._params.min_contacts)}")
             return EventStatus.Succeeded()
         likelihood: Likelihood = check_likelihood("likelihood", self._params.likelihood)
         found = identify(

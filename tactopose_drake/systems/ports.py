@@ -1,5 +1,6 @@
 """Reading abstract input ports with a check of what they hold, and checks of the names of systems."""
 
+from collections.abc import Iterable
 from typing import Any, TypeVar
 
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort
@@ -45,7 +46,7 @@ def eval_input(port: InputPort, context: Context, kind: type[Kind]) -> Kind:
         PortTypeError: if the port is not connected or holds another type; the message names the port.
     """
     if not port.HasValue(context):
-        raise PortTypeError(f"{_name(port)}: is not connected; it needs a {kind.__name__}.")
+        raise PortTypeError(f"{port_name(port)}: is not connected; it needs a {kind.__name__}.")
     return _checked(port, port.Eval(context), kind)
 
 
@@ -57,11 +58,44 @@ def eval_optional_input(port: InputPort, context: Context, kind: type[Kind]) -> 
     return None if value is None else _checked(port, value, kind)
 
 
+def eval_items(port: InputPort, context: Context, kind: type[Kind]) -> tuple[Kind, ...]:
+    """The tuple that an abstract input port holds, its items checked; none when it is not connected or holds None.
+
+    Args:
+        port: input port of a system.
+        context: that system's context.
+        kind: the class that each item must be an instance of.
+
+    Raises:
+        PortTypeError: if the port holds anything else; the message names the port.
+    """
+    items: tuple[Kind, ...] = eval_optional_input(port, context, tuple) or ()
+    _check_items(port, "tuple", items, kind)
+    return items
+
+
+def eval_named(port: InputPort, context: Context, kind: type[Kind]) -> dict[str, Kind]:
+    """The dictionary that an abstract input port holds, its values checked like the items of `eval_items`."""
+    named: dict[str, Kind] = eval_input(port, context, dict)
+    _check_items(port, "dict", named.values(), kind)
+    return named
+
+
+def port_name(port: InputPort) -> str:
+    """What an error calls an input port."""
+    return f"input port {port.get_name()!r} of system {port.get_system().get_name()!r}"
+
+
+def _check_items(port: InputPort, container: str, items: Iterable[Any], kind: type[Any]) -> None:
+    for item in items:
+        if not isinstance(item, kind):
+            raise PortTypeError(
+                f"{port_name(port)}: holds a {container} with a {type(item).__name__}; allowed is a {container} of "
+                f"{kind.__name__}."
+            )
+
+
 def _checked(port: InputPort, value: Any, kind: type[Kind]) -> Kind:
     if not isinstance(value, kind):
-        raise PortTypeError(f"{_name(port)}: holds a {type(value).__name__}; allowed is a {kind.__name__}.")
+        raise PortTypeError(f"{port_name(port)}: holds a {type(value).__name__}; allowed is a {kind.__name__}.")
     return value
-
-
-def _name(port: InputPort) -> str:
-    return f"input port {port.get_name()!r} of system {port.get_system().get_name()!r}"

@@ -88,10 +88,10 @@ class PoseBeliefEstimator(CollectableSystem):
     All inputs but palm_pose are read at each period; any may stay unconnected, but one of contacts and patches.
 
     - contacts: `Contacts` in P.
-    - fingers_in_contact: tuple of the names of the fingers of its rows, by which a contact is known again; without it by
-      the row.
+    - fingers_in_contact: tuple of the names of the fingers of its rows, by which a contact is known again; without it,
+      by the row.
     - patches: tuple of `Patch` in P, one for each pad that has a reading, those that feel nothing too.
-    - pads: tuple of the names of those pads, by which a patch is known again; without it by its place among them.
+    - pads: tuple of the names of those pads, by which a patch is known again; without it, by its place among them.
     - contact_status, patch_status: str, "ok", or which fingers and pads do not feel the object and why; remarks of the
       status.
     - prior: `PosePrior`, or None while there is none. It counts once, and as well as it says until the object is felt.

@@ -17,7 +17,7 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem
-from tactopose_drake.systems.ports import eval_input, eval_optional_input
+from tactopose_drake.systems.ports import eval_input, eval_items, eval_optional_input
 from tactopose_drake.visualization.appearance import MOST_ALTERNATIVES, MOVING_ALTERNATIVES
 from tactopose_drake.visualization.frame_marks import add_frames
 from tactopose_drake.visualization.meshcat import aim_camera, check_meshcat
@@ -173,7 +173,7 @@ class PoseDisplay(CollectableSystem):
 
     def _touch(self, context: Context) -> tuple[Contacts, tuple[Patch, ...]]:
         """The contacts with the middles of the patches, and the patches."""
-        patches: tuple[Patch, ...] = eval_optional_input(self._patches, context, tuple) or ()
+        patches = eval_items(self._patches, context, Patch)
         return touch_of(eval_input(self._contacts, context, Contacts), patches), patches
 
     def _shown(self, context: Context) -> tuple[ShownHypothesis, ...]:

@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context, EventStatus, State
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.searches.pose_problem import check_mass
 from tactopose_drake.core.sensing.force_torque import GRAVITY_W
 from tactopose_drake.core.sensing.patches import Patch
@@ -32,7 +33,8 @@ from tactopose_drake.estimation.search_methods import METHODS
 from tactopose_drake.hand.collision import HandCollision, keep_clear
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.collision_input import CollisionInput, PosedHandCollision
-from tactopose_drake.systems.ports import eval_input, eval_optional_input
+from tactopose_drake.systems.ports import eval_items, eval_optional_input
+from tactopose_drake.systems.touch_input import eval_touch, too_few
 
 _SIGMAS = 3.0  # of where the hand is, by which the object may be in it
 
@@ -172,21 +174,18 @@ class PoseEstimator(CollectableSystem):
 
     def _renew(self, context: Context, state: State) -> tuple[str, list[str]]:
         """Estimates anew; returns the first word of the status, and the remarks on it."""
-        patches: tuple[Patch, ...] = eval_optional_input(self._patches, context, tuple) or ()
-        if self._contacts.HasValue(context) or not self._patches.HasValue(context):
-            contacts = eval_input(self._contacts, context, Contacts)
-        else:
-            contacts = Contacts.empty()
+        contacts, patches = eval_touch(self._contacts, self._patches, context)
+        planes = eval_items(self._planes, context, PlaneContact)
         prior = eval_optional_input(self._prior, context, PosePrior)
         if prior is not None and context.get_abstract_state(self._hypotheses).get_value() is None:
             state.get_mutable_abstract_state(self._pose).set_value(prior.X_PO)
 
         touches = len(contacts) + sum(patch.is_felt for patch in patches)
         if touches < self._params.min_contacts:
-            return "held", [f"{touches} contacts, {self._params.min_contacts} needed"]
+            return "held", [too_few(touches, self._params.min_contacts)]
         if prior is None and self._prior.HasValue(context):
             return "held", ["no prior yet"]
-        estimate = self._estimate(context, contacts, patches, prior)
+        estimate = self._estimate(context, contacts, patches, prior, planes)
         check = None if self._collision is None else self._collision.posed(context)
         is_clear, unchecked = True, self._collision is not None and check is None
         if check is not None and estimate.status != "no_solution":
@@ -201,7 +200,12 @@ class PoseEstimator(CollectableSystem):
         return estimate.status, remarks
 
     def _estimate(
-        self, context: Context, contacts: Contacts, patches: tuple[Patch, ...], prior: PosePrior | None
+        self,
+        context: Context,
+        contacts: Contacts,
+        patches: tuple[Patch, ...],
+        prior: PosePrior | None,
+        planes: tuple[PlaneContact, ...],
     ) -> PoseEstimate:
         return estimate_pose(
             self._model,
@@ -217,7 +221,7 @@ class PoseEstimator(CollectableSystem):
             max_hypotheses=self._params.max_hypotheses,
             time_limit=self._params.max_duration,
             outlier_probability=self._params.outlier_probability,
-            planes=eval_optional_input(self._planes, context, tuple) or (),
+            planes=planes,
         )
 
     def _balance(self, context: Context, contacts: Contacts, patches: tuple[Patch, ...]) -> ForceBalance | None:

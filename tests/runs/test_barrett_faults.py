@@ -96,7 +96,7 @@ def test_a_fault_of_the_hand_holds_the_estimate_until_it_clears(can: ObjectModel
             assert np.isnan(running.value(f"pressures_{pad}")).all()
         if joints_are_known is not None:
             assert np.isfinite(running.value("joint_positions")).all() == joints_are_known
-        assert running.value("status").startswith("held: 0 contacts, 2 needed")
+        assert running.value("status").startswith("held: 0 touches; 2 are needed")
         np.testing.assert_array_equal(running.value("object_pose").GetAsMatrix34(), pose)
         running.rig["hand"].faults = []
         running.run(2.2)
@@ -146,7 +146,7 @@ def test_frames_that_grow_old_before_the_hand_is_given_up_count_for_nothing(can:
         assert all(np.isfinite(running.value(f"pressures_{pad}")).all() for pad in PADS), "the frame is still there"
         assert running.value("patches") == ()
         stale = r"finger_1: stale: 0.\d\d s old; .*; palm: stale: 0.\d\d s old$"
-        assert re.match(rf"held: 0 contacts, 2 needed; {stale}", running.value("status"))
+        assert re.match(rf"held: 0 touches; 2 are needed; {stale}", running.value("status"))
         assert re.match(rf"no_contact: .*{stale}", running.value("tracked_status"))
         assert running.value("tracked_hypotheses").status == "no_solution"
         assert running.value("tracked_belief").touch_time < 0.6
@@ -162,7 +162,7 @@ def test_a_reboot_in_mid_stream_is_noticed_and_the_hand_woken_again(can: ObjectM
         running.rig["hand"].reboot(0.3)
         running.run(0.7)
         assert running.value("status_hand").startswith("stale: ")
-        assert running.value("status").startswith("held: 0 contacts")
+        assert running.value("status").startswith("held: 0 touches")
         running.run(4.0)
         assert_all_is_well(running)
         assert running.rig["hand"].moves == []
@@ -177,7 +177,7 @@ def test_a_bus_that_fails_holds_the_estimate_until_it_is_back(can: ObjectModel, 
         running.run(1.0)
         assert running.value("status_hand").startswith("stale: ")
         assert "bus: " in running.value("status_hand")
-        assert running.value("status").startswith("held: 0 contacts")
+        assert running.value("status").startswith("held: 0 touches")
         running.rig["hand"].faults = []
         running.unplug(False)
         running.run(3.5)

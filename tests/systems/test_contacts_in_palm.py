@@ -143,3 +143,11 @@ def test_a_value_of_another_type_is_refused_by_the_name_of_the_port() -> None:
     system, context = make_system(["not a dict"])
     with pytest.raises(PortTypeError, match="'contact_solutions' of system 'contacts_in_palm': holds a list"):
         system.GetOutputPort("contacts").Eval(context)
+
+
+def test_a_solution_that_is_none_is_refused_by_the_name_of_the_port() -> None:
+    system, context = make_system({"first": 3})
+    with pytest.raises(
+        PortTypeError, match=r"'contact_solutions' of .*: holds a dict with a int; allowed is a dict of"
+    ):
+        system.GetOutputPort("contacts").Eval(context)

@@ -62,7 +62,7 @@ def test_it_holds_while_the_touch_is_too_little(models: list[ObjectModel], conta
     simulator = start(ObjectIdentifier(models, ObjectIdentifierParams(period=PERIOD)), Contacts.empty())
     simulator.AdvanceTo(0.1)
     assert output(simulator, "identities") is None
-    assert output(simulator, "status") == "held: 0 contacts, 3 needed"
+    assert output(simulator, "status") == "held: 0 touches; 3 are needed"
     port = simulator.get_system().GetInputPort("contacts")
     port.FixValue(simulator.get_mutable_context(), AbstractValue.Make(contacts))
     simulator.AdvanceTo(PERIOD - 0.01)

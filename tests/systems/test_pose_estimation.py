@@ -131,9 +131,9 @@ def test_without_a_reading_the_diagram_says_so(hand: HandConfig, model: ObjectMo
     simulator = Simulator(diagram)
     connect(diagram, simulator.get_mutable_context(), hand, ())
     simulator.AdvanceTo(0.01)
-    assert diagram.GetOutputPort("status").Eval(simulator.get_context()) == "held: 0 contacts, 2 needed; " + "; ".join(
-        f"{finger.name}: the wrench is not finite" for finger in hand.fingers
-    )
+    silent = "; ".join(f"{finger.name}: the wrench is not finite" for finger in hand.fingers)
+    status = diagram.GetOutputPort("status").Eval(simulator.get_context())
+    assert status == f"held: 0 touches; 2 are needed; {silent}"
 
 
 @pytest.mark.parametrize(("use_hand_volume", "check_collisions"), [(True, False), (False, True), (False, False)])
@@ -185,7 +185,7 @@ def test_the_pads_of_a_hand_without_other_sensors_find_a_ball() -> None:
     diagram.GetInputPort("age_palm").FixValue(context, [0.5])
     simulator.AdvanceTo(0.11)
     assert diagram.GetOutputPort("status").Eval(context) == (
-        f"held: 0 contacts, 1 needed; {SILENT}; palm: stale: 0.50 s old"
+        f"held: 0 touches; 1 is needed; {SILENT}; palm: stale: 0.50 s old"
     )
     assert [patch.is_felt for patch in diagram.GetOutputPort("patches").Eval(context)] == [False] * 3
 

@@ -55,12 +55,12 @@ def test_too_few_contacts_hold_the_last_pose_and_say_so(box: ObjectModel) -> Non
     bench.fix(contacts=touch(), prior=PRIOR)
     estimated, hypotheses, _ = bench.step()
     elsewhere = PosePrior(RigidTransform([1.0, 1.0, 1.0]))
-    for count in (1, 0):
+    for count, said in ((1, "1 touch"), (0, "0 touches")):
         bench.fix(contacts=touch(count), prior=elsewhere)
         pose, still, status = bench.step()
         assert pose.IsExactlyEqualTo(estimated)
         assert [h.cost for h in still.hypotheses] == [h.cost for h in hypotheses.hypotheses]
-        assert status == f"held: {count} contacts, 2 needed"
+        assert status == f"held: {said}; 2 are needed"
     bench.fix(contacts=touch(), prior=PRIOR)
     assert bench.step()[2] == "ok"
 
@@ -111,7 +111,7 @@ def test_patches_count_like_contacts_and_are_enough_alone(box: ObjectModel, coun
 def test_pads_that_feel_nothing_are_no_touch(box: ObjectModel) -> None:
     bench = Bench(box, min_contacts=5)
     bench.fix(patches=pads(box), prior=PRIOR)
-    assert bench.step()[2] == "held: 4 contacts, 5 needed"
+    assert bench.step()[2] == "held: 4 touches; 5 are needed"
 
 
 def test_without_contacts_and_patches_the_missing_port_is_named(box: ObjectModel) -> None:
@@ -219,6 +219,23 @@ def test_a_value_of_another_type_is_refused_by_the_name_of_the_port(
     bench = Bench(box)
     bench.fix(**inputs)
     with pytest.raises(PortTypeError, match=f"input port '{list(inputs)[-1]}' of system 'estimator': holds a dict"):
+        bench.step()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("patches", ("x",), "holds a tuple with a str; allowed is a tuple of Patch"),
+        ("planes", (3,), "holds a tuple with a int; allowed is a tuple of PlaneContact"),
+        ("planes", [], "holds a list; allowed is a tuple"),
+    ],
+)
+def test_items_of_another_type_are_refused_before_anything_is_touched(
+    box: ObjectModel, name: str, value: object, message: str
+) -> None:
+    bench = Bench(box)
+    bench.fix(contacts=Contacts.empty(), **{name: value})
+    with pytest.raises(PortTypeError, match=f"input port '{name}' of system 'estimator': {message}"):
         bench.step()
 
 
