@@ -28,8 +28,9 @@ class LcmBelief(CollectableSystem):
 
     - hypotheses: `PoseEstimate`, or None where there is none yet.
     - status: str.
-    - senses: `HandSensesMessage` that it is made of; may stay unconnected: `utime` is then the diagram's time.
-    - message: `ObjectBeliefMessage`; changes with the inputs.
+    - senses: `HandSensesMessage`, the newest; may stay unconnected: `utime` is then the diagram's time.
+    - message: `ObjectBeliefMessage`, with `utime` and `sequence` of the senses of now; changes with the inputs.
+      A belief that is shown with a `latency`, or that a thread computes, is of senses as much earlier.
     """
 
     def __init__(self, max_modes: int = 8) -> None:
