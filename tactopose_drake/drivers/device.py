@@ -169,7 +169,7 @@ class Device(ABC, Generic[Sample]):
         self._take(next(self._conversation))
 
     def handle(self, frame: can.Message, time: float) -> None:
-        """Takes a frame that belongs to the device."""
+        """Takes a frame that belongs to the device, and that came at `time`, whatever its stamp says."""
         self._now = time
         if self._begun and isinstance(self._step, Exchange):
             assert self._conversation is not None

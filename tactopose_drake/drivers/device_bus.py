@@ -7,6 +7,7 @@ work; that is how logs are replayed and how tests run in virtual time.
 """
 
 import contextlib
+import math
 import threading
 from collections.abc import Callable
 from typing import Any, Self, TypeVar
@@ -274,10 +275,12 @@ class DeviceBus:
             return None
 
     def _hand_on(self, frame: can.Message) -> None:
-        is_of_day = frame.timestamp >= FIRST_EPOCH_STAMP
-        frame.timestamp = self.clock.of_stamp(frame.timestamp) if is_of_day else self.clock.time()
+        now = self.clock.time()
+        is_of_day = FIRST_EPOCH_STAMP <= frame.timestamp < math.inf
+        frame.timestamp = self.clock.of_stamp(frame.timestamp) if is_of_day else now
         if self.follows_log and not frame.is_rx:
             self._dispatch.follow(frame)
             return
         frame.is_rx = True  # Some backends say otherwise of what another program on this machine has sent.
-        self._dispatch.hand_on(frame)
+        # What devices do in a replay hangs on the log alone, and not on when its frames are played.
+        self._dispatch.hand_on(frame, frame.timestamp if self.follows_log else now)

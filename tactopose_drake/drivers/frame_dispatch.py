@@ -105,8 +105,13 @@ class FrameDispatch:
         if asker is not None:
             asker.follow(request, request.timestamp)
 
-    def hand_on(self, frame: can.Message) -> None:
-        """Gives a received frame to the listeners, and to the device that it belongs to."""
+    def hand_on(self, frame: can.Message, now: float) -> None:
+        """Gives a received frame to the listeners, and to the device that it belongs to.
+
+        Args:
+            frame: as received; its stamp says how old it is, and is not believed for more.
+            now: by which the device paces itself, s since the epoch.
+        """
         self.tell(frame)
         if frame.is_error_frame:
             self.error_frames += 1
@@ -115,7 +120,7 @@ class FrameDispatch:
         self.is_bus_off = False
         device = self._owners.get(frame.arbitration_id)
         if device is not None and is_ordinary(frame):
-            device.handle(frame, frame.timestamp)
+            device.handle(frame, now)
 
     def tell(self, frame: can.Message) -> None:
         """Gives a frame to the listeners."""

@@ -52,7 +52,7 @@ def test_a_reply_goes_to_its_owner_and_a_recorded_request_to_who_asks_so(
     dispatch: FrameDispatch, thumb: Told, index: Told
 ) -> None:
     for identifier in (2, 12, 3, 99, 1):
-        dispatch.hand_on(data_frame(identifier, b""))
+        dispatch.hand_on(data_frame(identifier, b""), 1.0)
     for identifier in (1, 11, 99, 2):
         dispatch.follow(data_frame(identifier, b""))
     assert thumb.heard == [("handle", 2), ("handle", 3), ("follow", 1)]
@@ -62,7 +62,7 @@ def test_a_reply_goes_to_its_owner_and_a_recorded_request_to_who_asks_so(
 def test_a_device_that_left_is_told_nothing_more(dispatch: FrameDispatch, thumb: Told, index: Told) -> None:
     dispatch.detach(thumb)
     dispatch.start(VirtualClock(1.0))
-    dispatch.hand_on(data_frame(2, b""))
+    dispatch.hand_on(data_frame(2, b""), 1.0)
     dispatch.follow(data_frame(1, b""))
     dispatch.poll(100.0)
     assert thumb.heard == []
@@ -97,11 +97,11 @@ def test_listeners_hear_all_and_errors_are_no_replies(dispatch: FrameDispatch, t
     off = can.Message(arbitration_id=0x40, is_error_frame=True)
     other_error = can.Message(arbitration_id=0x2, is_error_frame=True)
     for frame in (data_frame(99, b""), off, other_error):
-        dispatch.hand_on(frame)
+        dispatch.hand_on(frame, 1.0)
     assert len(heard) == 3
     assert (dispatch.error_frames, dispatch.is_bus_off, thumb.heard) == (2, True, [])
     dispatch.ignore(heard.append)
-    dispatch.hand_on(data_frame(99, b""))
+    dispatch.hand_on(data_frame(99, b""), 1.0)
     assert len(heard) == 3
     assert not dispatch.is_bus_off
 
