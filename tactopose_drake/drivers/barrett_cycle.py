@@ -29,7 +29,7 @@ class HandSample:
     Attributes:
         time: when the last frame of the round came, s since the epoch.
         joint_positions: in the order of `barrett_joints.JOINTS`, shape (7,), rad; counted from where the hand was
-            initialised, or else switched on.
+            initialised, or else switched on. NaN from a restart on, until the joint is initialised.
         pressures: of the 24 cells of each array, in the order of `ARRAYS`, shape (4, 24), Pa. A short reading gives the
             ten highest cells, and NaN for the others.
         fingertip_torques: about the outer joints of F1 to F3, shape (3,), N m.
@@ -44,18 +44,27 @@ class HandSample:
 
 
 class JointEncoders:
-    """Which fingers have an encoder at the inner link, by what they have answered so far."""
+    """What is known of the encoders: which fingers have one at the inner link, by their answers, and which restarted.
+
+    Attributes:
+        restarted: pucks that have forgotten where their joints were initialized.
+    """
 
     def __init__(self) -> None:
+        self.restarted: set[int] = set()
         self._present: set[Puck] = set()
         self._without: collections.Counter[Puck] = collections.Counter()
 
     def check(self, puck: Puck, joint: int | None) -> None:
-        """Takes note of a finger's answer.
+        """Takes note of an answer.
 
         Raises:
-            ProtocolError: if it lacks what the finger has, or may have.
+            ProtocolError: if it counts from elsewhere, or lacks what a finger has, or may have.
         """
+        if puck in self.restarted:
+            raise ProtocolError("position: counts from where the puck restarted, until the joint is initialized.")
+        if puck not in FINGERS:
+            return
         if joint is not None:
             self._present.add(puck)
             return
@@ -135,8 +144,8 @@ class HandCycle:
         values = self._values((puck, _MEANING[group]))
         if group is ReplyGroup.POSITION:
             motor, joint = protocol.decode_position(data)
+            self._joint_encoders.check(puck, joint)
             if puck in FINGERS:
-                self._joint_encoders.check(puck, joint)
                 values[...] = joints.finger_angles(motor, joint)
             else:
                 values[...] = joints.spread_angle(motor)

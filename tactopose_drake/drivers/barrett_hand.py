@@ -37,6 +37,9 @@ class BarrettHand(Device[HandSample]):
     status goes on naming it. It is looked for once a second, and greeted anew when it is back. Answers carry no number:
     those of a single puck that is later than a whole round would be taken for the next round's.
 
+    A puck that has to be woken again has restarted, and counts positions from where it stood then: they are not known
+    until its joint is initialized.
+
     Attributes:
         pucks: status of every puck that answered the last enumeration, by its number.
     """
@@ -77,6 +80,7 @@ class BarrettHand(Device[HandSample]):
         self._commands: collections.deque[tuple[can.Message, float]] = collections.deque()  # and the pause after each
         self._sampling = False
         self._joint_encoders = JointEncoders()
+        self._known: set[Puck] = set()  # pucks that were awake once
         self.pucks: dict[int, PuckStatus] = {}
 
     def tare(self) -> None:
@@ -103,6 +107,16 @@ class BarrettHand(Device[HandSample]):
         """
         self._command((_set(puck, Property.COMMAND, protocol.INITIALIZE), 0.0))
 
+    def follow(self, request: can.Message, time: float) -> None:
+        """Takes a recorded request; a joint that was initialized then counts from there."""
+        super().follow(request, time)
+        self._note(request)
+
+    def _note(self, request: can.Message) -> None:
+        """Takes note of a command that makes positions count anew."""
+        if request.data == protocol.encode_set(Property.COMMAND, protocol.INITIALIZE):
+            self._joint_encoders.restarted.discard(request.arbitration_id)
+
     def _command(self, *commands: tuple[can.Message, float]) -> None:
         # A command that waited until the hand is back could move it when nobody expects that.
         if not self._sampling:
@@ -115,9 +129,11 @@ class BarrettHand(Device[HandSample]):
         self.pucks = yield from self._enumerate()
         asleep = [puck for puck in Puck if self.pucks.get(puck) is PuckStatus.MONITOR]
         if asleep:
+            self._joint_encoders.restarted |= self._known & {*asleep}
             yield from self._wake(asleep)
             self.pucks = yield from self._enumerate()
         expected, remarks = yield from self._examine()
+        self._known |= {puck for puck, _ in expected}
         yield Exchange((_set(HAND_GROUP, Property.TACTILE, self._mode),), _ignore, _SETTLE_TIME)
         try:
             self._sampling = True
@@ -195,6 +211,7 @@ class BarrettHand(Device[HandSample]):
                 missed[answer] = missed[answer] + 1 if answer in cycle.missing else 0
             while self._commands:
                 command, wait = self._commands.popleft()
+                self._note(command)
                 yield Exchange((command,), _ignore, wait)
             ask_at = max(ask_at + self._period, self._now)
             yield Pause(ask_at - self._now)

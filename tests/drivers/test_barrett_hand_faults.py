@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -6,11 +8,15 @@ from hypothesis import strategies as st
 from tactopose_drake.drivers import barrett_protocol as protocol
 from tactopose_drake.drivers.barrett_cycle import JointEncoders
 from tactopose_drake.drivers.barrett_hand import BarrettHand
-from tactopose_drake.drivers.barrett_protocol import Puck, ReplyGroup
+from tactopose_drake.drivers.barrett_protocol import INITIALIZE, Puck, ReplyGroup
+from tactopose_drake.drivers.can_recorder import CanRecorder
 from tactopose_drake.drivers.frames import data_frame
+from tactopose_drake.drivers.replay_bus import open_log
 from tactopose_drake.drivers.simulation import faults
+from tactopose_drake.drivers.simulation.simulated_barrett_hand import HandState, SimulatedBarrettHand
 from tactopose_drake.errors import DeviceTimeoutError, ProtocolError
 from tests.drivers.rigs import (
+    HAND_STATE,
     has_no_wrong_number,
     is_whole,
     make_hand,
@@ -138,6 +144,10 @@ def test_a_fault_has_its_status_gives_no_wrong_number_and_passes(fault, status: 
         assert is_whole(hand.read(0.1))
 
 
+COUNTS = "position: counts from where the puck restarted, until the joint is initialized."
+RESTARTED = "; ".join(f"{puck.name}: {COUNTS}" for puck in Puck)
+
+
 @settings(max_examples=5)
 @given(st.floats(0.0, 0.4), st.floats(0.05, 1.0))
 def test_a_reboot_is_noticed_and_the_hand_woken_again(wait: float, duration: float) -> None:
@@ -147,10 +157,43 @@ def test_a_reboot_is_noticed_and_the_hand_woken_again(wait: float, duration: flo
         run(bus, wait)
         simulated.reboot(duration)
         run(bus, 5.0)
+        assert hand.status == RESTARTED
+        assert np.isnan(hand.newest.joint_positions).all()
+        for puck in Puck:
+            hand.initialize(puck)
+        run(bus, 0.1)
         assert hand.status == "ok"
         assert all(has_no_wrong_number(sample) for sample in unread(hand))
         assert is_whole(hand.read(0.1))
-        assert simulated.moves == []
+        assert simulated.moves == [(puck, INITIALIZE) for puck in Puck]
+
+
+def test_what_counts_from_a_restart_is_no_position_and_a_replay_says_the_same(tmp_path: Path) -> None:
+    zero = np.zeros(7)
+    simulated = SimulatedBarrettHand(
+        lambda time: HandState(HAND_STATE.joint_positions - zero, HAND_STATE.pressures, HAND_STATE.fingertip_torques)
+    )
+    with virtual_bus(simulated) as bus, CanRecorder(tmp_path / "log.blf") as recorder:
+        recorder.record(bus)
+        with BarrettHand(bus) as hand:
+            assert is_whole(hand.read(2.0)), "woken for the first time, it counts from where it was switched on"
+            simulated.reboot(0.3)
+            run(bus, 0.1)
+            zero[:] = HAND_STATE.joint_positions
+            run(bus, 4.0)
+            assert all(has_no_wrong_number(sample) for sample in [*hand._unread])
+            zero[:] = 0.0
+            hand.initialize(Puck.F2)
+            run(bus, 0.2)
+            assert hand.status == RESTARTED.replace(f"F2: {COUNTS}; ", "")
+            np.testing.assert_array_equal(np.isnan(hand.newest.joint_positions), ~np.isin(range(7), [1, 4]))
+            live = unread(hand)
+    with open_log(tmp_path / "log.blf") as bus, BarrettHand(bus) as hand:
+        hand.read(5.0)
+        for sample in live:
+            played = hand.read(5.0)
+            assert played.status == sample.status
+            np.testing.assert_array_equal(played.joint_positions, sample.joint_positions)
 
 
 # The first positions after a search for a silent puck are cut off.
