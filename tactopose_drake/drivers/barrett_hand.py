@@ -5,20 +5,20 @@ which bit of ROLE says that a puck has a tactile array, are assumptions.
 """
 
 import collections
-import contextlib
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Generator, Sequence
 
 import can
+import numpy as np
 
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.drivers import barrett_protocol as protocol
 from tactopose_drake.drivers.barrett_cycle import FINGERS, Answer, HandCycle, HandSample, JointEncoders
 from tactopose_drake.drivers.barrett_joints import STRAIN_POLYNOMIAL
 from tactopose_drake.drivers.barrett_protocol import HAND_GROUP, Property, Puck, PuckStatus, ReplyGroup, TactileMode
+from tactopose_drake.drivers.barrett_questions import Answers, get_frame, set_frame
 from tactopose_drake.drivers.device import Conversation, Device, Exchange, Pause
 from tactopose_drake.drivers.device_bus import DeviceBus
-from tactopose_drake.drivers.frames import data_frame
-from tactopose_drake.errors import DeviceError, DeviceTimeoutError, InvalidInputError, ProtocolError
+from tactopose_drake.errors import DeviceError, DeviceTimeoutError, InvalidInputError
 
 _NODES = range(1, 32)  # identifiers of pucks, the hand's and others (an arm's)
 _SPACING = 0.001  # between two requests of an enumeration, s [L]
@@ -77,22 +77,39 @@ class BarrettHand(Device[HandSample]):
         super().__init__(bus, name, requests=frozenset({*_NODES, HAND_GROUP}), replies=frozenset(replies))
         self._mode, self._polynomials = mode, strain_polynomials
         self._period, self._timeout = positive_number("period", period), positive_number("timeout", timeout)
-        self._commands: collections.deque[tuple[can.Message, float]] = collections.deque()  # and the pause after each
+        self._commands: collections.deque[Conversation] = collections.deque()
+        self._bare: set[Puck] = set()  # pucks without a tactile array
         self._sampling = False
         self._joint_encoders = JointEncoders()
         self._known: set[Puck] = set()  # pucks that were awake once
         self.pucks: dict[int, PuckStatus] = {}
 
-    def tare(self) -> None:
+    def tare(self, timeout: float = 2.0) -> None:
         """Makes the present pressures the zero, in the hand itself; after the present round. It takes half a second.
 
+        Samples of before, which wait to be read, are dropped.
+
+        Args:
+            timeout: for it, and then for the first sample, s.
+
         Raises:
-            DeviceError: if the hand is not being sampled; nothing is sent then, nor later.
+            DeviceError: if the hand is not being sampled (nothing is sent then, nor later), or an array is silent, at
+                the tare or after it, or has failed.
+            DeviceTimeoutError: if the hand falls silent meanwhile.
         """
-        self._command(
-            (_set(HAND_GROUP, Property.TACTILE, TactileMode.TARE), _TARE_TIME),
-            (_set(HAND_GROUP, Property.TACTILE, self._mode), _SETTLE_TIME),
-        )
+        arrays = [puck for puck in Puck if puck not in self._bare]
+        outcome: list[dict[int, int]] = []
+        self._command(self._tare(arrays, outcome))
+        identities = self.bus.wait_for(lambda: outcome[0] if outcome else None, timeout)
+        if identities is None:
+            state = self.status.removesuffix(".")
+            raise DeviceTimeoutError(f"{self.name}: was not tared within {timeout:g} s; its state: {state}.")
+        self._unread.clear()
+        pressures = self.read(timeout).pressures
+        working = {puck for puck, identity in identities.items() if identity != protocol.TACTILE_FAILED}
+        working -= {puck for puck in Puck if np.isnan(pressures[puck - Puck.F1]).all()}
+        if lost := [puck.name for puck in arrays if puck not in working]:
+            raise DeviceError(f"{self.name}: cannot be tared; silent, or failed, are the arrays of {', '.join(lost)}.")
 
     def initialize(self, puck: Puck) -> None:
         """MOVES a joint to its stops, so that its positions count from there; after the present round.
@@ -105,7 +122,7 @@ class BarrettHand(Device[HandSample]):
         Raises:
             DeviceError: if the hand is not being sampled; nothing is sent then, nor later.
         """
-        self._command((_set(puck, Property.COMMAND, protocol.INITIALIZE), 0.0))
+        self._command(self._initialize(puck))
 
     def follow(self, request: can.Message, time: float) -> None:
         """Takes a recorded request; a joint that was initialized then counts from there."""
@@ -117,11 +134,28 @@ class BarrettHand(Device[HandSample]):
         if request.data == protocol.encode_set(Property.COMMAND, protocol.INITIALIZE):
             self._joint_encoders.restarted.discard(request.arbitration_id)
 
-    def _command(self, *commands: tuple[can.Message, float]) -> None:
+    def _command(self, command: Conversation) -> None:
         # A command that waited until the hand is back could move it when nobody expects that.
         if not self._sampling:
             raise DeviceError(f"{self.name}: cannot be commanded; its state: {self.status.removesuffix('.')}.")
-        self._commands.extend(commands)
+        self._commands.append(command)
+
+    def _tare(self, arrays: list[Puck], outcome: list[dict[int, int]]) -> Conversation:
+        """Tares the arrays; `outcome` gets their identities.
+
+        A tare is not acknowledged. But who answers the question right before it, has heard it too.
+        """
+        answers = Answers(Property.TACTILE_ID)
+        questions = tuple(get_frame(puck, Property.TACTILE_ID) for puck in arrays)
+        tare = set_frame(HAND_GROUP, Property.TACTILE, TactileMode.TARE)
+        yield Exchange((*questions, tare), answers.ignore_end, _TARE_TIME)
+        yield Exchange((set_frame(HAND_GROUP, Property.TACTILE, self._mode),), _ignore, _SETTLE_TIME)
+        outcome.append(answers.values)
+
+    def _initialize(self, puck: Puck) -> Conversation:
+        command = set_frame(puck, Property.COMMAND, protocol.INITIALIZE)
+        self._note(command)
+        yield Exchange((command,), _ignore, 0.0)
 
     def _converse(self) -> Conversation:
         self._sampling = False
@@ -134,7 +168,7 @@ class BarrettHand(Device[HandSample]):
             self.pucks = yield from self._enumerate()
         expected, remarks = yield from self._examine()
         self._known |= {puck for puck, _ in expected}
-        yield Exchange((_set(HAND_GROUP, Property.TACTILE, self._mode),), _ignore, _SETTLE_TIME)
+        yield Exchange((set_frame(HAND_GROUP, Property.TACTILE, self._mode),), _ignore, _SETTLE_TIME)
         try:
             self._sampling = True
             yield from self._sample(expected, remarks)
@@ -142,9 +176,9 @@ class BarrettHand(Device[HandSample]):
             self._sampling = False
 
     def _enumerate(self) -> Generator[Exchange | Pause, bool, dict[int, PuckStatus]]:
-        answers = _Answers(Property.STATUS)
+        answers = Answers(Property.STATUS)
         for node in _NODES:
-            yield Exchange((_get(node, Property.STATUS),), answers.ignore_end, _SPACING)
+            yield Exchange((get_frame(node, Property.STATUS),), answers.ignore_end, _SPACING)
         answers.awaited = {*Puck} - answers.values.keys()
         if answers.awaited:
             yield Exchange((), answers.collect, self._timeout)
@@ -155,7 +189,7 @@ class BarrettHand(Device[HandSample]):
         self.bus.hush(self, self._now + _SETTLE_TIME + len(asleep) * _WAKE_SPACING + _WAKE_TIME)
         yield Pause(_SETTLE_TIME)  # for answers that are on their way
         for puck in asleep:
-            yield Exchange((_set(puck, Property.STATUS, PuckStatus.READY),), _ignore, _WAKE_SPACING)
+            yield Exchange((set_frame(puck, Property.STATUS, PuckStatus.READY),), _ignore, _WAKE_SPACING)
         yield Pause(_WAKE_TIME)
 
     def _examine(self) -> Generator[Exchange | Pause, bool, tuple[set[Answer], list[str]]]:
@@ -166,6 +200,7 @@ class BarrettHand(Device[HandSample]):
         if not members:
             raise DeviceTimeoutError("no puck of the hand answers")
         arrays = [puck for puck in members if roles[puck] & protocol.ROLE_TACTILE]
+        self._bare = {*members} - {*arrays}
         identities = yield from self._ask(arrays, Property.TACTILE_ID)
         expected: set[Answer] = {(puck, "position") for puck in members}
         expected |= {(puck, "torque") for puck in members if puck in FINGERS and roles[puck] & protocol.ROLE_STRAIN}
@@ -185,14 +220,14 @@ class BarrettHand(Device[HandSample]):
 
     def _ask(self, pucks: list[Puck], name: Property) -> Generator[Exchange | Pause, bool, dict[int, int]]:
         """A property of several pucks; those that keep silent are left out."""
-        answers = _Answers(name, pucks)
+        answers = Answers(name, pucks)
         if pucks:
-            yield Exchange(tuple(_get(puck, name) for puck in pucks), answers.collect, self._timeout)
+            yield Exchange(tuple(get_frame(puck, name) for puck in pucks), answers.collect, self._timeout)
         return answers.values
 
     def _sample(self, expected: set[Answer], remarks: list[str]) -> Conversation:
         """Asks in rounds, until a puck that was absent is back."""
-        questions = [_get(HAND_GROUP, name) for name in (Property.POSITION, Property.STRAIN, Property.TACTILE)]
+        questions = [get_frame(HAND_GROUP, name) for name in (Property.POSITION, Property.STRAIN, Property.TACTILE)]
         missed: collections.Counter[Answer] = collections.Counter()
         ask_at, search_at = self._now, self._now + _SEARCH_PERIOD
         while True:
@@ -210,60 +245,22 @@ class BarrettHand(Device[HandSample]):
             for answer in expected:
                 missed[answer] = missed[answer] + 1 if answer in cycle.missing else 0
             while self._commands:
-                command, wait = self._commands.popleft()
-                self._note(command)
-                yield Exchange((command,), _ignore, wait)
+                yield from self._commands.popleft()
             ask_at = max(ask_at + self._period, self._now)
             yield Pause(ask_at - self._now)
 
     def _search(self, expected: set[Answer], lost: set[Answer]) -> Generator[Exchange | Pause, bool, bool]:
         """Looks for the pucks that keep silent; whether one of them is back."""
         absent = [puck for puck in Puck if (puck, "position") in lost or (puck, "position") not in expected]
-        answers = _Answers(Property.STATUS, absent[:1])
+        answers = Answers(Property.STATUS, absent[:1])
         if absent:
-            yield Exchange(tuple(_get(puck, Property.STATUS) for puck in absent), answers.collect, _SETTLE_TIME)
+            yield Exchange(tuple(get_frame(puck, Property.STATUS) for puck in absent), answers.collect, _SETTLE_TIME)
         # A puck whose array alone keeps silent may have lost its mode.
         mute = [puck for puck in Puck if puck not in absent and (puck, "pressures") in lost]
         for puck in mute:
-            yield Exchange((_set(puck, Property.TACTILE, self._mode),), _ignore, _SETTLE_TIME)
+            yield Exchange((set_frame(puck, Property.TACTILE, self._mode),), _ignore, _SETTLE_TIME)
         return any(puck in answers.values for puck in absent)
-
-
-class _Answers:
-    """Values of one property, by puck, as they come in.
-
-    Attributes:
-        values: so far.
-        awaited: pucks without which they are not complete.
-    """
-
-    def __init__(self, name: Property, awaited: Iterable[int] = ()) -> None:
-        self._name = name
-        self.values: dict[int, int] = {}
-        self.awaited = set(awaited)
-
-    def collect(self, frame: can.Message) -> bool:
-        puck, group = protocol.split_reply(frame.arbitration_id)
-        if group is ReplyGroup.ORDINARY:
-            # What another master has asked for, or what is damaged, is no answer.
-            with contextlib.suppress(ProtocolError):
-                name, value = protocol.decode_value(bytes(frame.data))
-                if name == self._name:
-                    self.values[puck] = value
-        return self.awaited <= self.values.keys()
-
-    def ignore_end(self, frame: can.Message) -> bool:
-        self.collect(frame)
-        return False
 
 
 def _ignore(_: can.Message) -> bool:
     return False
-
-
-def _get(receiver: int, name: Property) -> can.Message:
-    return data_frame(receiver, protocol.encode_get(name))
-
-
-def _set(receiver: int, name: Property, value: int) -> can.Message:
-    return data_frame(receiver, protocol.encode_set(name, value))

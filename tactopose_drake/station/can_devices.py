@@ -16,11 +16,9 @@ from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.drivers.netcanoem_protocol import ForceUnit, TorqueUnit
 from tactopose_drake.drivers.replay_bus import open_log
-from tactopose_drake.errors import DeviceTimeoutError
 from tactopose_drake.station.senses import BarrettPucks, CanSenses, ForceTorqueBoard
 
 _GREETING_TIME = 5.0  # s, in which a device must have given its first sample to be tared; Barrett's wakes up for 1 s
-_TARE_TIME = 1.0  # s, that a tare of Barrett's hand is given
 
 
 def live_buses(senses: CanSenses) -> dict[str, DeviceBus]:
@@ -127,7 +125,7 @@ class CanDevices:
 
         Raises:
             DeviceTimeoutError: if a device does not answer.
-            DeviceError: if a device's samples are not valid.
+            DeviceError: if a device's samples are not valid, or a tactile array is not there to be tared.
         """
         for board in self.boards.values():
             board.read(_GREETING_TIME)
@@ -136,10 +134,6 @@ class CanDevices:
         if self.hand is not None:
             self.hand.read(_GREETING_TIME)
             self.hand.tare()
-            deadline = self.hand.bus.clock.time() + _TARE_TIME
-            with contextlib.suppress(DeviceTimeoutError):
-                while (left := deadline - self.hand.bus.clock.time()) > 0:
-                    self.hand.read(left)
 
     @property
     def biases(self) -> dict[str, FloatArray]:

@@ -1,13 +1,14 @@
 import numpy as np
 import pytest
 
+from tactopose_drake.drivers import barrett_protocol as protocol
 from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.barrett_protocol import INITIALIZE, Property, Puck, PuckStatus, TactileMode
 from tactopose_drake.drivers.barrett_tactile import PASCALS_PER_RAW
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.drivers.simulation import faults
 from tactopose_drake.drivers.simulation.simulated_barrett_hand import HandState, SimulatedBarrettHand
-from tactopose_drake.errors import DeviceError, InvalidInputError
+from tactopose_drake.errors import DeviceError, DeviceTimeoutError, InvalidInputError
 from tests.drivers.rigs import (
     HAND_STATE,
     SLOT,
@@ -106,13 +107,66 @@ def test_a_tare_makes_the_present_pressures_the_zero() -> None:
     with virtual_bus(SimulatedBarrettHand(lambda time: state[0], awake=True)) as bus, BarrettHand(bus) as hand:
         hand.read()
         hand.tare()
-        run(bus, 1.0)
-        unread(hand)
+        assert hand.newest.status == "ok"
+        np.testing.assert_array_equal(hand.newest.pressures, np.zeros((4, 24)), "the newest is of after the tare")
         np.testing.assert_array_equal(hand.read().pressures, np.zeros((4, 24)))
         more = HAND_STATE.pressures + 2e3
         state[0] = HandState(HAND_STATE.joint_positions, more, HAND_STATE.fingertip_torques)
         unread(hand)
         np.testing.assert_allclose(hand.read().pressures, 2e3, atol=PASCALS_PER_RAW)
+
+
+class DeafHand(SimulatedBarrettHand):
+    """F1 is deaf for a moment: while the hand is tared."""
+
+    def _answer(self, arbitration_id: int, data: bytes, time: float) -> list | None:
+        tares = (protocol.encode_get(Property.TACTILE_ID), protocol.encode_set(Property.TACTILE, TactileMode.TARE))
+        self.absent = {Puck.F1} if data in tares and self._mode[Puck.F1] is TactileMode.FULL else set()
+        return super()._answer(arbitration_id, data, time)
+
+
+def test_a_tare_that_an_array_does_not_hear_is_an_error() -> None:
+    with virtual_bus(DeafHand(lambda time: HAND_STATE, awake=True)) as bus, BarrettHand(bus) as hand:
+        hand.read()
+        with pytest.raises(DeviceError, match=r"cannot be tared; silent, or failed, are the arrays of F1\.$"):
+            hand.tare()
+        run(bus, 0.5)
+        assert hand.status == "ok", "by its samples alone it could not be told"
+        assert np.all(hand.newest.pressures[0] > 0.0)
+    simulated = make_hand()
+    simulated.absent = {Puck.F2, Puck.SPREAD}
+    with virtual_bus(simulated) as bus, BarrettHand(bus) as hand:
+        hand.read()
+        with pytest.raises(DeviceError, match=r"are the arrays of F2, SPREAD\.$"):
+            hand.tare()
+
+
+@pytest.mark.parametrize(
+    "at", [protocol.encode_get(Property.TACTILE_ID), protocol.encode_set(Property.TACTILE, TactileMode.TARE)]
+)
+def test_a_hand_that_falls_silent_while_it_is_tared_is_an_error(at: bytes) -> None:
+    simulated = make_hand()
+
+    def fall_silent(request, replies: list[faults.Reply]) -> list[faults.Reply]:
+        if request.data == at:
+            simulated.faults = [faults.silence]
+            return []
+        return replies
+
+    with virtual_bus(simulated) as bus, BarrettHand(bus) as hand:
+        hand.read()
+        simulated.faults = [fall_silent]
+        with pytest.raises(DeviceError, match=r"are the arrays of F1, F2, F3, SPREAD\.$"):
+            hand.tare()
+
+
+def test_a_hand_that_is_silent_before_it_is_tared_is_an_error() -> None:
+    simulated = make_hand()
+    with virtual_bus(simulated) as bus, BarrettHand(bus) as hand:
+        hand.read()
+        simulated.faults = [faults.silence]
+        with pytest.raises(DeviceTimeoutError, match="was not tared within 2 s; its state: no puck of the hand"):
+            hand.tare()
 
 
 def test_saturated_cells_and_overloaded_fingers_are_named() -> None:

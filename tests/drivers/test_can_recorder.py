@@ -184,10 +184,12 @@ def test_commands_of_then_are_passed_over(tmp_path: Path) -> None:
         with BarrettHand(bus) as hand:
             hand.read()
             hand.tare()
+            tared = hand.newest.time
             run(bus, 1.5)
-            live = unread(hand)
+            live = unread(hand)  # since the tare
     with open_log(path) as bus, BarrettHand(bus) as hand:
-        hand.read()
+        while hand.read().time < tared:
+            pass
         for sample in live:
             played = hand.read()
             assert played.time == sample.time

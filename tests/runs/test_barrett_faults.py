@@ -11,6 +11,7 @@ from tactopose_drake.drivers.barrett_tactile import PASCALS_PER_RAW
 from tactopose_drake.drivers.frames import data_frame
 from tactopose_drake.drivers.simulation import faults
 from tactopose_drake.drivers.simulation.faults import Fault, Reply
+from tactopose_drake.errors import DeviceError
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tests import held_can
 from tests.runs.stations import Running, pads_running
@@ -172,6 +173,14 @@ def test_a_reboot_in_mid_stream_is_noticed_and_the_hand_woken_again(can: ObjectM
             running.devices.hand.initialize(puck)
         running.run(0.6)
         assert_all_is_well(running)
+
+
+def test_a_finger_that_is_not_tared_is_an_error_before_the_start(can: ObjectModel) -> None:
+    with pads_running(can) as running:
+        running.devices.tare(1)
+        running.rig["hand"].absent = {Puck.F1}
+        with pytest.raises(DeviceError, match="Barrett hand: cannot be tared; silent, or failed, are the arrays of F1"):
+            running.devices.tare(1)
 
 
 @pytest.mark.parametrize("name", ["bus-off", "adapter is gone"])
