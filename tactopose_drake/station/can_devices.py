@@ -1,7 +1,7 @@
 """The CAN devices that a scenario names: opened together, tared, recorded, and closed together."""
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Self
 
@@ -16,8 +16,21 @@ from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.drivers.netcanoem_protocol import ForceUnit, TorqueUnit
 from tactopose_drake.drivers.replay_bus import open_log
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.station.senses import BarrettPucks, CanSenses, ForceTorqueBoard
 
+# What python-can's buses are opened with in any case, by its new names and old; a filter would hide drivers' frames.
+_NO_OPTIONS = (
+    "interface",
+    "channel",
+    "ignore_config",
+    "config_context",
+    "bustype",
+    "context",
+    "can_filters",
+    "cls",
+    "self",
+)
 _GREETING_TIME = 5.0  # s, in which a device must have given its first sample to be tared; Barrett's wakes up for 1 s
 
 
@@ -25,13 +38,20 @@ def live_buses(senses: CanSenses) -> dict[str, DeviceBus]:
     """The buses of a scenario, not open yet.
 
     Raises:
-        InvalidInputError: if python-can has no such interface.
+        InvalidInputError: if python-can has no such interface, or an option is none that an interface has.
     """
     buses = {}
     for name, bus in senses.buses.items():
         with told_of(f"CanSenses.buses[{name}]."):
+            _check_options(bus.options)
             buses[name] = DeviceBus.open(bus.interface, bus.channel, **bus.options)
     return buses
+
+
+def _check_options(options: Iterable[str]) -> None:
+    for option in options:
+        if option in _NO_OPTIONS:
+            raise InvalidInputError(f"options: has {option!r}; allowed are the interface's own, such as bitrate.")
 
 
 def check_drivers(senses: CanSenses) -> None:

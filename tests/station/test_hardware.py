@@ -195,6 +195,13 @@ def test_unknown_joints_are_named() -> None:
             r"CanSenses\.buses\[other\]: is on virtual 'held cube', as is main; allowed is one bus for each channel\.",
         ),
         (lambda senses: setattr(senses.buses["main"], "interface", "string"), r"buses\[main\].interface: 'string'"),
+        *(
+            (
+                lambda senses, option=option: senses.buses["main"].options.update({option: "x"}),
+                rf"buses\[main\].options: has '{option}'; allowed are the interface's own, such as bitrate\.",
+            )
+            for option in ("interface", "channel", "ignore_config", "can_filters", "cls", "self")
+        ),
     ],
 )
 def test_senses_that_cannot_be_are_refused(change, message: str) -> None:
