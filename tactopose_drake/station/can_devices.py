@@ -1,6 +1,7 @@
 """The CAN devices that a scenario names: opened together, tared, recorded, and closed together."""
 
 import contextlib
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Self
@@ -38,10 +39,16 @@ def live_buses(senses: CanSenses) -> dict[str, DeviceBus]:
     """The buses of a scenario, not open yet.
 
     Raises:
-        InvalidInputError: if python-can has no such interface, or an option is none that an interface has.
+        InvalidInputError: if python-can has no such interface, an option is none that an interface has, or a name is
+            none that a log can have.
     """
     buses = {}
     for name, bus in senses.buses.items():
+        if not re.fullmatch(r"\w[\w .-]{0,59}", name):
+            raise InvalidInputError(
+                f"CanSenses.buses: has the name {name!r}, which its log would have too; allowed are up to 60 letters, "
+                "digits, '_', '-', '.' and spaces, the first of which is a letter, a digit or '_'."
+            )
         with told_of(f"CanSenses.buses[{name}]."):
             _check_options(bus.options)
             buses[name] = DeviceBus.open(bus.interface, bus.channel, **bus.options)

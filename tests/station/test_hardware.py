@@ -197,6 +197,13 @@ def test_unknown_joints_are_named() -> None:
         (lambda senses: setattr(senses.buses["main"], "interface", "string"), r"buses\[main\].interface: 'string'"),
         *(
             (
+                lambda senses, name=name: senses.buses.update({name: CanBus(interface="virtual", channel="other")}),
+                r"CanSenses\.buses: has the name .*, which its log would have too; allowed are up to 60 letters",
+            )
+            for name in ("../evil", "a/b", "a\\b", "/", "..", "", "a\n", "a\0", "b" * 61)
+        ),
+        *(
+            (
                 lambda senses, option=option: senses.buses["main"].options.update({option: "x"}),
                 rf"buses\[main\].options: has '{option}'; allowed are the interface's own, such as bitrate\.",
             )
