@@ -31,6 +31,7 @@ class DeviceBus:
     A bus that fails is opened again, with growing pauses, and its devices are started anew.
 
     Attributes:
+        name: what messages call it; "bus", and where it is, unless set.
         clock: what time stamps are compared with, and waits are made on.
         follows_log: whether the bus replays what was recorded.
         origin: the time at which `keep_up` begins to count, s since the epoch: when the bus was opened, unless set.
@@ -54,6 +55,7 @@ class DeviceBus:
             follows_log: whether the bus gives recorded frames, sent ones too. The devices then do what they did when
                 those were sent; they neither send, nor look at the clock.
         """
+        self.name = "bus"
         self.clock, self.follows_log = clock, follows_log
         self.origin = 0.0
         self.quiet_until = 0.0
@@ -79,7 +81,9 @@ class DeviceBus:
         """
         if interface not in can.VALID_INTERFACES:
             raise UnknownNameError("interface", interface, sorted(can.VALID_INTERFACES))
-        return cls(lambda: can.Bus(interface=interface, channel=channel, ignore_config=True, **options))
+        bus = cls(lambda: can.Bus(interface=interface, channel=channel, ignore_config=True, **options))
+        bus.name = f"bus {channel!r} of {interface}"
+        return bus
 
     def __enter__(self) -> Self:
         """Opens the bus.
@@ -87,7 +91,8 @@ class DeviceBus:
         Raises:
             BusError: if it cannot be opened.
         """
-        self._line.open()
+        if not self._line.open():
+            raise BusError(f"{self.name}: {self._line.failure}")
         self._end = None
         self.origin = self.clock.time()
         self._stop.clear()
@@ -103,7 +108,7 @@ class DeviceBus:
             self._thread = None
         self._line.close()
         with self._changed:
-            self._end = self._end or BusError("bus: is closed.")
+            self._end = self._end or BusError(f"{self.name}: is closed.")
             self._changed.notify_all()
 
     @property
@@ -112,10 +117,10 @@ class DeviceBus:
         if isinstance(self._end, DriverError):
             return str(self._end)
         if self._end is not None:
-            return f"bus: its thread ended with {self._end!r}"
+            return f"{self.name}: its thread ended with {self._end!r}"
         if self._line.failure:
-            return f"bus: {self._line.failure}"
-        return "bus: is off after too many errors" if self._dispatch.is_bus_off else ""
+            return f"{self.name}: {self._line.failure}"
+        return f"{self.name}: is off after too many errors" if self._dispatch.is_bus_off else ""
 
     @property
     def error_frames(self) -> int:

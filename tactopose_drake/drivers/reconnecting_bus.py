@@ -6,7 +6,6 @@ from collections.abc import Callable
 import can
 
 from tactopose_drake.drivers.clock import Clock
-from tactopose_drake.errors import BusError
 
 # What python-can's interfaces raise where a bus cannot be opened: their own errors and the operating system's;
 # ValueError and TypeError for a channel or an option that they cannot take; ImportError and NotImplementedError where a
@@ -35,14 +34,15 @@ class ReconnectingBus:
         self.failure = ""
         self._retry_at, self._pause = 0.0, 0.0
 
-    def open(self) -> None:
-        """Opens it for the first time.
-
-        Raises:
-            BusError: if that fails.
-        """
-        if not self._attempt():
-            raise BusError(f"bus: {self.failure}")
+    def open(self) -> bool:
+        """Opens it; whether that worked."""
+        try:
+            self.bus = self._open_bus()
+        except _CANNOT_OPEN as error:
+            self.failure = f"cannot be opened ({error})."
+            return False
+        self.failure = ""
+        return True
 
     def close(self) -> None:
         """Shuts it down."""
@@ -77,16 +77,7 @@ class ReconnectingBus:
             return False
         self._pause = min(2 * self._pause, _BACKOFF[1])
         self._retry_at = self._clock.time() + self._pause
-        return self._attempt()
-
-    def _attempt(self) -> bool:
-        try:
-            self.bus = self._open_bus()
-        except _CANNOT_OPEN as error:
-            self.failure = f"cannot be opened ({error})."
-            return False
-        self.failure = ""
-        return True
+        return self.open()
 
     def _lose(self, error: Exception) -> None:
         with contextlib.suppress(can.CanError, OSError):

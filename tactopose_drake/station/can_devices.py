@@ -52,6 +52,7 @@ def live_buses(senses: CanSenses) -> dict[str, DeviceBus]:
         with told_of(f"CanSenses.buses[{name}]."):
             _check_options(bus.options)
             buses[name] = DeviceBus.open(bus.interface, bus.channel, **bus.options)
+            buses[name].name = f"bus {name!r}, {bus.channel!r} of {bus.interface}"
     return buses
 
 

@@ -51,7 +51,10 @@ def test_an_unknown_interface_is_named_with_those_that_exist() -> None:
 
 @pytest.mark.parametrize(("interface", "channel"), [("socketcan", "nothing0"), ("slcan", "/dev/nothing0")])
 def test_a_bus_that_cannot_be_opened_is_one_clear_error(interface: str, channel: str) -> None:
-    with pytest.raises(BusError, match="cannot be opened"), DeviceBus.open(interface, channel):
+    with (
+        pytest.raises(BusError, match=f"^bus '{channel}' of {interface}: cannot be opened"),
+        DeviceBus.open(interface, channel),
+    ):
         pass
 
 

@@ -11,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.errors import BusError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.resources import model_path
@@ -216,6 +216,14 @@ def test_senses_that_cannot_be_are_refused(change, message: str) -> None:
     change(scenario.senses)
     with pytest.raises(InvalidInputError, match=message):
         scenario.validate()
+
+
+def test_a_bus_that_cannot_be_opened_is_named_as_in_the_scenario() -> None:
+    senses = held_cube.scenario().senses
+    senses.buses["main"] = CanBus(interface="slcan", channel="/dev/nothing0")
+    message = r"^bus 'main', '/dev/nothing0' of slcan: cannot be opened \("
+    with pytest.raises(BusError, match=message), CanDevices(senses, live_buses(senses)):
+        pass
 
 
 @pytest.mark.parametrize(
