@@ -103,6 +103,7 @@ class HandCycle:
         self._time = 0.0
         self._positions = np.full(len(joints.JOINTS), np.nan)
         self._pressures = np.full((len(ARRAYS), tactile.CELLS), np.nan)
+        self._highest = np.full(len(ARRAYS), np.inf)  # pressure that an array's reading can tell
         self._torques = np.full(len(FINGERS), np.nan)
         self._readings = {puck: tactile.FullReading() for puck in Puck}
         self._errors: dict[Answer, str] = {}
@@ -154,8 +155,10 @@ class HandCycle:
             if raw is None:
                 return False
             values[...] = tactile.full_pressures(raw)
+            self._highest[puck - Puck.F1] = tactile.PASCALS_PER_RAW * tactile.RAW_MAX
         elif group is ReplyGroup.TACTILE_TOP:
             values[...] = tactile.top_pressures(tactile.decode_top(data))
+            self._highest[puck - Puck.F1] = tactile.PASCALS_PER_TOP * tactile.TOP_MAX
         else:
             name, strain = protocol.decode_value(data)
             if name != Property.STRAIN:
@@ -179,10 +182,9 @@ class HandCycle:
         return values
 
     def _saturated(self) -> list[str]:
-        full = tactile.full_pressures([tactile.RAW_MAX])[0]
         remarks = []
-        for name, pressures in zip(ARRAYS, self._pressures, strict=True):
-            cells = np.flatnonzero(pressures == full)
+        for name, pressures, highest in zip(ARRAYS, self._pressures, self._highest, strict=True):
+            cells = np.flatnonzero(pressures == highest)
             if len(cells):
                 remarks.append(f"saturated: {name} " + ", ".join(str(cell) for cell in cells))
         return remarks

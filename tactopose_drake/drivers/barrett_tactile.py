@@ -14,7 +14,7 @@ CELLS = 24
 FRAMES = 5  # in a full reading
 CELLS_IN_FRAME = 5
 TOP_CELLS = 10
-RAW_MAX = 4095
+RAW_MAX, TOP_MAX = 4095, 15
 PASCALS_PER_RAW = 1e4 / 256  # raw values are N/cm^2 in 1/256
 PASCALS_PER_TOP = 1e4  # those of the short reading are whole N/cm^2
 

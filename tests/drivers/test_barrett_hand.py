@@ -169,11 +169,13 @@ def test_a_hand_that_is_silent_before_it_is_tared_is_an_error() -> None:
             hand.tare()
 
 
-def test_saturated_cells_and_overloaded_fingers_are_named() -> None:
+@pytest.mark.parametrize("mode", [TactileMode.FULL, TactileMode.TOP])
+def test_saturated_cells_and_overloaded_fingers_are_named(mode: TactileMode) -> None:
     pressures = HAND_STATE.pressures.copy()
     pressures[3, [4, 6]] = 2e5
+    pressures[1, 5] = 1.5e5 if mode is TactileMode.FULL else 1.49e5  # high, but not the highest that a reading can tell
     state = HandState(HAND_STATE.joint_positions, pressures, np.array([0.1, 1.6, 0.3]))
-    with virtual_bus(SimulatedBarrettHand(lambda time: state, awake=True)) as bus, BarrettHand(bus) as hand:
+    with virtual_bus(SimulatedBarrettHand(lambda time: state, awake=True)) as bus, BarrettHand(bus, mode=mode) as hand:
         assert hand.read().status == "F2: fingertip torque beyond its limit; saturated: palm 4, 6"
 
 
