@@ -10,7 +10,7 @@ from collections.abc import Generator, Sequence
 import can
 import numpy as np
 
-from tactopose_drake.core.validation import finite_array, positive_number
+from tactopose_drake.core.validation import finite_array, positive_number, whole_number
 from tactopose_drake.drivers import barrett_protocol as protocol
 from tactopose_drake.drivers.barrett_cycle import FINGERS, Answer, HandCycle, HandSample, JointEncoders
 from tactopose_drake.drivers.barrett_joints import STRAIN_POLYNOMIAL
@@ -93,10 +93,12 @@ class BarrettHand(Device[HandSample]):
             timeout: for it, and then for the first sample, s.
 
         Raises:
+            InvalidInputError: if `timeout` is no finite number > 0.
             DeviceError: if the hand is not being sampled (nothing is sent then, nor later), or an array is silent, at
                 the tare or after it, or has failed.
             DeviceTimeoutError: if the hand falls silent meanwhile.
         """
+        timeout = positive_number("timeout", timeout)  # before anything is sent
         arrays = [puck for puck in Puck if puck not in self._bare]
         outcome: list[dict[int, int]] = []
         self._command(self._tare(arrays, outcome))
@@ -120,9 +122,10 @@ class BarrettHand(Device[HandSample]):
             puck: of the joint.
 
         Raises:
+            InvalidInputError: if there is no such puck.
             DeviceError: if the hand is not being sampled; nothing is sent then, nor later.
         """
-        self._command(self._initialize(puck))
+        self._command(self._initialize(Puck(whole_number("puck", puck, least=Puck.F1, most=Puck.SPREAD))))
 
     def follow(self, request: can.Message, time: float) -> None:
         """Takes a recorded request; a joint that was initialized then counts from there."""

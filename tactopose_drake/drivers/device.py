@@ -115,9 +115,10 @@ class Device(ABC, Generic[Sample]):
         """The oldest sample that has not been read; waits for one where there is none. At most 1024 are kept.
 
         Args:
-            timeout: s.
+            timeout: s, finite.
 
         Raises:
+            InvalidInputError: if `timeout` is no finite number >= 0.
             DeviceTimeoutError: if none comes in time; the message says what the device's state is.
             BusError: if the bus was closed.
             EndOfLogError: if the bus replays a log that is at its end.

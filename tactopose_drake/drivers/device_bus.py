@@ -14,6 +14,7 @@ from typing import Any, Self, TypeVar
 
 import can
 
+from tactopose_drake.core.validation import positive_number
 from tactopose_drake.drivers.clock import FIRST_EPOCH_STAMP, HOST_CLOCK, Clock
 from tactopose_drake.drivers.frame_dispatch import BusUser, FrameDispatch, Listener
 from tactopose_drake.drivers.reconnecting_bus import ReconnectingBus
@@ -169,7 +170,9 @@ class DeviceBus:
         Raises:
             BusError: if the bus was closed, or its thread has died.
             EndOfLogError: if the bus replays a log that is at its end.
+            InvalidInputError: if `timeout` is no finite number >= 0.
         """
+        timeout = positive_number("timeout", timeout, allow_zero=True)
         # On the bus's own clock only where the caller lets it run.
         clock: Clock = HOST_CLOCK if self._threaded else self.clock
         deadline = clock.time() + timeout

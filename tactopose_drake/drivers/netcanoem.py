@@ -10,13 +10,13 @@ import can
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, whole_number
 from tactopose_drake.drivers import netcanoem_protocol as protocol
 from tactopose_drake.drivers.device import OK, Conversation, Device, Exchange, Pause
 from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.frames import data_frame
 from tactopose_drake.drivers.netcanoem_protocol import Firmware, ForceUnit, Opcode, TorqueUnit
-from tactopose_drake.errors import DeviceError, DeviceTimeoutError, InvalidInputError, ProtocolError
+from tactopose_drake.errors import DeviceError, DeviceTimeoutError, ProtocolError
 
 # What boards count that cannot be asked (firmware before 3.7). [A]
 _OLD_COUNTS = (1_000_000, 1_000_000)
@@ -102,12 +102,8 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
         Raises:
             InvalidInputError: if a number is out of its range.
         """
-        for what, value, count in (
-            ("base", base, protocol.BASES),
-            ("calibration_slot", calibration_slot, protocol.CALIBRATIONS),
-        ):
-            if not 0 <= value < count:
-                raise InvalidInputError(f"{what}: is {value}; allowed are 0 to {count - 1}.")
+        base = whole_number("base", base, least=0, most=protocol.BASES - 1)
+        calibration_slot = whole_number("calibration_slot", calibration_slot, least=0, most=protocol.CALIBRATIONS - 1)
         identifiers = frozenset(protocol.identifier(base, opcode) for opcode in range(16))
         super().__init__(bus, name or f"force-torque board {base:#x}", requests=identifiers, replies=identifiers)
         self._base, self._slot, self._units = base, calibration_slot, units
@@ -140,9 +136,9 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
         Raises:
             DeviceTimeoutError: if a sample does not come.
             DeviceError: if a sample is not valid; the bias then stays what it was.
+            InvalidInputError: if an argument is out of its range.
         """
-        if samples < 1:
-            raise InvalidInputError(f"samples: is {samples}; allowed are integers >= 1.")
+        samples = whole_number("samples", samples, least=1)
         self._unread.clear()
         gauges: list[NDArray[np.int64]] = []
         while len(gauges) < samples:

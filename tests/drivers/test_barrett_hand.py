@@ -91,6 +91,14 @@ def test_a_motion_is_never_sent_later_than_it_was_asked_for() -> None:
     assert simulated.moves == []
 
 
+@pytest.mark.parametrize("puck", ["x", None, 10, 15, 11.0])
+def test_a_motion_of_what_is_no_puck_is_refused(puck: object) -> None:
+    with virtual_bus(make_hand()) as bus, BarrettHand(bus) as hand:
+        hand.read()
+        with pytest.raises(InvalidInputError, match=r"puck: is .*; allowed are integers from 11 to 14"):
+            hand.initialize(puck)
+
+
 def test_short_readings_give_the_ten_highest_cells() -> None:
     with virtual_bus(make_hand()) as bus, BarrettHand(bus, mode=TactileMode.TOP) as hand:
         sample = hand.read()

@@ -1,17 +1,21 @@
-"""The host's clock of day is set while devices are read: nothing waits, no sample is old, and no time goes back."""
+"""The host's clock of day is set while devices are read, or stamps are wrong: nothing waits, and no time goes back."""
 
+import itertools
+import math
 import time
 from collections.abc import Callable
 
 import can
+import numpy as np
 import pytest
 
+from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.clock import SteadyClock
 from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.drivers.reconnecting_bus import receive
 from tactopose_drake.drivers.simulation.device_server import DeviceServer
-from tests.drivers.rigs import SLOT, is_right, make_board
+from tests.drivers.rigs import SLOT, is_right, make_board, make_hand, run, unread, virtual_bus
 
 SetClock = Callable[[float], None]
 _real_time = time.time
@@ -75,6 +79,45 @@ def test_boards_are_polled_whatever_the_clock_of_day_shows(set_clock: SetClock, 
             found, age, _ = sensor.observe(max_age=10.0)
             assert found is not None
             assert abs(age) < 10.0
+
+
+@pytest.mark.parametrize(
+    ("stamp", "error"),
+    [
+        (lambda time, count: time + 3600.0, 3600.0),
+        (lambda time, count: time + 0.04, 0.04),
+        (lambda time, count: time - 0.2, -0.2),
+        (lambda time, count: time + 3600.0 * (count % 50 == 0), 0.0),  # now and then
+        (lambda time, count: math.inf, 0.0),
+    ],
+)
+def test_devices_go_on_by_the_clock_of_their_bus_whatever_stamps_say(
+    stamp: Callable[[float, int], float], error: float
+) -> None:
+    """Stamps count for a sample's age alone."""
+    board, simulated = make_board(), make_hand()
+    with (
+        virtual_bus(board, simulated) as bus,
+        NetCanOemForceTorque(bus, calibration_slot=SLOT) as sensor,
+        BarrettHand(bus) as hand,
+    ):
+        recv, count = bus._line.bus.recv, itertools.count()
+
+        def stamped(timeout):
+            frame = recv(timeout)
+            if frame is not None:
+                frame.timestamp = stamp(frame.timestamp, next(count))
+            return frame
+
+        bus._line.bus.recv = stamped
+        run(bus, 1.0)
+        samples = unread(sensor)
+        assert len(samples) > 185
+        assert len(unread(hand)) > 30
+        assert all(is_right(sample) for sample in samples)
+        ages = [sensor.observe(math.inf)[1] for _ in range(10) if run(bus, 0.01) is None]
+        assert np.median(ages) == pytest.approx(-error, abs=0.01)
+        assert (sensor.observe(0.02)[0] is not None) == (error == 0.0)
 
 
 def test_waiting_for_a_frame_does_not_look_at_the_clock_of_day(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -70,8 +70,9 @@ def test_a_tare_needs_valid_samples() -> None:
         board.faults = [faults.silence]
         with pytest.raises(DeviceTimeoutError, match="no reply"):
             sensor.tare(timeout=0.5)
-        with pytest.raises(InvalidInputError, match="samples: is 0"):
-            sensor.tare(samples=0)
+        for samples, shown in ((0, "0"), (2.5, "2.5"), ("x", "'x'"), (None, "None"), (True, "True")):
+            with pytest.raises(InvalidInputError, match=f"samples: is {shown}; allowed are integers >= 1"):
+                sensor.tare(samples)
     np.testing.assert_array_equal(sensor.bias, np.zeros(6))
 
 
@@ -110,7 +111,17 @@ def test_an_empty_calibration_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [{"base": 128}, {"base": -1}, {"calibration_slot": 16}, {"period": 0.0}, {"timeout": np.nan}]
+    "arguments",
+    [
+        {"base": 128},
+        {"base": -1},
+        {"base": 2.5},
+        {"base": "x"},
+        {"calibration_slot": 16},
+        {"calibration_slot": 1.5},
+        {"period": 0.0},
+        {"timeout": np.nan},
+    ],
 )
 def test_arguments_out_of_range_are_refused(arguments: dict) -> None:
     with virtual_bus() as bus, pytest.raises(InvalidInputError, match=next(iter(arguments))):

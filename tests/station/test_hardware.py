@@ -184,7 +184,10 @@ def test_unknown_joints_are_named() -> None:
         (lambda senses: setattr(senses.fingers["thumb"], "period", 0.0), r"fingers\[thumb\].period: is 0"),
         (lambda senses: setattr(senses, "prior", "absent.yaml"), "the file absent.yaml does not exist"),
         (lambda senses: setattr(senses, "joints", JointFile(path="absent.csv")), "the file absent.csv does not exist"),
-        (lambda senses: setattr(senses.fingers["thumb"], "base", 200), r"fingers\[thumb\].base: is 200; allowed are 0"),
+        (
+            lambda senses: setattr(senses.fingers["thumb"], "base", 200),
+            r"fingers\[thumb\].base: is 200; allowed are integers from 0",
+        ),
         (
             lambda senses: setattr(senses.fingers["thumb"], "force_unit", "STONE"),
             r"fingers\[thumb\].force_unit: 'STONE'",
@@ -229,7 +232,7 @@ def test_a_bus_that_cannot_be_opened_is_named_as_in_the_scenario() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda board: setattr(board, "base", 200), "base: is 200; allowed are 0 to 127"),
+        (lambda board: setattr(board, "base", 200), "base: is 200; allowed are integers from 0 to 127"),
         (lambda board: setattr(board, "base", 0x20), "on the same bus has too"),
         (lambda board: setattr(board, "force_unit", "STONE"), r"fingers\[thumb\].force_unit: 'STONE' is unknown"),
     ],
