@@ -48,7 +48,7 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig
-from tactopose_drake.hand.hand_in_plant import Hand, add_hand
+from tactopose_drake.hand.hand_in_plant import Hand, add_fixed_hand
 from tactopose_drake.hand.reading_ranges import ReadingRanges
 from tactopose_drake.hand.shape_depth import ShapeDepth, shape_depth
 from tactopose_drake.hand.thinned_hull import thinned_hull
@@ -102,7 +102,7 @@ class HandCollision:
         """
         builder = DiagramBuilder()
         self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
-        self._hand = add_hand(self._plant, hand, RigidTransform())
+        self._hand = add_fixed_hand(self._plant, hand)
         self._object = _add_object(self._plant, model)
         self._plant.Finalize()
         self._ranges = ReadingRanges.of(self._plant)

@@ -31,11 +31,12 @@ class FingertipWeights:
         """Keeps a reference to the plant.
 
         Args:
-            plant: finalized plant of the hand alone, its base welded to the world.
+            plant: finalized plant of the hand alone.
             hand: the hand in it.
             R_WBase: how the hand's base stands in the real world, whose z points up, where it does not turn.
         """
-        self._on_base, self._frames = HandKinematics(plant, plant.world_frame()), hand.sensor_frames
+        base = plant.GetFrameByName(hand.config.base_link, hand.model_instance)
+        self._on_base, self._frames = HandKinematics(plant, base), hand.sensor_frames
         self._on_palm = HandKinematics(plant, hand.palm_frame)
         self._g_Base = R_WBase.inverse() @ GRAVITY_W
         self._per_gravity: dict[str, FloatArray] = {}  # (6, 3): the weight's wrench is this times gravity in S

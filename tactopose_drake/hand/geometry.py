@@ -20,7 +20,7 @@ from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.hull_vertices import hull_vertices
 from tactopose_drake.hand.hand_config import HandConfig
-from tactopose_drake.hand.hand_in_plant import add_hand
+from tactopose_drake.hand.hand_in_plant import add_fixed_hand
 from tactopose_drake.resources import passing_builder
 
 # Points of the unit circle and sphere that stand for a cylinder and an ellipsoid.
@@ -117,7 +117,7 @@ class BodySpheres:
         """Fills a hand; the bodies are those of any plant that holds this hand alone."""
         with passing_builder() as builder:
             plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
-            hand = add_hand(plant, config, RigidTransform())
+            hand = add_fixed_hand(plant, config)
             plant.Finalize()
             return cls.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
 

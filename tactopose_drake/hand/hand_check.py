@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Role, SceneGraph
-from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
@@ -22,7 +21,7 @@ from tactopose_drake.hand.findings import Entry, Finding, fault
 from tactopose_drake.hand.finger_chain import joints_towards
 from tactopose_drake.hand.fingertip_check import check_fingertips
 from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
-from tactopose_drake.hand.hand_in_plant import Hand, add_hand, make_hand_plant
+from tactopose_drake.hand.hand_in_plant import Hand, add_fixed_hand, make_hand_plant, pose_by_model
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.hand.joint_check import check_joints
 from tactopose_drake.hand.pad_check import check_pads
@@ -95,7 +94,7 @@ def _check(config: HandConfig, complaints: list[str]) -> HandCheck:
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
     try:
-        hand = add_hand(plant, config, RigidTransform())
+        hand = add_fixed_hand(plant, config)
         plant.Finalize()
     except (InvalidInputError, RuntimeError) as error:
         builder.Build()
@@ -168,6 +167,12 @@ def _model(
     yield Finding(
         "palm", f"frame {P.name()!r} on link {P.body().name()!r}; the link {hand.config.base_link!r} carries it"
     )
+    if pose_by_model(hand.config) is not None:
+        text = (
+            f"the model itself fixes {hand.config.base_link!r} to the world; a scenario's X_WBase must be that pose, "
+            "and an arm cannot carry it"
+        )
+        yield Finding("palm", text, "note")
     moved = joints_towards(plant, hand, P, hand.config.base_link)
     if moved:
         yield Finding(

@@ -18,6 +18,8 @@ from tactopose_drake.hand.contact_gains import thicker
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.resources import add_model, make_parser
 
+_SAME_POSE = 1e-3  # m, and of the rotation's matrix: files are rounded
+
 
 @dataclasses.dataclass(frozen=True)
 class Hand:
@@ -54,13 +56,15 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
         plant: receives the hand. Coupled joints need a discrete plant with a SAP-family contact approximation, which
             is Drake's default.
         config: which hand.
-        X_WBase: where to weld the hand's base link; None leaves it free, for the caller to weld on an arm.
+        X_WBase: where to weld the hand's base link; None leaves it as the model has it, mostly free, for the caller to
+            weld on an arm.
 
     Raises:
         UnknownNameError: if the model lacks a name of the configuration.
         InvalidFileError: if Drake cannot read the model.
-        InvalidInputError: if a package of the model is not installed, the base link is not the model's root, or a weld
-            is a joint that moves and the sensor is not behind it.
+        InvalidInputError: if a package of the model is not installed, the base link is not the model's root, the model
+            itself fixes it to the world elsewhere or moves it there, or a weld is a joint that moves and the sensor is
+            not behind it.
     """
     config.validate()
     model_instance = add_model(make_parser(plant, config.packages), config.model)
@@ -73,8 +77,53 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
     for name in (name for name in driven if name not in actuated):
         plant.AddJointActuator(name, plant.GetJointByName(name, model_instance))
     if X_WBase is not None:
-        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(config.base_link, model_instance), X_WBase)
+        _fix_base(plant, hand, X_WBase)
     return hand
+
+
+def add_fixed_hand(plant: MultibodyPlant, config: HandConfig) -> Hand:
+    """`add_hand`, its base where the model itself fixes it to the world, or at the origin: for what is seen from P."""
+    hand = add_hand(plant, config)
+    if joint_to_world(plant, hand) is None:
+        _fix_base(plant, hand, RigidTransform())
+    return hand
+
+
+def pose_by_model(config: HandConfig) -> RigidTransform | None:
+    """X_WBase of a hand whose model itself fixes its base to the world; None of one that may stand anywhere.
+
+    Raises:
+        UnknownNameError, InvalidFileError, InvalidInputError: as `add_hand`.
+    """
+    plant = MultibodyPlant(time_step=0.001)
+    joint = joint_to_world(plant, add_hand(plant, config))
+    return None if joint is None else _pose_of_child(joint)
+
+
+def joint_to_world(plant: MultibodyPlant, hand: Hand) -> WeldJoint | None:
+    """The joint that fixes the hand's base to the world; None where there is none."""
+    base = plant.GetFrameByName(hand.config.base_link, hand.model_instance).body()
+    joint = joints_by_child(plant, hand).get(base.index())
+    is_to_world = isinstance(joint, WeldJoint) and joint.parent_body().index() == plant.world_body().index()
+    return joint if is_to_world else None
+
+
+def _pose_of_child(joint: WeldJoint) -> RigidTransform:
+    """Of a body that is fixed to the world, there."""
+    X_WF, X_BM = (frame.GetFixedPoseInBodyFrame() for frame in (joint.frame_on_parent(), joint.frame_on_child()))
+    return X_WF @ joint.X_FM() @ X_BM.inverse()
+
+
+def _fix_base(plant: MultibodyPlant, hand: Hand, X_WBase: RigidTransform) -> None:
+    """Welds the base to the world; raises InvalidInputError if the model has fixed it elsewhere."""
+    base, joint = hand.config.base_link, joint_to_world(plant, hand)
+    if joint is None:
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(base, hand.model_instance), X_WBase)
+    elif not _pose_of_child(joint).IsNearlyEqualTo(X_WBase, _SAME_POSE):
+        raise InvalidInputError(
+            f"X_WBase: is not where the joint {joint.name()!r} of {hand.config.model} fixes {base!r} to the world; "
+            "allowed are None and that pose, or any where the model is without this joint."
+        )
 
 
 def _check_base(plant: MultibodyPlant, hand: Hand) -> None:
@@ -87,6 +136,11 @@ def _check_base(plant: MultibodyPlant, hand: Hand) -> None:
         raise InvalidInputError(
             f"HandConfig.base_link: is {name!r}, which the joint {joints[base.index()].name()!r} carries; allowed is "
             f"the model's root, {root.name()!r}."
+        )
+    if base.index() in joints and not isinstance(joints[base.index()], WeldJoint):
+        raise InvalidInputError(
+            f"HandConfig.base_link: is {name!r}, which the joint {joints[base.index()].name()!r} moves in the world; "
+            "allowed is a fixed joint, or none."
         )
 
 
@@ -144,15 +198,16 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
 
 
 def make_hand_plant(config: HandConfig) -> tuple[MultibodyPlant, Hand]:
-    """A finalized plant of the hand alone, its base welded to the world: for kinematics from joint positions.
+    """A finalized plant of the hand alone, for kinematics from joint positions.
 
-    It is the hand as it is known to be: with its calibration, where the configuration names one.
+    Its base is where the model itself fixes it to the world, or else at the origin. It is the hand as it is known
+    to be: with its calibration, where the configuration names one.
 
     Raises:
         UnknownNameError, InvalidFileError, InvalidInputError: as `add_hand`, and if the calibration does not fit.
     """
     plant = MultibodyPlant(time_step=0.001)
-    hand = add_hand(plant, config, RigidTransform())
+    hand = add_fixed_hand(plant, config)
     if config.calibration:
         calibration = load_calibration(Path(config.calibration))
         try:

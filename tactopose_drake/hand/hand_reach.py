@@ -5,7 +5,7 @@ from types import MappingProxyType
 
 import numpy as np
 from pydrake.geometry import SceneGraphInspector
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 
 from tactopose_drake.core import poses
@@ -21,7 +21,7 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.finger_chain import checked_limits, finger_chain
 from tactopose_drake.hand.geometry import BodySpheres, corner_spheres
 from tactopose_drake.hand.hand_config import HandConfig
-from tactopose_drake.hand.hand_in_plant import Hand, add_hand
+from tactopose_drake.hand.hand_in_plant import Hand, add_fixed_hand
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.hand.shared_joints import with_held_joints
@@ -58,7 +58,7 @@ def make_hand_reach(config: HandConfig, params: ReachParams) -> HandReach:
         )
     with passing_builder() as builder:
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
-        hand = add_hand(plant, config, RigidTransform())
+        hand = add_fixed_hand(plant, config)
         plant.Finalize()
     spheres = BodySpheres.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
     generator = np.random.default_rng(0)

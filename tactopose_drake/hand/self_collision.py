@@ -3,14 +3,13 @@
 from collections.abc import Mapping
 
 import numpy as np
-from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.contact_properties import let_overlap, self_collisions
 from tactopose_drake.hand.hand_config import HandConfig
-from tactopose_drake.hand.hand_in_plant import add_hand
+from tactopose_drake.hand.hand_in_plant import add_fixed_hand
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.hand_reach import rest_posture
 
@@ -25,7 +24,7 @@ class SelfCollision:
         """Builds a diagram of the hand alone."""
         builder = DiagramBuilder()
         self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
-        self._hand = add_hand(self._plant, config, RigidTransform())
+        self._hand = add_fixed_hand(self._plant, config)
         self._plant.Finalize()
         self._diagram = builder.Build()
         posture = self._plant.GetMyContextFromRoot(self._diagram.CreateDefaultContext())

@@ -12,7 +12,7 @@ from tactopose_drake.core.grasping.rod_direction import rod_direction
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config
-from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant, pose_by_model
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.force_torque_sensor import sufficient_calibration
@@ -25,6 +25,8 @@ _LEAST_FINGERS = 3  # of a hand whose fingers may not all oppose each other
 
 def scenario_for(hand: str, object_: str, seed: int = 0) -> Scenario:
     """A planned grasp of an object by a hand, whose palm stands so that upright objects fit between its fingers.
+
+    Where the hand's model itself fixes it to the world, it stands there.
 
     The camera looks over the back of the palm. Joints that the model damps get a spring that is as much stiffer, and
     the sensors bear the forces of planned grasps on any place of the fingertips.
@@ -41,15 +43,15 @@ def scenario_for(hand: str, object_: str, seed: int = 0) -> Scenario:
     config = load_hand_config(hand)
     reach = make_hand_reach(config, ReachParams())
     plant, parts = make_hand_plant(config)
-    context = plant.CreateDefaultContext()
     base = plant.GetFrameByName(config.base_link, parts.model_instance)
-    R_WP = RotationMatrix.MakeFromOneVector(object_axis(reach), 2).inverse()
-    X_WBase = RigidTransform(
-        R_WP @ plant.CalcRelativeTransform(context, parts.palm_frame, base).rotation(), np.zeros(3)
-    )
+    X_BaseP = plant.CalcRelativeTransform(plant.CreateDefaultContext(), base, parts.palm_frame)
+    X_WBase = pose_by_model(config)
+    if X_WBase is None:
+        R_WP = RotationMatrix.MakeFromOneVector(object_axis(reach), 2).inverse()
+        X_WBase = RigidTransform(R_WP @ X_BaseP.rotation().inverse(), np.zeros(3))
     middle_P = 0.5 * (reach.grip_low + reach.grip_high)
-    X_WP = X_WBase @ plant.CalcRelativeTransform(context, base, parts.palm_frame)
-    back = R_WP @ _unit(_palm_middle(reach) - middle_P)
+    X_WP = X_WBase @ X_BaseP
+    back = X_WP.rotation() @ _unit(_palm_middle(reach) - middle_P)
     view = _unit(back + 0.5 * np.array([0.0, 0.0, 1.0]))
     X_WC = RigidTransform(RotationMatrix.MakeFromOneVector(-view, 2), X_WP @ middle_P + _CAMERA_DISTANCE * view)
     driven = [plant.GetJointByName(name, parts.model_instance) for finger in config.fingers for name in finger.joints]

@@ -11,7 +11,7 @@ from pydrake.multibody.tree import Frame, ModelInstanceIndex, SpatialInertia
 
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, joint_to_world
 from tactopose_drake.resources import add_model, load_typed_yaml, make_parser, model_path
 
 
@@ -81,7 +81,17 @@ def add_arm(plant: MultibodyPlant, config: ArmConfig, X_WBase: RigidTransform) -
 
 
 def mount_hand(plant: MultibodyPlant, arm: Arm, hand: Hand, X_FBase: RigidTransform) -> None:
-    """Welds a hand, which was added without a place, to an arm's flange."""
+    """Welds a hand, which was added without a place, to an arm's flange.
+
+    Raises:
+        InvalidInputError: if the hand's model itself fixes it to the world.
+    """
+    joint = joint_to_world(plant, hand)
+    if joint is not None:
+        raise InvalidInputError(
+            f"{hand.config.model}: its joint {joint.name()!r} fixes {hand.config.base_link!r} to the world; allowed on "
+            "an arm is a model without that joint."
+        )
     plant.WeldFrames(arm.flange, plant.GetFrameByName(hand.config.base_link, hand.model_instance), X_FBase)
 
 

@@ -123,9 +123,10 @@ class CarriedHand:
         """The hand with its joints at positions of shape (nq,), rad."""
         context = self._hand_plant.CreateDefaultContext()
         self._hand_plant.SetPositions(context, q_hand)
-        X_BaseP = self._hand.palm_frame.CalcPoseInWorld(context)
-        p_BaseH = self._spheres.positions(self._hand_plant.get_body_poses_output_port().Eval(context))
-        p_PH = X_BaseP.inverse().multiply(p_BaseH.T).T
+        base = self._hand_plant.GetFrameByName(self._hand.config.base_link, self._hand.model_instance)
+        X_BaseP = self._hand_plant.CalcRelativeTransform(context, base, self._hand.palm_frame)
+        p_WH = self._spheres.positions(self._hand_plant.get_body_poses_output_port().Eval(context))
+        p_PH = self._hand.palm_frame.CalcPoseInWorld(context).inverse().multiply(p_WH.T).T
         X_FP, wrist = self._X_FBase @ X_BaseP, self._arm.config
         p_PWrist = X_FP.inverse().multiply(np.array(wrist.p_FWrist))
         return PlacedHand(X_FP, np.vstack([p_PH, p_PWrist]), np.append(self._spheres.radius, wrist.wrist_radius))
