@@ -35,6 +35,7 @@ from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.runs.disturbed_sensors import disturbed_sensors
 from tactopose_drake.runs.grasp_simulation import GraspResult, simulate_grasp
 from tactopose_drake.runs.timeline_recorder import TimelineRecorder
+from tactopose_drake.station.grasp_planning import grip_advice
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.pose_display import PoseDisplayParams
 from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
@@ -107,7 +108,7 @@ def run_demo(
         reasons = (*grasp.failed_attempts, grasp.reason)
         raise GraspFailedError(
             f"no grasp of the {model.name.replace('_', ' ')} with seed {scenario.seed} held it, of {len(reasons)} that "
-            f"were tried: {'; '.join(reasons)}. Another seed tries others."
+            f"were tried: {'; '.join(reasons)}. Another seed tries others.{grip_advice(scenario)}"
         )
     diagram, context = grasp.station.diagram, grasp.context
     contacts: Contacts = diagram.GetOutputPort("contacts").Eval(context)

@@ -72,7 +72,7 @@ def make_hand_reach(config: HandConfig, params: ReachParams) -> HandReach:
     palm = _palm_spheres(plant, hand, spheres)
     low, high = np.array(config.grip_low), np.array(config.grip_high)
     if not config.grip_low:
-        low, high = find_grip_region({name: finger.reached for name, finger in fingers.items()}, palm)
+        low, high = find_grip_region(fingers, palm, params)
     return HandReach(
         fingers,
         palm,

@@ -39,9 +39,19 @@ def plan_scenario(scenario: Scenario, model: ObjectModel | None = None) -> list[
     if not plans:
         raise InvalidInputError(
             f"Scenario.object: the hand {scenario.hand!r} finds no way to hold {model.name!r}, "
-            f"{refusals.explanation()}; allowed are objects that fit between its fingers."
+            f"{refusals.explanation()}; allowed are objects that fit between its fingers.{grip_advice(scenario)}"
         )
     return plans
+
+
+def grip_advice(scenario: Scenario) -> str:
+    """What may help where planned grasps do not hold; nothing where the hand's file says where it holds things."""
+    if scenario.grip is not None or load_hand_config(scenario.hand).grip_low:
+        return ""
+    return (
+        " Where the hand holds things was found from its model, as `tactopose check-hand` says; grip_low and grip_high "
+        "of its file name another place."
+    )
 
 
 def _object_mass(scenario: Scenario) -> float:

@@ -1,5 +1,6 @@
 """Scenarios and simulations for hands that nobody has prepared."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.resources import fixed_pose
+from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.motor_inertia import add_motor_inertia
 from tactopose_drake.station.own_hand import object_axis, scenario_for
 from tactopose_drake.station.simulated import check_bodies
@@ -34,6 +36,18 @@ def test_objects_stand_across_the_fingers_and_the_palm(tmp_path: Path) -> None:
     X_WC = fixed_pose("X", scenario.X_WC)
     p_CG = X_WC.inverse() @ (fixed_pose("X", scenario.X_WBase) @ (0.5 * (reach.grip_low + reach.grip_high)))
     np.testing.assert_allclose(p_CG, [0.0, 0.0, 0.4], atol=1e-3)
+
+
+def test_where_nothing_is_held_a_place_that_was_found_may_be_wrong(tmp_path: Path) -> None:
+    advice = "check-hand` says; grip_low and grip_high of its file name another place."
+    scenario = scenario_for(str(write_gripper(tmp_path)), "mug")
+    scenario.planner.most_poses = 10
+    with pytest.raises(InvalidInputError, match=re.escape(advice)):
+        plan_scenario(scenario)
+    told = YAML + "grip_low: [-0.01, -0.01, 0.09]\ngrip_high: [0.01, 0.01, 0.11]\n"
+    scenario.hand = str(write_gripper(tmp_path, yaml=told))
+    with pytest.raises(InvalidInputError, match=r"allowed are objects that fit between its fingers\.$"):
+        plan_scenario(scenario)
 
 
 def test_damped_joints_get_a_stiffer_spring(tmp_path: Path) -> None:

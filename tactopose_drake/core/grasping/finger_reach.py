@@ -97,6 +97,11 @@ class FingerReach:
         """How far the round end gives way to forces at each of these samples, shape (samples, 3, 3), m/N."""
         return self._end.compliance
 
+    @property
+    def axis(self) -> FloatArray | None:
+        """The fingertip's axis at each of these samples, shape (samples, 3); None where it has none."""
+        return self._axis if self.geometry.has_axis else None
+
     @cached_property
     def _straight_part(self) -> list[_Place]:
         return [self._place(p_SK, is_end=False) for p_SK in self.geometry.along_straight_part(_PLACES)]

@@ -1,30 +1,36 @@
-"""Where in a hand things can be held: where its fingertips come together."""
+"""Where in a hand things can be held: where its fingertips press on one place from all sides."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
+from tactopose_drake.core.grasping.finger_reach import FingerReach, ReachParams, alignment
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
-_NEAR = 0.04  # from a fingertip to the middle of what it holds, m
+_NEAR, _FAR = 0.012, 0.04  # from the middle of what a fingertip holds to its own, m
 _CLEAR = 0.025  # of the palm from there, m
 _STEP = 0.015  # of the grid of places that are tried, m
+_BEHIND = 0.3  # cosine by which a fingertip that presses may face backwards
+_EVENLY = 0.33  # power of how often a fingertip presses there: several that do so at times are better than one
 _MOST_ONESIDED = 0.8  # length of the mean direction of two fingertips, seen from between them
-_TOLERANCE = 0.15  # share of a place's value below the best
-_SAMPLES = 600  # of each fingertip's places that are looked at
+_SHARPNESS = 8  # power of a place's value, by which it weighs
+_SAMPLES = 1500  # of each fingertip's places that are looked at
 _LEAST_SIDE = 0.01  # of the box, m
-_SHARE = 0.2  # of the places along each axis that are left out at either end
+_SHARE = 0.25  # of the weight along each axis that is left out at either end
 
 
 def find_grip_region(
-    reached: Mapping[str, FloatArray], palm: tuple[FloatArray, FloatArray]
+    fingers: Mapping[str, FingerReach], palm: tuple[FloatArray, FloatArray], params: ReachParams
 ) -> tuple[FloatArray, FloatArray]:
-    """A box in P where as many fingertips as possible come near to one place, from all sides, clear of the palm.
+    """A box in P where as many fingertips as possible can press on one place, from all sides, clear of the palm.
 
     Args:
-        reached: samples of where each finger's tip can be, shape (n, 3), m, by finger.
+        fingers: where each finger's tip can be, by finger.
         palm: centres (h, 3) and radii (h,) of spheres that fill the palm, m.
+        params: what counts as a clean touch.
 
     Returns:
         Its lower and upper corners, shape (3,), m.
@@ -32,34 +38,75 @@ def find_grip_region(
     Raises:
         InvalidInputError: if no place is between two fingertips.
     """
-    some = [tips[:: max(1, len(tips) // _SAMPLES)] for tips in reached.values()]
-    points = np.concatenate(some)
-    axes = [
-        np.arange(low, high + _STEP, _STEP) for low, high in zip(points.min(axis=0), points.max(axis=0), strict=True)
-    ]
-    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    if len(palm[1]):
-        gap = np.min([np.linalg.norm(places - p, axis=1) - r for p, r in zip(*palm, strict=True)], axis=0)
-        places = places[gap > _CLEAR]
-    value = np.array([_togetherness(place, some) for place in places])
-    if value.max(initial=0.0) < 2.0 * (1.0 - _MOST_ONESIDED):
+    tips = [_Tips.of(finger) for finger in fingers.values()]
+    axes = _grid(np.concatenate([each.p_PT for each in tips]))
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    clear = np.ones(places.shape[:3], dtype=np.bool_)
+    for centre, radius in zip(*palm, strict=True):
+        clear &= np.linalg.norm(places - centre, axis=-1) - radius > _CLEAR
+    value, least = np.zeros(clear.shape), 2.0 * (1.0 - _MOST_ONESIDED)
+    value[clear] = _togetherness(places[clear], tips, params)
+    if value.max(initial=0.0) < least:
+        # Where a sensor is elsewhere, the axis from there does not tell how the fingertip faces.
+        value[clear] = _togetherness(places[clear], [replace(each, axis=None) for each in tips], params)
+    if value.max(initial=0.0) < least:
         raise InvalidInputError(
             "HandConfig.grip_low, grip_high: are empty, and no place beside the palm is between two fingertips; "
             "the hand's joint limits or frames are not what they should be."
         )
-    best = places[value > (1.0 - _TOLERANCE) * value.max()]
-    low, high = np.quantile(best, _SHARE, axis=0), np.quantile(best, 1.0 - _SHARE, axis=0)
-    widen = np.maximum(0.5 * (_LEAST_SIDE - (high - low)), 0.0)
-    return low - widen, high + widen
+    corners = np.array([_middle(axis, value**_SHARPNESS, along) for along, axis in enumerate(axes)])
+    widen = np.maximum(0.5 * (_LEAST_SIDE - (corners[:, 1] - corners[:, 0])), 0.0)
+    return corners[:, 0] - widen, corners[:, 1] + widen
 
 
-def _togetherness(place: FloatArray, reached: Sequence[FloatArray]) -> float:
-    """The number of fingertips that come near a place, times how little they come from the same side."""
-    sides = []
-    for tips in reached:
-        offset = tips - place
-        near = offset[np.einsum("ni,ni->n", offset, offset) < _NEAR**2]
-        if len(near):
-            mean = near.mean(axis=0)
-            sides.append(mean / max(np.linalg.norm(mean), 1e-9))
-    return len(sides) * (1.0 - float(np.linalg.norm(np.mean(sides, axis=0)))) if sides else 0.0
+@dataclass(frozen=True, eq=False)
+class _Tips:
+    """Samples of where a finger's tip can be, (n, 3), with its compliances (n, 3, 3) and axis (n, 3), if it has one."""
+
+    p_PT: FloatArray
+    compliance: FloatArray
+    axis: FloatArray | None
+
+    @classmethod
+    def of(cls, finger: FingerReach) -> Self:
+        some, axis = slice(None, None, max(1, len(finger.reached) // _SAMPLES)), finger.axis
+        return cls(finger.reached[some], finger.compliance[some], None if axis is None else axis[some])
+
+    def pressing(self, place: FloatArray, params: ReachParams) -> tuple[float, FloatArray]:
+        """How often, by its samples, it presses on a small thing at a place, and from which direction, shape (3,)."""
+        offset = self.p_PT - place
+        distance = np.linalg.norm(offset, axis=1)
+        near = np.flatnonzero((distance > _NEAR) & (distance < _FAR))
+        outward = offset[near] / distance[near, None]
+        presses = alignment(self.compliance[near], outward) > params.least_alignment
+        if self.axis is not None:
+            presses &= np.einsum("ni,ni->n", self.axis[near], outward) < _BEHIND
+        total = outward[presses].sum(axis=0)
+        return np.count_nonzero(presses) / len(offset), total / max(float(np.linalg.norm(total)), 1e-9)
+
+
+def _grid(points: FloatArray) -> list[FloatArray]:
+    """Coordinates along each axis about points (n, 3): multiples of the step, so that they are even about P."""
+    ends = zip(np.floor(points.min(axis=0) / _STEP), np.ceil(points.max(axis=0) / _STEP), strict=True)
+    return [_STEP * np.arange(low, high + 1.0) for low, high in ends]
+
+
+def _togetherness(places: FloatArray, tips: list[_Tips], params: ReachParams) -> FloatArray:
+    """How many fingertips press on places (n, 3), times how little they do so from the same side, shape (n,)."""
+    often, direction = np.empty((len(places), len(tips))), np.empty((len(places), len(tips), 3))
+    for i, place in enumerate(places):
+        for j, each in enumerate(tips):
+            often[i, j], direction[i, j] = each.pressing(place, params)
+    weight = (often / np.maximum(often.max(axis=0, initial=0.0), 1e-9)) ** _EVENLY
+    onesided = np.linalg.norm(np.einsum("nf,nfi->ni", weight, direction), axis=1)
+    together: FloatArray = weight.sum(axis=1) - onesided
+    return together
+
+
+def _middle(axis: FloatArray, weight: FloatArray, along: int) -> tuple[float, float]:
+    """Between which coordinates the weight of a grid (n, m, k) lies along an axis, but for a share at either end."""
+    others = tuple(other for other in range(3) if other != along)
+    below = np.append(0.0, np.cumsum(weight.sum(axis=others)))
+    edges = np.append(axis - 0.5 * _STEP, axis[-1] + 0.5 * _STEP)
+    low, high = np.interp([_SHARE, 1.0 - _SHARE], below / below[-1], edges)
+    return float(low), float(high)
