@@ -80,10 +80,13 @@ class ModelPackage:
 def make_parser(plant: MultibodyPlant, packages: Sequence[ModelPackage] = ()) -> Parser:
     """A parser that resolves `package://tactopose_drake/...`, what ROS_PACKAGE_PATH leads to, and the given packages.
 
+    A model whose name is taken gets another, such as `gripper_1`.
+
     Raises:
         InvalidInputError: if a package is not installed.
     """
     parser = Parser(plant)
+    parser.SetAutoRenaming(True)
     parser.package_map().PopulateFromRosPackagePath()
     parser.package_map().Add("tactopose_drake", str(resource_root()))
     for package in packages:
@@ -103,8 +106,10 @@ def add_model(parser: Parser, model: str | Path) -> ModelInstanceIndex:
     """Parses a file that holds one model: an SDF, URDF or MJCF, by path or by URL.
 
     Raises:
-        InvalidFileError: if Drake cannot read the file, or it does not hold exactly one model.
+        InvalidFileError: if there is no such file, Drake cannot read it, or it does not hold exactly one model.
     """
+    if "://" not in str(model) and not os.path.exists(model):
+        raise InvalidFileError(f"{model}: there is no such file; allowed is an SDF, URDF or MJCF.")
     try:
         instances = parser.AddModels(url=model) if "://" in str(model) else parser.AddModels(str(model))
     except (

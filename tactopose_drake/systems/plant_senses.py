@@ -72,7 +72,7 @@ def add_with_plant(
     name: str,
     estimation: Diagram,
     config: HandConfig,
-    plant: MultibodyPlant | None,
+    plant: MultibodyPlant | Hand | None,
     simulated_senses: bool,
 ) -> Diagram:
     """Adds an estimation or a tracking, connected to the plant that holds its hand, among whatever else.
@@ -85,7 +85,7 @@ def add_with_plant(
         name: of what is added.
         estimation: of `AddPoseEstimation` or `AddPoseTracking`.
         config: the hand.
-        plant: finalized plant; None where somebody else connects it all.
+        plant: finalized plant, or the hand in it; None where somebody else connects it all.
         simulated_senses: whether what is felt is simulated, too.
 
     Raises:
@@ -97,6 +97,7 @@ def add_with_plant(
     if plant is None:
         return builder.AddNamedSystem(name, estimation)
     hand = _find_in(plant, config)
+    plant = hand.palm_frame.GetParentPlant()
     if not any(system is plant for system in builder.GetSystems()):
         raise InvalidInputError(
             "plant: is not among the builder's systems; allowed is one that was added to the same builder."
@@ -134,11 +135,14 @@ def _connect(
             builder.Connect(output, estimation.GetInputPort(port))
 
 
-def _find_in(plant: MultibodyPlant, config: HandConfig) -> Hand:
-    """The hand in a plant, whatever its model is called there."""
+def _find_in(place: MultibodyPlant | Hand, config: HandConfig) -> Hand:
+    """The hand in a plant, whatever its model is called there; of several alike that which is named itself."""
+    plant = place.palm_frame.GetParentPlant() if isinstance(place, Hand) else place
     instance_of("plant", plant, MultibodyPlant)
     if not plant.is_finalized():
         raise InvalidInputError("plant: is not finalized; allowed is one that is.")
+    if isinstance(place, Hand):
+        return find_hand(plant, config, place.model_instance)
     every = [ModelInstanceIndex(index) for index in range(plant.num_model_instances())]
     instances = [index for index in every if plant.GetJointIndices(index)]
     hands, reasons = [], []
@@ -153,7 +157,8 @@ def _find_in(plant: MultibodyPlant, config: HandConfig) -> Hand:
     if len(hands) > 1:
         names = ", ".join(plant.GetModelInstanceName(hand.model_instance) for hand in hands)
         raise InvalidInputError(
-            f"plant: its models {names} are all such hands; without `plant=` the ports are connected one by one."
+            f"plant: its models {names} are all such hands; allowed is the hand itself, `plant=hand` as `add_hand` gives "
+            "it."
         )
     return hands[0]
 

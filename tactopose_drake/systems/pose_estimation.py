@@ -9,6 +9,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import flag, instance_of, params_of
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.systems.plant_senses import add_with_plant
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
 from tactopose_drake.systems.touch_sensing import TouchParams, add_touch
@@ -35,7 +36,7 @@ def AddPoseEstimation(
     params: PoseEstimationParams | None = None,
     name: str = "pose_estimation",
     *,
-    plant: MultibodyPlant | None = None,
+    plant: MultibodyPlant | Hand | None = None,
     simulated_senses: bool = True,
 ) -> Diagram:
     """Adds the estimation of a held object's pose to a diagram under construction.
@@ -80,7 +81,8 @@ def AddPoseEstimation(
         model: the object.
         params: parameters of each part.
         name: of the diagram in the other.
-        plant: finalized plant of the same diagram that holds the hand among whatever else: joints and palm are its.
+        plant: finalized plant of the same diagram that holds the hand among whatever else: joints and palm are its. Of
+            several such hands in it, the one that `add_hand` gave.
         simulated_senses: whether, with a plant, wrenches are of its reaction forces, and pressures of its contacts.
 
     Returns:

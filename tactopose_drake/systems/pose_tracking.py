@@ -10,7 +10,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import flag, instance_of, params_of
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty
-from tactopose_drake.hand.hand_in_plant import make_hand_plant
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.systems.belief_inputs import pad_source
 from tactopose_drake.systems.fingertip_velocities import FingertipVelocities
 from tactopose_drake.systems.joint_offset_refiner import JointOffsetRefiner
@@ -48,7 +48,7 @@ def AddPoseTracking(
     params: PoseTrackingParams | None = None,
     name: str = "pose_tracking",
     *,
-    plant: MultibodyPlant | None = None,
+    plant: MultibodyPlant | Hand | None = None,
     simulated_senses: bool = True,
 ) -> Diagram:
     """Adds the belief of a held object's pose; other ports of the diagram that comes are to be connected by name.

@@ -75,6 +75,18 @@ def test_a_joint_that_moves_the_base_in_the_world_is_refused(tmp_path: Path) -> 
         make_hand_plant(config)
 
 
+def test_two_of_a_kind_are_in_one_plant(tmp_path: Path) -> None:
+    config = load_hand_config(write_gripper(tmp_path))
+    plant = MultibodyPlant(0.001)
+    hands = [add_hand(plant, config, RigidTransform([place, 0.0, 0.0])) for place in (0.0, 1.0)]
+    plant.Finalize()
+    names = [plant.GetModelInstanceName(hand.model_instance) for hand in hands]
+    assert names == ["two_finger", "two_finger_1"]
+    assert plant.num_actuators(hands[1].model_instance) == 2
+    p_WP = [hand.palm_frame.CalcPoseInWorld(plant.CreateDefaultContext()).translation() for hand in hands]
+    np.testing.assert_allclose(p_WP, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], atol=1e-12)
+
+
 def test_it_is_checked_simulated_where_it_stands_and_on_no_arm(tmp_path: Path) -> None:
     path = write_standing(tmp_path / "standing")
     check = check_hand(path)

@@ -75,6 +75,11 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
         load_typed_yaml(Toy, tmp_path / "no.yaml")
 
 
+def test_a_model_that_is_not_there_is_told_so(tmp_path: Path) -> None:
+    with pytest.raises(InvalidFileError, match=r"no\.urdf: there is no such file"):
+        add_model(make_parser(MultibodyPlant(time_step=0.001)), tmp_path / "no.urdf")
+
+
 def test_a_model_whose_numbers_are_none_is_told_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(
         '<robot name="arm"><link name="a"/><link name="b"/><joint name="j" type="continuous"><parent link="a"/>'

@@ -154,13 +154,34 @@ def test_a_plant_without_the_hand_with_two_or_unfinished_is_refused(box: ObjectM
         AddPoseTracking(DiagramBuilder(), config, box, PoseTrackingParams(use_hand_volume=False), plant=empty)
     builder = DiagramBuilder()
     plant, _ = full_plant(builder, "shadow_like", "shadow_like")
-    with pytest.raises(InvalidInputError, match="its models h0, h1 are all such hands"):
+    with pytest.raises(
+        InvalidInputError, match="its models h0, h1 are all such hands; allowed is the hand itself"
+    ):
         AddPoseEstimation(builder, config, box, params, plant=plant)
     plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.004), DiagramBuilder())
     with pytest.raises(InvalidInputError, match="plant: is not finalized"):
         AddPoseEstimation(DiagramBuilder(), config, box, params, plant=plant)
     with pytest.raises(InvalidInputError, match="plant: is a str; allowed is a MultibodyPlant"):
         AddPoseEstimation(DiagramBuilder(), config, box, params, plant="plant")
+
+
+@pytest.mark.parametrize("add", [AddPoseEstimation, AddPoseTracking])
+def test_of_two_hands_alike_each_can_be_meant(add, box: ObjectModel) -> None:  # type: ignore[no-untyped-def]
+    builder = DiagramBuilder()
+    plant, hands = full_plant(builder, "shadow_like", "shadow_like")
+    params = (PoseEstimationParams if add is AddPoseEstimation else PoseTrackingParams)(
+        use_hand_volume=False, check_collisions=False
+    )
+    for i, hand in enumerate(hands):
+        add(builder, hand.config, box, params, name=f"of_{i}", plant=hand)
+    diagram = builder.Build()
+    root = diagram.CreateDefaultContext()
+    context = plant.GetMyMutableContextFromRoot(root)
+    for i, hand in enumerate(hands):
+        plant.SetPositions(context, hand.model_instance, np.full(24, 0.1 + i))
+    for i in range(len(hands)):
+        joints = evaluated(diagram, root, diagram.GetSubsystemByName(f"of_{i}"), "joint_positions")
+        np.testing.assert_array_equal(joints, np.full(24, 0.1 + i))
 
 
 BARE = PoseEstimationParams(use_hand_volume=False, check_collisions=False)
