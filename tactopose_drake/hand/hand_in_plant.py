@@ -6,7 +6,15 @@ from pathlib import Path
 
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, FixedOffsetFrame, Frame, Joint, ModelInstanceIndex, WeldJoint
+from pydrake.multibody.tree import (
+    BodyIndex,
+    FixedOffsetFrame,
+    Frame,
+    Joint,
+    ModelInstanceIndex,
+    PrismaticJoint,
+    WeldJoint,
+)
 
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
@@ -18,6 +26,7 @@ from tactopose_drake.hand.contact_gains import thicker
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.resources import add_model, make_parser
 
+_LARGEST_SLIDE = 0.1  # m, of the offset of a joint that slides
 _SAME_POSE = 1e-3  # m, and of the rotation's matrix: files are rounded
 
 
@@ -222,9 +231,17 @@ def _calibrated(plant: MultibodyPlant, hand: Hand, calibration: HandCalibration)
     """The hand in an unfinished plant with its sensors' frames and fingertips where a calibration has found them.
 
     Raises:
-        InvalidInputError: if the calibration is of another hand, or leaves nothing of a fingertip.
+        InvalidInputError: if the calibration is of another hand, leaves nothing of a fingertip, or an offset is out of
+            its range.
     """
     calibration.check_names(measured_joints(plant, hand), hand.sensor_frames)
+    for name, offset in calibration.joint_offsets.items():
+        slides = isinstance(plant.GetJointByName(name, hand.model_instance), PrismaticJoint)
+        if slides and abs(offset.value) > _LARGEST_SLIDE:
+            raise InvalidInputError(
+                f"joint_offsets.{name}.value: is {offset.value:g} m, of a joint that slides; allowed are numbers from "
+                f"{-_LARGEST_SLIDE:g} to {_LARGEST_SLIDE:g} m."
+            )
     frames, surfaces = dict(hand.sensor_frames), dict(hand.surfaces)
     for finger, found in calibration.fingers.items():
         turned, moved = found.mounting[:3], found.mounting[3:]

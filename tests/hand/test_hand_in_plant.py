@@ -7,7 +7,7 @@ import pytest
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_check import check_hand
@@ -18,7 +18,7 @@ from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.arms.arm import add_arm, load_arm_config, mount_hand
 from tactopose_drake.station.own_hand import scenario_for
 from tactopose_drake.station.simulated import check_bodies
-from tests.hand.grippers import write_gripper
+from tests.hand.grippers import YAML, write_gripper
 
 X_WBASE = RigidTransform(RollPitchYaw(0.4, -0.3, 0.8), [0.1, 0.2, 0.3])
 FIXED = (
@@ -85,6 +85,15 @@ def test_two_of_a_kind_are_in_one_plant(tmp_path: Path) -> None:
     assert plant.num_actuators(hands[1].model_instance) == 2
     p_WP = [hand.palm_frame.CalcPoseInWorld(plant.CreateDefaultContext()).translation() for hand in hands]
     np.testing.assert_allclose(p_WP, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], atol=1e-12)
+
+
+def test_the_offset_of_a_joint_that_slides_is_told_in_metres(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path, yaml=YAML + "calibration: own.calibration.yaml\n")
+    (tmp_path / "own.calibration.yaml").write_text("joint_offsets: {left_slide: {value: 0.01, sigma: 0.001}}\n")
+    make_hand_plant(load_hand_config(path))
+    (tmp_path / "own.calibration.yaml").write_text("joint_offsets: {left_slide: {value: 3.0, sigma: 0.1}}\n")
+    with pytest.raises(InvalidFileError, match=r"left_slide\.value: is 3 m, .* allowed are numbers from -0.1 to 0.1 m"):
+        make_hand_plant(load_hand_config(path))
 
 
 def test_it_is_checked_simulated_where_it_stands_and_on_no_arm(tmp_path: Path) -> None:
