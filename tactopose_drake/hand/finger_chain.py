@@ -1,6 +1,7 @@
 """The kinematics of one finger, taken from a plant for whole batches of joint positions."""
 
 import dataclasses
+import math
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -12,6 +13,8 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import FingerConfig
 from tactopose_drake.hand.hand_in_plant import Hand, joints_by_child
+
+_MOST_TURNED = 2.0 * math.pi + 1e-3  # rad
 
 
 def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
@@ -48,12 +51,18 @@ def checked_limits(finger: FingerConfig, chain: SerialChain) -> str:
     """The limits of a finger's actuated joints in words.
 
     Raises:
-        InvalidInputError: if a joint has none, or cannot move between them.
+        InvalidInputError: if a joint has none, cannot move between them, or turns by more than a turn from zero.
     """
-    limits = zip(finger.joints, chain.lower, chain.upper, strict=True)
-    text = f"joint limits: {', '.join(f'{name} {low:.3g} to {high:.3g}' for name, low, high in limits)}"
+    slides = chain.arms != 1.0
+    limits = zip(finger.joints, chain.lower, chain.upper, np.where(slides, "m", "rad"), strict=True)
+    shown = ", ".join(f"{name} {low:.3g} to {high:.3g} {unit}" for name, low, high, unit in limits)
+    text = f"joint limits: {shown}"
     if not np.all(np.isfinite([*chain.lower, *chain.upper])) or not np.all(chain.lower < chain.upper):
         raise InvalidInputError(f"finger {finger.name!r}: {text}; planned grasps need finite ones that differ.")
+    if np.any(np.maximum(-chain.lower, chain.upper)[~slides] > _MOST_TURNED):
+        raise InvalidInputError(
+            f"finger {finger.name!r}: {text}; allowed of joints that turn are -2 pi to 2 pi rad: these may be degrees."
+        )
     return text
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.geometry import Role, SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import Joint
+from pydrake.multibody.tree import BodyIndex, Joint
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from tactopose_drake.core.grasping.finger_reach import ReachParams
@@ -20,13 +20,16 @@ from tactopose_drake.hand.coupling_check import check_couplings
 from tactopose_drake.hand.findings import Entry, Finding, fault
 from tactopose_drake.hand.finger_chain import joints_towards
 from tactopose_drake.hand.fingertip_check import check_fingertips
+from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, add_fixed_hand, make_hand_plant, pose_by_model
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.hand.joint_check import check_joints
+from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.hand.pad_check import check_pads
 from tactopose_drake.resources import complaint_kind
 
+_FARTHEST = 1.0  # from the palm, of a hand's collision shapes, m
 _SLOWEST = 0.5  # s that a joint's damping may take to let the default grasp controller's spring close it
 _STRUCTURE = ("joints", "couplings", "sensor_frame", "weld")  # of a finger, on which its surface depends
 _STIFFNESS = ReachParams().stiffness  # N m/rad
@@ -154,6 +157,7 @@ def _model(
     ]
     count = sum(number for _, number in shapes)
     yield Finding("model", f"{len(shapes)} links with {count} collision shapes", "ok" if count else "fault")
+    yield from _too_far(plant, scene_graph, hand)
     bare = [name for name, number in shapes if not number]
     if bare and count:
         yield Finding("model", f"no collision shape, so no part of the hand's volume: {', '.join(bare)}", "note")
@@ -178,6 +182,16 @@ def _model(
         yield Finding(
             "palm", f"is moved by {', '.join(moved)}: joints beside the fingers' must be measured too", "note"
         )
+
+
+def _too_far(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> Iterator[Finding]:
+    """Links whose shapes reach farther than any hand does: of other units, such as millimetres."""
+    spheres = BodySpheres.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
+    reach = np.linalg.norm(HandKinematics(plant, hand.palm_frame).positions(spheres), axis=1) + spheres.radius
+    for body in np.unique(spheres.body[reach > _FARTHEST]):
+        name = plant.get_body(BodyIndex(body)).name()
+        text = f"the collision shapes of {name!r} reach {reach[spheres.body == body].max():.3g} m from the palm"
+        yield Finding("model", f"{text}; allowed are up to {_FARTHEST:g} m", "fault")
 
 
 def _times(count: int) -> str:

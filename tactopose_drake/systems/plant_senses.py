@@ -157,8 +157,7 @@ def _find_in(place: MultibodyPlant | Hand, config: HandConfig) -> Hand:
     if len(hands) > 1:
         names = ", ".join(plant.GetModelInstanceName(hand.model_instance) for hand in hands)
         raise InvalidInputError(
-            f"plant: its models {names} are all such hands; allowed is the hand itself, `plant=hand` as `add_hand` gives "
-            "it."
+            f"plant: its models {names} are all such hands; allowed is the hand itself, as `add_hand` gives it."
         )
     return hands[0]
 

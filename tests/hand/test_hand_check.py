@@ -11,7 +11,7 @@ import trimesh
 from tactopose_drake.core.surfaces.surface import random_directions
 from tactopose_drake.hand.findings import Entry, fingers_yaml
 from tactopose_drake.hand.hand_check import HandCheck, check_hand
-from tests.hand.grippers import YAML, write_gripper
+from tests.hand.grippers import YAML, write_bending_gripper, write_gripper
 
 
 def verdicts(check: HandCheck, part: str) -> list[tuple[str, str]]:
@@ -59,6 +59,22 @@ def test_a_gripper_is_usable_and_described(tmp_path: Path) -> None:
 def test_what_is_wrong_is_named(tmp_path: Path, right: str, wrong: str, part: str, text: str) -> None:
     check = check_hand(write_gripper(tmp_path, yaml=YAML.replace(right, wrong)))
     assert any(fault.part == part and text in fault.text for fault in check.faults), check.faults
+
+
+def test_a_model_in_other_units_is_told(tmp_path: Path) -> None:
+    path = write_bending_gripper(tmp_path, 2)
+    assert ("ok", "joint limits: f0_j0 -0.6 to 1.4 rad, f0_j1 -0.6 to 1.4 rad") in verdicts(
+        check_hand(path), "finger f0"
+    )
+    model = tmp_path / "bending.urdf"
+    text = model.read_text()
+    model.write_text(text.replace('lower="-0.6" upper="1.4"', 'lower="-35" upper="80"'))
+    assert any(
+        "f0_j0 -35 to 80 rad" in found.text and "may be degrees" in found.text for found in check_hand(path).faults
+    )
+    model.write_text(text.replace("0.01 0.014 0.04", "10 14 40"))
+    faults = [found.text for found in check_hand(path).faults if found.part == "model"]
+    assert any("'f0_near' reach" in fault and "allowed are up to 1 m" in fault for fault in faults)
 
 
 def test_couplings_are_compared_with_the_model(tmp_path: Path) -> None:
