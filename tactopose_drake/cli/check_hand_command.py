@@ -38,7 +38,8 @@ def check_hand_command(hand: str, html: Path | None, cells: Path | None) -> None
     if cells is not None and check.parts is not None:
         _save_cells(cells, check.parts.hand.config.pads)
     for fault in check.faults:
-        ERRORS.print(f"error: {hand}: {fault.part}: {fault.text}.", style="red")
+        named = fault.text.startswith(f"{hand}: ")
+        ERRORS.print(f"error: {fault.text if named else f'{hand}: {fault.part}: {fault.text}'}.", style="red")
     if check.faults:
         raise click.exceptions.Exit(2)
 

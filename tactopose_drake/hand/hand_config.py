@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactopose_drake.core.validation import MOST_ALPHA, finite_array, known_name, points_near, positive_number
+from tactopose_drake.core.validation import MOST_ALPHA, finite_array, known_name, points_near, positive_number, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.calibration_file import load_calibration
 from tactopose_drake.hand.fingertip_surfaces import (
@@ -118,7 +118,9 @@ class HandConfig:
             if not value:
                 raise InvalidInputError(f"HandConfig.{name}: is empty; allowed is a name in the hand's model.")
         names = [finger.name for finger in self.fingers]
-        if not names or "" in names or len(set(names)) < len(names):
+        if "" in names:
+            raise InvalidInputError(f"HandConfig.fingers[{names.index('')}].name: is empty; allowed is a name.")
+        if not names or len(set(names)) < len(names):
             raise InvalidInputError(f"HandConfig.fingers: have the names {names}; allowed are different names.")
         for finger in self.fingers:
             if not finger.joints:
@@ -139,7 +141,8 @@ class HandConfig:
                     f"HandConfig.fingers[{finger.name}]: has sensor_frame {finger.sensor_frame!r} and weld "
                     f"{finger.weld!r}; allowed are both names or neither."
                 )
-            surface = finger.surface.make()
+            with told_of(f"HandConfig.fingers[{finger.name}].surface."):
+                surface = finger.surface.make()
             if finger.layer is not None:
                 finger.layer.make(f"HandConfig.fingers[{finger.name}].layer", surface)
         if self.uncertainty is not None:

@@ -48,6 +48,8 @@ def load_hand_volume(path: Path) -> HandVolumes:
     Raises:
         InvalidFileError: the file, or the hand's, cannot be read, or does not fit.
     """
+    if path.name.endswith(".hand.yaml"):
+        raise InvalidFileError(f"{path}: is a hand's file; allowed is one that names it, by its key `hand`.")
     data = read_data(path)
     return _of_hand(path, data) if isinstance(data, dict) and "hand" in data else _of_spheres(path, data)
 

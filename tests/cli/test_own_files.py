@@ -87,6 +87,7 @@ def test_check_hand_of_a_file_that_is_not_there(capsys: pytest.CaptureFixture[st
     assert run("check-hand", "no_such.hand.yaml") == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert "there is no such file" in line
+    assert line.count("no_such.hand.yaml") == 1
 
 
 def test_a_folder_is_told_from_what_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

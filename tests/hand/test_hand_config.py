@@ -232,8 +232,12 @@ def test_unknown_joint_is_named_with_the_valid_ones(tmp_path):
 def test_bad_descriptors_are_refused(tmp_path):
     with pytest.raises(InvalidFileError, match=r"no_such_hand: .* hands are .*barrett_like, shadow_like"):
         load_hand_config("no_such_hand")
-    with pytest.raises(InvalidInputError, match="radius: is -1"):
+    with pytest.raises(InvalidInputError, match=r"HandConfig\.fingers\[left\]\.surface\.radius: is -1"):
         load_hand_config(write_gripper(tmp_path, surface="!SphereSurface {radius: -1}"))
+    path = write_gripper(tmp_path)
+    path.write_text(path.read_text().replace("name: left,", "name: '',"))
+    with pytest.raises(InvalidFileError, match=r"HandConfig\.fingers\[0\]\.name: is empty; allowed is a name"):
+        load_hand_config(path)
     path = write_gripper(tmp_path)
     path.write_text(path.read_text() + "thumbs: 2\n")
     with pytest.raises(InvalidFileError, match="thumbs"):
@@ -257,7 +261,7 @@ def test_bad_descriptors_are_refused(tmp_path):
             InvalidInputError,
             "base_link: is 'left', which the joint 'left_hinge' carries; allowed is the model's root, 'base'",
         ),
-        ("gripper.sdf", "griper.sdf", InvalidFileError, r"griper\.sdf: is no model that Drake can read"),
+        ("gripper.sdf", "griper.sdf", InvalidFileError, r"griper\.sdf: there is no such file"),
     ],
 )
 def test_what_the_model_does_not_hold_is_refused(tmp_path, right, wrong, error, message):

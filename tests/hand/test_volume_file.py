@@ -68,6 +68,11 @@ def test_a_link_behind_a_joint_that_is_not_given_is_not_known(tmp_path: Path) ->
     assert nowhere.untouched is None
 
 
+def test_a_hand_s_own_file_is_told_from_one_that_names_it(tmp_path: Path) -> None:
+    with pytest.raises(InvalidFileError, match=r"\.hand\.yaml: is a hand's file; allowed is one that names it"):
+        load_hand_volume(write_gripper(tmp_path))
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
