@@ -102,8 +102,9 @@ def estimate_pose(
     seed, limited = whole_number("seed", seed, least=0), whole_number("max_hypotheses", max_hypotheses, least=1)
     near = prior_of_middle(prior, model.middle) if prior is not None and has_far_origin(model) else prior
     felt = with_shape_errors(model, contacts)
-    doubt = SCEPTICAL if outlier_probability else USUAL
-    evidence = Evidence(felt, near, hand, untouched, balance, friction, patches, outlier_probability, planes, doubt)
+    evidence = Evidence(felt, near, hand, untouched, balance, friction, patches, outlier_probability, planes, SCEPTICAL)
+    if evidence.outlier_probability == 0.0:
+        evidence = copied(evidence, doubt=USUAL)
     _check_touch(evidence, model.size)
     found = with_near_origin(model, lambda each: weigh_poses(each, evidence, method, seed, limited, limit))
     return copied(found, question=Question(model, evidence if near is prior else copied(evidence, prior=prior)))

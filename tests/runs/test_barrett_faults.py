@@ -167,7 +167,7 @@ def test_a_reboot_in_mid_stream_is_noticed_and_the_hand_woken_again(can: ObjectM
         running.run(4.0)
         assert "F1: position: counts from where the puck restarted" in running.value("sense_status")
         assert np.isnan(running.value("joint_positions")).all()
-        assert running.value("status").startswith("held: 1 contacts, 2 needed")  # the palm's needs no joint
+        assert running.value("status").startswith("held: 1 touch; 2 are needed")  # the palm's needs no joint
         assert running.rig["hand"].moves == []
         for puck in Puck:
             running.devices.hand.initialize(puck)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.evidence.contact_doubt import SCEPTICAL
+from tactopose_drake.core.evidence.contact_doubt import USUAL
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
@@ -43,8 +43,8 @@ def test_of_a_ball_it_is_the_integral_over_the_places_of_its_centre(sphere: Obje
     centers = np.array([0.1, -0.2, 0.05]) + np.stack(np.meshgrid(step, step, step, indexing="ij"), axis=-1)
     distance = np.linalg.norm(p_PC - centers[..., None, :], axis=-1) - RADIUS
     energy = 0.5 * np.sum(distance**2, axis=-1) / SIGMA**2
-    likelihood = sum(p * np.exp(-energy / 2.0**s) / 2.0 ** (0.5 * s * len(p_PC)) for s, _, p in SCEPTICAL.doublings)
-    integral = likelihood.sum() * (step[1] - step[0]) ** 3 / SCEPTICAL.doublings[0][2]
+    likelihood = sum(p * np.exp(-energy / 2.0**s) / 2.0 ** (0.5 * s * len(p_PC)) for s, _, p in USUAL.doublings)
+    integral = likelihood.sum() * (step[1] - step[0]) ** 3 / USUAL.doublings[0][2]
     expected = np.log(8.0 * np.pi**2 * integral) - 5.0 * np.log(sphere.area)
     assert found == pytest.approx(expected, abs=NOISE)
 
