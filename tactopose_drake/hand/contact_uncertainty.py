@@ -30,6 +30,9 @@ from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.hand.kinematics import HandKinematics
 
+# Of where a contact's point is, m^2, and of its normal, rad^2, of a hand that errs in nothing.
+LEAST_COVARIANCE = np.diag(np.repeat([1e-5**2, 1e-3**2], 3))
+
 
 class ContactUncertainty:
     """How far a hand's contacts, and its surface, may be off by what its description says of its errors."""

@@ -27,6 +27,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.estimate import estimate_pose
+from tactopose_drake.hand.contact_uncertainty import LEAST_COVARIANCE
 
 _HYPOTHESES = 24  # of a grasp
 _ROUGHLY = 1e-3  # relative change of the cost, at which a descent to a pose ends
@@ -36,7 +37,6 @@ _AGREE = 0.01  # relative difference of the costs of two attempts, below which t
 _MOVED = 1e-3  # of an entry of a pose, m or 1, above which it is another
 _AGAIN = 4.0  # times the noise, with which a later fit begins
 _BETTER = 1e-3  # relative, of the cost
-_LEAST = np.diag(np.repeat([1e-5**2, 1e-3**2], 3))  # covariance of a contact of a hand that errs in nothing
 
 
 class PoseFit(NamedTuple):
@@ -138,7 +138,7 @@ class PoseHunt:
     def _estimates(self, unit: FloatArray, covariance: FloatArray) -> list[FloatArray]:
         """The hypotheses of each grasp, best first, shape (h, 3, 4) each; the identity where nothing is felt."""
         touches, total = self.problem.touch(unit), self.noise.total
-        by_hand = touches.J @ covariance @ np.swapaxes(touches.J, 1, 2) + _LEAST
+        by_hand = touches.J @ covariance @ np.swapaxes(touches.J, 1, 2) + LEAST_COVARIANCE
         by_hand[:, :3, :3] += total.position[:, None, None] ** 2 * np.eye(3)
         by_hand[:, 3:, 3:] += total.normal[:, None, None] ** 2 * np.eye(3)
         by_hand = 0.5 * (by_hand + np.swapaxes(by_hand, 1, 2))

@@ -14,13 +14,10 @@ from pydrake.systems.framework import Context
 from tactopose_drake.core.evidence.contacts import MOST_SIGMA_POSITION, Contacts
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import FloatArray, params_of, positive_number
-from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
+from tactopose_drake.hand.contact_uncertainty import LEAST_COVARIANCE, ContactUncertainty
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 from tactopose_drake.systems.ports import eval_named
-
-# Variances of a contact of a hand that errs in nothing: of where its point is, m^2, and of its normal, rad^2.
-_LEAST = np.diag(np.repeat([1e-5**2, 1e-3**2], 3))
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -123,7 +120,7 @@ class ContactsInPalm(CollectableSystem):
         covariance = None
         if self._uncertainty is not None:
             each = [self._uncertainty.covariance(f, solutions[f], X_PS[f], kinematics) for f in fingers]
-            covariance = np.array(each).reshape(-1, 6, 6) + _LEAST
+            covariance = np.array(each).reshape(-1, 6, 6) + LEAST_COVARIANCE
         contacts = Contacts(
             p_PC,
             n_PC,

@@ -26,7 +26,8 @@ class _Exchange:
         wakened: the lock, and what the thread waits for.
         newest: the last reading that the thread has not begun with; None where there is none.
         finished: the last belief.
-        error: what the thread has failed with, and nobody has raised yet.
+        error: what the thread has failed with; None while it runs.
+        is_told: whether somebody has raised that.
         closing: whether the thread is to end.
     """
 
@@ -35,6 +36,7 @@ class _Exchange:
         self.newest: Reading | None = None
         self.finished = begun
         self.error: BaseException | None = None
+        self.is_told = False
         self.closing = False
 
     def close(self) -> None:
@@ -53,8 +55,9 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
     tells the belief's age; one older than `PoseTrackerParams.lost_time` is called lost. The belief lives in the thread,
     not in the context: a system serves one context.
 
-    An exception in the thread is raised by the next update of the system, or by `close`. The thread ends by `close`, or
-    when a diagram that nobody uses any more is freed.
+    An exception in the thread ends it, and is raised by the next update of the system, or by `close`; whoever goes on
+    all the same is told it by the status, of a belief that is lost. The thread ends by `close`, too, or when a diagram
+    that nobody uses any more is freed.
     """
 
     def __init__(
@@ -106,17 +109,20 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
 
     def _aged(self, timed: TimedBelief, now: float) -> TimedBelief:
         """What is to be said of a belief some time after it."""
-        belief, age = timed.belief, now - timed.belief.time
-        if 0.0 <= age <= _PUNCTUAL * self._params.period:
+        belief, age, error = timed.belief, now - timed.belief.time, self._exchange.error
+        if error is None and 0.0 <= age <= _PUNCTUAL * self._params.period:
             return timed
         remarks = (f"the belief is {age:.2f} s old", *belief.remarks)
-        is_late = not 0.0 <= age <= self._params.tracker.lost_time
+        if error is not None:
+            remarks = (f"its thread ended with {error!r}", *remarks)
+        is_late = error is not None or not 0.0 <= age <= self._params.tracker.lost_time
         belief = dataclasses.replace(belief, status="lost" if is_late else belief.status, remarks=remarks)
         return dataclasses.replace(timed, belief=belief)
 
     def _raise(self) -> None:
         with self._exchange.wakened:
-            error, self._exchange.error = self._exchange.error, None
+            error = None if self._exchange.is_told else self._exchange.error
+            self._exchange.is_told = error is not None or self._exchange.is_told
         if error is not None:
             raise error
 

@@ -258,6 +258,8 @@ def test_live_an_exception_reaches_the_loop(box: ObjectModel, monkeypatch: pytes
     system._thread.join()
     with pytest.raises(RuntimeError, match="no more"):
         bench.feel()
+    # A loop that goes on all the same is told why nothing comes any more.
+    assert bench.feel().startswith("lost: its thread ended with RuntimeError('no more'); the belief is ")
     system.close()
 
 
