@@ -114,17 +114,16 @@ class PoseHypothesis(PlainValue):
         return super().from_dict(read_fields(cls, data, _OF_HYPOTHESIS))
 
 
-class _CopiedPose:
-    """A field of a frozen dataclass whose values can be changed: who asks for it gets a copy."""
-
-    def __set__(self, owner: PoseHypothesis, X: RigidTransform) -> None:
-        vars(owner)["X_PO"] = X
-
-    def __get__(self, owner: PoseHypothesis, kind: type[PoseHypothesis]) -> RigidTransform:
-        return RigidTransform(vars(owner)["X_PO"])
-
-
-setattr(PoseHypothesis, "X_PO", _CopiedPose())  # noqa: B010 (as a field it has a type of its own)
+# A transform can be changed: who asks for it gets a copy. As a field it is part of the value all the same.
+setattr(  # noqa: B010 (a field has a type of its own)
+    PoseHypothesis,
+    "X_PO",
+    property(
+        lambda told: RigidTransform(vars(told)["X_PO"]),
+        lambda told, X_PO: vars(told).update(X_PO=X_PO),
+        doc="The object's pose in the palm frame; a new one.",
+    ),
+)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
