@@ -4,15 +4,18 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactopose_drake.core.sensing.cell_patterns import CornerPattern, PointPattern
 from tactopose_drake.core.sensing.tactile_array import TactileModel
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.core.sensing.tactile_patterns import CapsulePattern, RowPattern
-from tactopose_drake.core.validation import positive_number
+from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import load_typed_yaml, sensor_file
 
+# Share of its range by which a cell may show more and be at the range's end: numbers come rounded.
+_ROUNDING = 1e-3
 _LONGEST, _FARTHEST = 0.1, 1.0  # edge of a cell, and its distance from T, m: what is more must be in millimetres
 
 
@@ -38,6 +41,22 @@ class TactilePad:
     layout: TactileLayout
     model: TactileModel
     period: float
+
+    def known_pressures(self, pressure: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """What a frame says, and which of its numbers cannot be.
+
+        Args:
+            pressure: as the array gives it, shape (m,), Pa; NaN where there is none.
+
+        Returns:
+            The pressures, NaN where the file says that the cell is dead, whatever it shows, and where one shows more
+            than the range; and which show more, shape (m,).
+        """
+        live = np.ones(len(self.layout), dtype=np.bool_)
+        live[self.model.dead_cells] = False
+        beyond = live & (pressure > (1.0 + _ROUNDING) * self.model.range)
+        known = np.where(live & ~beyond, np.minimum(pressure, self.model.range), np.nan)
+        return known, beyond
 
 
 def load_tactile_pad(name_or_path: str | Path) -> TactilePad:

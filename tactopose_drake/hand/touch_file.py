@@ -1,7 +1,7 @@
 """The file of a touch, contacts.yaml: contacts at points, what arrays feel, and planes that the object rests on."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from tactopose_drake.estimation.data_checks import (
 )
 from tactopose_drake.estimation.files import SIGMA_KEYS, contacts_in
 from tactopose_drake.resources.yaml_files import shown
+
+if TYPE_CHECKING:
+    from tactopose_drake.hand.tactile_pads import TactilePad
 
 _PARTS = {"patches": "patch", "planes": "plane"}
 _LIMITS = ("threshold", "saturation")
@@ -45,11 +48,11 @@ class Touch(NamedTuple):
 
 
 class _Pad(NamedTuple):
-    """Cells (n, 3), m, and their normals (n, 3); what the array's file says besides, Pa."""
+    """Cells (n, 3), m, and their normals (n, 3); the array, where it has a file."""
 
     points: FloatArray
     normals: FloatArray
-    limits: dict[str, float]
+    array: "TactilePad | None" = None
 
 
 def load_touch(path: Path) -> Touch:
@@ -61,7 +64,8 @@ def load_touch(path: Path) -> Touch:
       array of the package by name, or a file by its path from this one's folder;
     - `X_PT`: the pose of the pad's frame T in the palm, in which they are given, of `translation` and
       `quaternion_wxyz`; absent where they are in the palm frame;
-    - `pressures`: of each cell, Pa; null where one is dead;
+    - `pressures`: of each cell, Pa; null where one is dead; with `array` up to its range, and those of cells that its
+      file calls dead do not count;
     - `alpha`: depth over pressure of the soft pad, m/Pa, as `describe_patch` takes it;
     - `threshold`, `saturation`: Pa. A cell is active above the one, by default 0, and may feel any pressure at the
       other, by default infinite, or with `array` the array's range.
@@ -100,19 +104,21 @@ def _patch(path: Path, where: str, entry: Any) -> Patch:
     pad = _array_pad(path, where, given) if is_array else _own_pad(path, where, given)
     X_PT = check_pose(path, f"{where}.X_PT", given["X_PT"]) if "X_PT" in given else identity_poses(1)[0]
     alpha = check_number(path, "alpha", given, where)
-    limits = pad.limits | {key: check_number(path, key, given, where) for key in _LIMITS if key in given}
-    threshold, saturation = limits.get("threshold", 0.0), limits.get("saturation")
+    limits = {key: check_number(path, key, given, where) for key in _LIMITS if key in given}
     pressure = _pressures(path, f"{where}.pressures", given["pressures"])
     if len(pressure) != len(pad.points):
         raise InvalidFileError(f"{path}: {where}.pressures: are {len(pressure)}; the pad has {len(pad.points)} cells.")
+    if pad.array is not None:
+        limits.setdefault("saturation", pad.array.model.range)
+        pressure = _known(path, f"{where}.pressures", pad.array, pressure)
     try:
         return describe_patch(
             transform_points(X_PT, pad.points),
             pressure,
             alpha=alpha,
             n_PT=pad.normals @ X_PT[:, :3].T,
-            threshold=threshold,
-            saturation=saturation,
+            threshold=limits.get("threshold", 0.0),
+            saturation=limits.get("saturation"),
         )
     except InvalidInputError as error:
         raise fault_in(path, where, error, _OF_PATCH) from None
@@ -122,8 +128,8 @@ def _own_pad(path: Path, where: str, given: dict[str, Any]) -> _Pad:
     """Cells that the file gives one by one."""
     points = _rows(path, f"{where}.points", given["points"])
     if "normals" not in given:
-        return _Pad(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)), {})
-    return _Pad(points, _rows(path, f"{where}.normals", given["normals"]), {})
+        return _Pad(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)))
+    return _Pad(points, _rows(path, f"{where}.normals", given["normals"]))
 
 
 def _array_pad(path: Path, where: str, given: dict[str, Any]) -> _Pad:
@@ -138,7 +144,19 @@ def _array_pad(path: Path, where: str, given: dict[str, Any]) -> _Pad:
         pad = load_tactile_pad(path.parent / array if Path(array).suffix else array)
     except InvalidInputError as error:
         raise InvalidFileError(f"{path}: {where}.array: {error}") from None
-    return _Pad(pad.layout.p_TC, pad.layout.n_T, {"saturation": pad.model.range})
+    return _Pad(pad.layout.p_TC, pad.layout.n_T, pad)
+
+
+def _known(path: Path, where: str, array: "TactilePad", pressure: FloatArray) -> FloatArray:
+    """The pressures of an array's cells, NaN where its file says that one is dead, checked against its range."""
+    known, beyond = array.known_pressures(pressure)
+    if beyond.any():
+        i = int(np.argmax(beyond))
+        raise InvalidFileError(
+            f"{path}: {where}[{i}]: is {pressure[i]:g}; allowed are numbers up to the array's range, "
+            f"{array.model.range:g} Pa, and null for a cell that is dead."
+        )
+    return known
 
 
 def _rows(path: Path, where: str, value: Any) -> FloatArray:

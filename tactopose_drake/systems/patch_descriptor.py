@@ -20,9 +20,6 @@ from tactopose_drake.systems.hand_kinematics import declare_kinematics
 
 NO_READING = "no reading"
 
-# Share of its range by which a cell may show more and be at the range's end: numbers come rounded.
-_ROUNDING = 1e-3
-
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class PatchDescriptorParams:
@@ -70,8 +67,8 @@ class PatchDescriptor(CollectableSystem):
 
     - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
     - pressures_<pad>: one per pad, of its cells, Pa; NaN where a cell is dead or, all of them, where there is no
-      reading. A cell that shows more than the array's range counts as dead. May stay unconnected, which counts as no
-      reading.
+      reading. A cell that shows more than the array's range counts as dead, and so does one that the array's file
+      calls dead, whatever it shows. May stay unconnected, which counts as no reading.
     - age_<pad>: one per pad, of its pressures, s, shape (1,). May stay unconnected where pressures are never old.
     - patches: tuple of `Patch` in P of the pads with a usable reading that is not too old, in the order of the hand's
       description; those that nothing touches have the status "no_contact". Changes with any input.
@@ -158,12 +155,11 @@ class PatchDescriptor(CollectableSystem):
     ) -> _Described:
         pad: TactilePad = self._pads[name]
         errors, most = self._uncertainty, pad.model.range
-        beyond = pressure > (1.0 + _ROUNDING) * most
+        pressure, beyond = pad.known_pressures(pressure)
         numbers = ", ".join(map(str, np.flatnonzero(beyond)))
         remark = f"cells beyond the range, {most:g} Pa: {numbers}" if numbers else ""
-        pressure = np.where(beyond, np.nan, np.minimum(pressure, most))
         if np.all(np.isnan(pressure)):
-            return _Described(None, remark)
+            return _Described(None, remark or NO_READING)
         try:
             patch = describe_patch(
                 X_PT.multiply(pad.layout.p_TC.T).T,

@@ -63,6 +63,18 @@ def test_an_array_is_known_by_its_name_or_by_a_file_beside(tmp_path: Path) -> No
     assert len(load_touch(write(tmp_path, text)).patches[0].p_PT) == 4
 
 
+def test_cells_that_an_arrays_file_calls_dead_do_not_count(tmp_path: Path) -> None:
+    model = "model: {range: 2e5, dead_cells: [2]}"
+    (tmp_path / "pad.yaml").write_text(f"pattern: !PointPattern {{points: {CELLS}, cell: 0.004}}\n{model}")
+    text = "patches: [{array: pad.yaml, pressures: [1e4, 2e4, 9e5, 0], alpha: 1e-8}]"
+    (patch,) = load_touch(write(tmp_path, text)).patches
+    np.testing.assert_array_equal(patch.pressure, [1e4, 2e4, np.nan, 0.0])
+    text = "patches: [{array: pad.yaml, pressures: [1e4, 9e5, 9e5, 0], alpha: 1e-8}]"
+    message = r"patches\[0\].pressures\[1\]: is 900000; allowed are numbers up to the array's range, 200000 Pa"
+    with pytest.raises(InvalidFileError, match=message):
+        load_touch(write(tmp_path, text))
+
+
 def test_contacts_and_patches_go_together(tmp_path: Path) -> None:
     text = f"contacts: [{{position: [0, 0, 0.1]}}]\nsigma_position: 0.002\npatches: [{{{PAD}}}, {{{PAD}}}]"
     touch = load_touch(write(tmp_path, text))

@@ -1,3 +1,4 @@
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
 from tactopose_drake.systems.random_sources import seed_random_sources
 from tactopose_drake.systems.simulated_array import TactileArray
+from tests.hand.grippers import YAML, write_gripper
 
 PADS = ("finger_1", "finger_2", "finger_3", "palm")
 
@@ -187,6 +189,27 @@ def test_a_cell_at_the_end_of_its_range_is_saturated_however_it_is_rounded(
     system, context = fixed(hand_plant, np.zeros(8), dict.fromkeys(PADS, pressure))
     assert system.GetOutputPort("status").Eval(context) == "ok"
     np.testing.assert_array_equal(np.flatnonzero(patches_of(system, context)[0].saturated), [3, 4])
+
+
+def gripper_with(tmp_path: Path, array: str) -> tuple[MultibodyPlant, Hand]:
+    """A gripper one of whose fingertips has two by two cells of 4 mm, and what else the array's file says."""
+    points = "[[0, 0, 0.012], [0.004, 0, 0.012], [0, 0.004, 0.012], [0.004, 0.004, 0.012]]"
+    (tmp_path / "pad.yaml").write_text(f"pattern: !PointPattern {{points: {points}, cell: 0.004}}\n{array}")
+    pads = "pads: [{name: tip, frame: left_tip, array: pad.yaml, alpha: 1e-8}]\n"
+    return make_hand_plant(load_hand_config(write_gripper(tmp_path, yaml=YAML + pads)))
+
+
+@pytest.mark.parametrize("shown", [0.0, 1.2e5, 9e5, -3.0])
+def test_what_a_cell_shows_that_its_file_calls_dead_does_not_count(tmp_path: Path, shown: float) -> None:
+    gripper = gripper_with(tmp_path, "model: {range: 2e5, dead_cells: [2]}")
+    system, context = fixed(gripper, np.zeros(2), {"tip": np.array([0.0, 9e3, shown, 8e3])})
+    assert system.GetOutputPort("status").Eval(context) == "ok"
+    (patch,) = patches_of(system, context)
+    np.testing.assert_array_equal(patch.pressure, [0.0, 9e3, np.nan, 8e3])
+    assert patch.threshold == pytest.approx(0.15 * 9e3)
+    system.GetInputPort("pressures_tip").FixValue(context, [np.nan, np.nan, shown, np.nan])
+    assert patches_of(system, context) == ()
+    assert system.GetOutputPort("status").Eval(context) == "tip: no reading"
 
 
 @pytest.mark.parametrize("value", [-1.0, -np.inf])

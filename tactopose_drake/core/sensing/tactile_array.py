@@ -61,7 +61,9 @@ class TactileModel:
     noise: float = 0.0  # standard deviation, Pa
     spread: float = 0.0  # how far the soft layer spreads a point force, one standard deviation, m; 0: not at all
     rubber: RubberLayer | None = None  # how layer and cells differ from springs; null: not at all
-    dead_cells: list[int] = dataclasses.field(default_factory=list)  # cells that give no reading
+    # Cells that give no reading, or one that tells nothing, such as a number that never changes. What they show does
+    # not count.
+    dead_cells: list[int] = dataclasses.field(default_factory=list)
 
     def validate(self, cells: int) -> None:
         """Checks every field.
