@@ -11,11 +11,10 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactopose_drake.core.sensing.patches import Patch, describe_patch
+from tactopose_drake.core.sensing.patches import DEEPEST, Patch, describe_patch
 from tactopose_drake.core.validation import FloatArray, number_array, pose_matrix, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
 
-_DEEPEST = 0.1  # of a gel, m: what is deeper must be millimetres
 _MOST_PIXELS = 10**8
 
 
@@ -38,17 +37,21 @@ class HeightMapSensor:
         InvalidInputError: a number out of its range.
     """
 
-    pixel: float | tuple[float, float]
+    pixel: float | tuple[float, float] | list[float]
     least_depth: float = 5e-5
     most_depth: float = 0.004
     alpha: float = 2e-8
     most_cells: int = 64
 
     def __post_init__(self) -> None:
+        if isinstance(self.pixel, list | tuple) and len(self.pixel) != 2:
+            raise InvalidInputError(
+                f"HeightMapSensor.pixel: is {self.pixel}; allowed are one number, or two: along rows, along columns."
+            )
         for size in self.pixel_size:
             positive_number("HeightMapSensor.pixel", size, most=0.01)
         positive_number("HeightMapSensor.least_depth", self.least_depth)
-        positive_number("HeightMapSensor.most_depth", self.most_depth, most=_DEEPEST)
+        positive_number("HeightMapSensor.most_depth", self.most_depth, most=DEEPEST)
         positive_number("HeightMapSensor.alpha", self.alpha, most=1.0)
         whole_number("HeightMapSensor.most_cells", self.most_cells, least=8, most=10_000)
         if self.most_depth <= self.least_depth:
@@ -60,7 +63,10 @@ class HeightMapSensor:
     @property
     def pixel_size(self) -> tuple[float, float]:
         """Along a row and along a column, m."""
-        return self.pixel if isinstance(self.pixel, tuple) else (self.pixel, self.pixel)
+        if isinstance(self.pixel, list | tuple):
+            along_rows, along_columns = self.pixel
+            return along_rows, along_columns
+        return self.pixel, self.pixel
 
     def patch(self, depth: ArrayLike, X_PT: object, mask: ArrayLike | None = None) -> Patch:
         """What a height map says of the object's surface, as `estimate_pose(patches=...)` takes it.
@@ -108,8 +114,8 @@ def _checked(depth: ArrayLike, mask: ArrayLike | None) -> FloatArray:
             )
         values = np.where(touches, values, 0.0 * values)
     deepest = np.nanmax(np.abs(values), initial=0.0)
-    if not deepest <= _DEEPEST:
-        raise InvalidInputError(f"depth: holds {deepest:g} m; allowed are numbers up to {_DEEPEST:g}, and NaN.")
+    if not deepest <= DEEPEST:
+        raise InvalidInputError(f"depth: holds {deepest:g} m; allowed are numbers up to {DEEPEST:g}, and NaN.")
     if np.isnan(values).all():
         raise InvalidInputError("depth: every pixel is NaN; a map has at least 1 that is known.")
     return np.maximum(values, 0.0)

@@ -30,9 +30,13 @@ from tactopose_drake.errors import InvalidInputError
 _Array = TypeVar("_Array", bound="np.ndarray[Any, Any]")
 PatchStatus = Literal["area", "narrow", "row", "point", "no_contact"]
 
+DEEPEST = 0.1
+"""No pad gives way so far, m: what is said to be pressed in further is in another unit."""
+
+_LARGEST = 1.0  # extent of a pad, m: one that is larger must be in millimetres
 _MOST_PRESSURE = 1e12  # Pa
 _MOST_MISPLACEMENT = 1e2  # of where a pad is, m^2 and rad^2
-_ROUNDING = 1e-9  # of a covariance's largest entry
+_ROUNDING = 1e-9  # of a covariance's largest entry, and of the deepest press
 _LEAST_EXTENT = 1e-9  # m; cells nearer to each other than that are at one place
 
 
@@ -163,14 +167,13 @@ def describe_patch(
         params: what is flat, and what is across.
 
     Raises:
-        InvalidInputError: no cell, no live cell, a shape that does not fit, a position or normal that is not finite, a
-            pressure below zero or infinite, an alpha, threshold or saturation out of range, normals missing where the
-            pad is curved or parallel to the z axis, or a misplacement that is no covariance.
+        InvalidInputError: no cell, no live cell, a shape that does not fit, a position or normal that is not finite,
+            cells that are evidently in millimetres, a pressure below zero or infinite, an alpha, threshold or
+            saturation out of range, a depth beyond 0.1 m, normals missing where the pad is curved or parallel to the z
+            axis, or a misplacement that is no covariance.
     """
     instance_of("params", params, PatchParams)
-    p_PT = points_near("p_PT", p_PT, (None, 3))
-    if len(p_PT) == 0:
-        raise InvalidInputError("p_PT: has no cells; a pad has at least 1.")
+    p_PT = _cells(p_PT)
     pressure = _pressures(pressure, len(p_PT))
     alpha = float(limited("alpha", alpha, (), most=MOST_ALPHA))
     if n_PT is None:
@@ -180,6 +183,7 @@ def describe_patch(
     else:
         n_PT = unit_vectors("n_PT", n_PT, p_PT.shape)
     threshold, saturation = _range_of_pressures(threshold, saturation)
+    _check_depths(abs(alpha), pressure, threshold)
     unknown = np.full((3, 3), np.nan)
     patch = Patch(
         p_PT,
@@ -204,6 +208,35 @@ def _read_only(patch: Patch) -> Patch:
         if isinstance(value, np.ndarray):
             value.setflags(write=False)
     return patch
+
+
+def _cells(value: ArrayLike) -> FloatArray:
+    """Checked cells (n, 3), m."""
+    p_PT = points_near("p_PT", value, (None, 3))
+    if len(p_PT) == 0:
+        raise InvalidInputError("p_PT: has no cells; a pad has at least 1.")
+    extent = float(np.ptp(p_PT, axis=0).max())
+    if extent > _LARGEST:
+        raise InvalidInputError(
+            f"p_PT: the cells are spread over {extent:g} m; allowed is {_LARGEST:g} m at most. Multiply by 0.001 what "
+            "is in millimetres."
+        )
+    return p_PT
+
+
+def _check_depths(alpha: float, pressure: FloatArray, threshold: float) -> None:
+    """Raises InvalidInputError if a live cell, or the threshold, is deeper than any pad."""
+    if alpha * threshold > (1.0 + _ROUNDING) * DEEPEST:
+        raise InvalidInputError(
+            f"threshold: {threshold:g} Pa at alpha = {alpha:g} m/Pa are {alpha * threshold:g} m; allowed are depths up "
+            f"to {DEEPEST:g} m."
+        )
+    index = int(np.nanargmax(pressure))
+    if alpha * pressure[index] > (1.0 + _ROUNDING) * DEEPEST:
+        raise InvalidInputError(
+            f"pressure[{index}]: {pressure[index]:g} Pa at alpha = {alpha:g} m/Pa are {alpha * pressure[index]:g} m; "
+            f"allowed are depths up to {DEEPEST:g} m."
+        )
 
 
 def _range_of_pressures(threshold: float, saturation: float | None) -> tuple[float, float]:

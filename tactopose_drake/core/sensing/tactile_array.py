@@ -18,6 +18,9 @@ from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidInputError
 
+_REACH = 6.0  # standard deviations, beyond which a Gaussian is nothing
+_MOST_POINTS = 16  # along a cell's edge
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PressureField:
@@ -132,7 +135,8 @@ def spread_matrix(layout: TactileLayout, spread: float) -> FloatArray:
     """How a soft layer on the cells shares the pressure on one cell with the others.
 
     A force that is spread evenly over one cell arrives at each cell in proportion to the integral of a Gaussian over
-    both cells' areas (by sums over points half a standard deviation apart). Nothing is lost: the force on all cells
+    both cells' areas (by sums over points half a standard deviation apart, and 16 along an edge at the most: less than
+    an eighth of a cell hardly reaches the next). Nothing is lost: the force on all cells
     stays what it was. Under a point load, the pressure below a layer is half as wide as a Gaussian whose standard
     deviation is half the layer's thickness (Boussinesq's solution for the half-space).
 
@@ -146,11 +150,14 @@ def spread_matrix(layout: TactileLayout, spread: float) -> FloatArray:
     if spread == 0:
         return np.eye(len(layout))
     points = _points_in_cells(layout, 0.5 * spread)
+    size = np.linalg.norm(layout.corners - layout.p_TC[:, None], axis=2).max()
+    near = scipy.spatial.cKDTree(layout.p_TC).query_ball_point(layout.p_TC, _REACH * spread + 2.0 * size)
     # mean_a,b exp(-|a - b|^2 / 2 s^2) over the points a of one cell and b of another.
     arrives = np.zeros((len(layout), len(layout)))
-    for b in range(points.shape[1]):
-        squared = scipy.spatial.distance.cdist(points.reshape(-1, 3), points[:, b], "sqeuclidean")
-        arrives += np.exp(-0.5 * squared / spread**2).reshape(len(layout), -1, len(layout)).mean(axis=1)
+    for a, others in enumerate(near):
+        squared = scipy.spatial.distance.cdist(points[a], points[others].reshape(-1, 3), "sqeuclidean")
+        shares = np.exp(-0.5 * squared / spread**2).reshape(points.shape[1], len(others), points.shape[1])
+        arrives[a, others] = shares.mean(axis=(0, 2))
     share_of_force = layout.areas[:, None] * arrives
     share_of_force /= share_of_force.sum(axis=0)
     matrix: FloatArray = share_of_force * layout.areas / layout.areas[:, None]
@@ -158,10 +165,12 @@ def spread_matrix(layout: TactileLayout, spread: float) -> FloatArray:
 
 
 def _points_in_cells(layout: TactileLayout, spacing: float) -> FloatArray:
-    """Points evenly within each cell, at most `spacing` apart, and the same number in all; shape (m, k, 3), m."""
+    """Points evenly within each cell, about `spacing` apart, and the same number in all; shape (m, k, 3), m."""
     a, b, c, d = layout.corners.transpose(1, 0, 2)[:, :, None]
-    across = max(1, math.ceil(np.linalg.norm(np.concatenate([b - a, c - d]), axis=2).max() / spacing))
-    along = max(1, math.ceil(np.linalg.norm(np.concatenate([d - a, c - b]), axis=2).max() / spacing))
+    across, along = (
+        math.ceil(min(np.linalg.norm(np.concatenate(edges), axis=2).max() / spacing, _MOST_POINTS))
+        for edges in ([b - a, c - d], [d - a, c - b])
+    )
     u, v = np.meshgrid((np.arange(across) + 0.5) / across, (np.arange(along) + 0.5) / along)
     u, v = u.reshape(1, -1, 1), v.reshape(1, -1, 1)
     points: FloatArray = (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * d + u * c)
@@ -177,9 +186,10 @@ def read_cells(pressure: FloatArray, normal_noise: ArrayLike, model: TactileMode
         model: the array's limits, valid.
     """
     signal = pressure + model.noise * np.asarray(normal_noise)
-    reading = np.clip(signal, 0.0, model.range)
+    reading = np.maximum(signal, 0.0)
     if model.resolution > 0:
-        reading = np.minimum(model.resolution * np.round(reading / model.resolution), model.range)
-    saturated = signal >= model.range
-    reading[model.dead_cells], saturated[model.dead_cells] = np.nan, False
-    return TactileFrame(reading, saturated)
+        reading = model.resolution * np.round(reading / model.resolution)
+    # The range need not be a whole number of steps; a cell at its end reads it all the same.
+    reading = np.where(signal >= model.range, model.range, np.minimum(reading, model.range))
+    reading[model.dead_cells] = np.nan
+    return TactileFrame(reading, reading >= model.range)

@@ -37,6 +37,11 @@ def test_cells_are_means_where_the_pixels_are(rows: int, columns: int) -> None:
     np.testing.assert_allclose([x.mean(), y.mean()], 0.0, atol=1.01e-4)  # half a pixel
 
 
+def test_a_pair_of_sizes_may_be_a_list() -> None:
+    first, second = (HeightMapSensor(pixel=pixel).patch(sloping(), X_PT) for pixel in ((5e-5, 7e-5), [5e-5, 7e-5]))
+    np.testing.assert_array_equal(first.p_PT, second.p_PT)
+
+
 def test_the_patch_moves_with_the_pad() -> None:
     at_rest, moved = (SENSOR.patch(sloping(), X) for X in (np.eye(3, 4), X_PT))
     np.testing.assert_allclose(moved.points, at_rest.points @ X_PT[:, :3].T + X_PT[:, 3], atol=1e-12)
@@ -106,7 +111,15 @@ def test_a_map_that_is_none_is_refused(depth: np.ndarray, options: dict[str, np.
 
 
 @pytest.mark.parametrize(
-    "options", [{"pixel": 0.0}, {"pixel": 0.05}, {"pixel": 1e-4, "most_depth": 1e-5}, {"pixel": 1e-4, "most_cells": 2}]
+    "options",
+    [
+        {"pixel": 0.0},
+        {"pixel": 0.05},
+        {"pixel": (1e-4, 1e-4, 1e-4)},
+        {"pixel": [1e-4]},
+        {"pixel": 1e-4, "most_depth": 1e-5},
+        {"pixel": 1e-4, "most_cells": 2},
+    ],
 )
 def test_a_sensor_that_is_none_is_refused(options: dict[str, float]) -> None:
     with pytest.raises(InvalidInputError, match="HeightMapSensor"):

@@ -1,4 +1,5 @@
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from tactopose_drake.core.sensing.tactile_array import (
     spread_matrix,
 )
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
+from tactopose_drake.core.sensing.tactile_patterns import CellRow, RowPattern
 from tactopose_drake.errors import InvalidInputError
 
 from .tactile_fields import field_around, fingertip, grid, polygon, refined, total_force
@@ -111,6 +113,25 @@ def test_the_soft_layer_shares_between_large_cells_what_the_gaussian_carries_acr
     steps = np.linspace(-0.5, 0.5, 2001) * width
     expected = np.mean(stats.norm.cdf((1.5 * width - steps) / spread) - stats.norm.cdf((0.5 * width - steps) / spread))
     np.testing.assert_allclose(shared[[3, 5]], expected, rtol=0.02)
+
+
+@pytest.mark.parametrize("spread", [1e-12, 1e-5, 1e-4, 2.5e-4, 5e-4])
+def test_a_layer_that_is_thin_against_a_cell_shares_as_little(spread: float) -> None:
+    width = 0.004
+    layout = RowPattern(pitch=width, rows=[CellRow(count=5, cell=[width, width])]).make()
+    matrix = spread_matrix(layout, spread)
+    np.testing.assert_allclose(matrix.sum(axis=0), 1.0)
+    # What crosses an edge is the mean over the cell of the Gaussian's tail beyond it.
+    assert matrix[1, 2] == pytest.approx(spread / math.sqrt(2.0 * math.pi) / width, abs=0.012)
+    assert matrix[0, 2] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("resolution", [70.0, 1000.0, 11e3, 99e3])
+def test_a_saturated_cell_shows_the_range_however_coarse_the_steps_are(resolution: float) -> None:
+    model = TactileModel(range=250e3, resolution=resolution)
+    frame = read_cells(np.array([1e5, 250e3, 260e3, 9e9]), np.zeros(4), model)
+    np.testing.assert_array_equal(frame.pressure[1:], 250e3)
+    np.testing.assert_array_equal(frame.saturated, [False, True, True, True])
 
 
 def test_noise_range_quantisation_and_dead_cells() -> None:
