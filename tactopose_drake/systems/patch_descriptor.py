@@ -20,16 +20,18 @@ from tactopose_drake.systems.hand_kinematics import declare_kinematics
 
 NO_READING = "no reading"
 
+_NOISES = 4.0  # standard deviations that a cell must show to be active: of 24 cells noise makes one in 1300 frames so
+
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class PatchDescriptorParams:
     """Which cells feel the object."""
 
-    threshold: float = 1000.0  # a cell is active above this pressure, Pa; well above the array's noise
-    # ... and above this share of its pad's highest pressure: that much the soft layer may spread onto cells that the
-    # object does not touch.
+    threshold: float = 1000.0  # a cell is active above this pressure, Pa
+    # ... above four standard deviations of its array's noise, and above this share of its pad's highest pressure: that
+    # much the soft layer may spread onto cells that the object does not touch.
     threshold_share: float = 0.15
-    max_age: float = 0.15  # of a frame that counts, s
+    max_age: float = 0.15  # of a frame that counts, s; at least the period of each array
 
     def validate(self) -> None:
         """Raises InvalidInputError if the threshold is negative, the share not below 1, or the age not positive."""
@@ -94,8 +96,8 @@ class PatchDescriptor(CollectableSystem):
             uncertainty: the hand's errors, which say of each patch by how much its pad may be misplaced.
 
         Raises:
-            InvalidInputError: if the hand has no pads, an array's file is unusable, or a pad's threshold is beyond its
-                range.
+            InvalidInputError: if the hand has no pads, an array's file is unusable, a pad's threshold or noise is
+                beyond its range, or a pad is read less often than `max_age`.
         """
         super().__init__()
         self._params = params_of(PatchDescriptorParams, params)
@@ -104,12 +106,7 @@ class PatchDescriptor(CollectableSystem):
         self._pad_frames, self._uncertainty = hand.pad_frames, uncertainty
         self._pads = {pad.name: load_tactile_pad(pad.array) for pad in hand.config.pads}
         self._alpha = {pad.name: pad.alpha for pad in hand.config.pads}
-        for name, pad in self._pads.items():
-            if pad.model.range <= self._params.threshold:
-                raise InvalidInputError(
-                    f"PatchDescriptorParams.threshold: is {self._params.threshold:g} Pa; allowed on pad {name!r} are "
-                    f"numbers below its range, {pad.model.range:g} Pa."
-                )
+        self._least = {name: self._least_pressure(name, pad) for name, pad in self._pads.items()}
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
         self._pressures = {
             name: self.DeclareVectorInputPort(f"pressures_{name}", len(pad.layout)) for name, pad in self._pads.items()
@@ -131,6 +128,26 @@ class PatchDescriptor(CollectableSystem):
             self.DeclareAbstractOutputPort(
                 name, AbstractValue.Make(empty).Clone, calc, prerequisites_of_calc={self._described.ticket()}
             )
+
+    def _least_pressure(self, name: str, pad: TactilePad) -> float:
+        """Above which a pad's cells are active at the least, Pa, checked with what else its array's file says."""
+        most, noise, params = pad.model.range, pad.model.noise, self._params
+        if most <= params.threshold:
+            raise InvalidInputError(
+                f"PatchDescriptorParams.threshold: is {params.threshold:g} Pa; allowed on pad {name!r} are numbers "
+                f"below its range, {most:g} Pa."
+            )
+        if most <= _NOISES * noise:
+            raise InvalidInputError(
+                f"TactileModel.noise: is {noise:g} Pa; allowed on pad {name!r} are numbers below a quarter of its "
+                f"range, {most:g} Pa."
+            )
+        if pad.period > params.max_age:
+            raise InvalidInputError(
+                f"PatchDescriptorParams.max_age: is {params.max_age:g} s; allowed with pad {name!r}, which is read "
+                f"each {pad.period:g} s, are numbers from there on."
+            )
+        return max(params.threshold, _NOISES * noise)
 
     def _calc_described(self, context: Context, cached: AbstractValue) -> None:
         """What each pad feels."""
@@ -166,7 +183,7 @@ class PatchDescriptor(CollectableSystem):
                 pressure,
                 alpha=self._alpha[name],
                 n_PT=pad.layout.n_T @ X_PT.rotation().matrix().T,
-                threshold=max(self._params.threshold, self._params.threshold_share * float(np.nanmax(pressure))),
+                threshold=max(self._least[name], self._params.threshold_share * float(np.nanmax(pressure))),
                 saturation=most,
                 misplacement=None if errors is None else errors.covariance(name, pad.layout, kinematics),
             )

@@ -212,6 +212,22 @@ def test_what_a_cell_shows_that_its_file_calls_dead_does_not_count(tmp_path: Pat
     assert system.GetOutputPort("status").Eval(context) == "tip: no reading"
 
 
+def test_what_an_arrays_noise_shows_is_no_contact(tmp_path: Path) -> None:
+    gripper = gripper_with(tmp_path, "model: {range: 2e5, noise: 2e3}")
+    system, context = fixed(gripper, np.zeros(2), {"tip": np.array([0.0, 1.5e3, 5e3, 7.9e3])})
+    assert system.GetOutputPort("status").Eval(context) == "tip: no contact"
+    assert patches_of(system, context)[0].threshold == 8e3
+    with pytest.raises(InvalidInputError, match="noise: is 60000 Pa; allowed on pad 'tip' are numbers below a quarter"):
+        PatchDescriptor(*gripper_with(tmp_path, "model: {range: 2e5, noise: 6e4}"))
+
+
+def test_an_array_that_is_read_less_often_than_frames_count_is_refused(tmp_path: Path) -> None:
+    slow = gripper_with(tmp_path, "period: 0.5")
+    with pytest.raises(InvalidInputError, match=r"max_age: is 0\.15 s; .* pad 'tip', which is read each 0\.5 s"):
+        PatchDescriptor(*slow)
+    PatchDescriptor(*slow, PatchDescriptorParams(max_age=0.5))
+
+
 @pytest.mark.parametrize("value", [-1.0, -np.inf])
 def test_an_impossible_pressure_makes_its_pad_no_patch_and_is_named(
     hand_plant: tuple[MultibodyPlant, Hand], value: float
