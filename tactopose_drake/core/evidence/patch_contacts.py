@@ -28,7 +28,8 @@ def patch_contacts(
 
     Where the patch is an area the normal is its third eigenvector. The errors sigma_depth of its m cells turn that
     about the first axis, across which the patch is narrow, by sigma_depth / sqrt(m lambda_2); the pad itself is turned
-    by sigma_rotation. Elsewhere the normal is the pad's, within sigma_lean. Where a patch says by how much it may be
+    by sigma_rotation. Elsewhere the normal is the pad's, within sigma_lean. Of cells that look every way it is the one
+    that is pressed most, and its normal. Where a patch says by how much it may be
     misplaced, sigma_position and sigma_rotation are the mean ones of that.
 
     Args:
@@ -42,23 +43,23 @@ def patch_contacts(
         InvalidInputError: a sigma that is not positive.
     """
     felt = [patch for patch in patches if patch.is_felt]
-    normals, sigmas = np.empty((len(felt), 3)), np.full(len(felt), float(sigma_lean))
+    points, normals = np.empty((len(felt), 3)), np.empty((len(felt), 3))
+    sigmas = np.full(len(felt), float(sigma_lean))
     places = np.full(len(felt), positive_number("sigma_position", sigma_position))
     for i, patch in enumerate(felt):
-        turned = sigma_rotation
+        points[i], turned = patch.centroid, sigma_rotation
         if patch.misplacement is not None:
             places[i], turned = _mean_sigmas(patch, patch.misplacement)
         if patch.status == "area":
             normals[i] = patch.eigenvectors[:, 2]
             bend = sigma_depth / math.sqrt(np.count_nonzero(patch.active) * patch.eigenvalues[1])
             sigmas[i] = min(math.hypot(bend, turned), sigma_lean)
+        elif np.isfinite(patch.inward).all():
+            normals[i] = patch.inward
         else:
-            normals[i] = -patch.n_PT[patch.active].mean(axis=0)
-    return Contacts(
-        np.array([patch.centroid for patch in felt]).reshape(-1, 3),
-        normals / np.linalg.norm(normals, axis=1, keepdims=True),
-        sigma_normal=sigmas,
-    ).with_arrays(sigma_position=places)
+            most = int(np.nanargmax(patch.pressure))
+            points[i], normals[i] = patch.points[most], -patch.n_PT[most]
+    return Contacts(points, normals, sigma_normal=sigmas).with_arrays(sigma_position=places)
 
 
 def _mean_sigmas(patch: Patch, misplacement: FloatArray) -> tuple[float, float]:

@@ -114,7 +114,8 @@ class PatchContact(SumObjective):
     """What tactile pads say of the object: every cell of its distance, and each pad that feels it, that it faces it.
 
     The distances alone do not tell the two sides of a thin wall apart. So the surface's normal at a patch's centroid is
-    expected where the pad's normal points into the finger, within the angles at which a pad may lean on a surface.
+    expected where the pad's normal points into the finger, within the angles at which a pad may lean on a surface; of
+    cells that look every way, nowhere.
     """
 
     def __init__(
@@ -151,22 +152,21 @@ class PatchContact(SumObjective):
             sigma_position=positive_number("sigma_position", sigma_position, allow_zero=True),
             sigma_rotation=positive_number("sigma_rotation", sigma_rotation, allow_zero=True),
         )
-        felt = [patch for patch in patches if patch.is_felt]
-        normals = np.array([-patch.n_PT[patch.active].mean(axis=0) for patch in felt]).reshape(-1, 3)
+        facing = [patch for patch in patches if np.isfinite(patch.inward).all()]
         faces = Contacts(
-            np.array([patch.centroid for patch in felt]).reshape(-1, 3),
-            normals / np.linalg.norm(normals, axis=1, keepdims=True),
+            np.array([patch.centroid for patch in facing]).reshape(-1, 3),
+            np.array([patch.inward for patch in facing]).reshape(-1, 3),
             sigma_normal=positive_number("sigma_lean", sigma_lean),
-        ).with_arrays(sigma_position=np.full(len(felt), _ANYWHERE))
+        ).with_arrays(sigma_position=np.full(len(facing), _ANYWHERE))
         self._cells, self._faces = cells, SurfaceContact(grid, faces)
-        self._felt = np.array([patch.is_felt for patch in patches], dtype=np.bool_)
+        self._facing = np.array([np.isfinite(patch.inward).all() for patch in patches], dtype=np.bool_)
         super().__init__([self._cells, self._faces])
 
     def pad_costs(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B, k) of each of k pads at poses (B, 3, 4), whose sum is the cost."""
         costs = self._cells.pad_costs(X_PO)
-        faces = self._faces.residuals(X_PO).reshape(len(X_PO), np.count_nonzero(self._felt), 5)
-        costs[:, self._felt] += 0.5 * np.sum(faces**2, axis=2)
+        faces = self._faces.residuals(X_PO).reshape(len(X_PO), np.count_nonzero(self._facing), 5)
+        costs[:, self._facing] += 0.5 * np.sum(faces**2, axis=2)
         return costs
 
 

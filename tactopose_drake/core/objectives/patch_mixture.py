@@ -68,16 +68,17 @@ class PatchMixture(SmoothObjective):
 
 def _shape_cost(pad: Patch) -> float:
     """What the depths of a pad's cells cost on something else: as on a plane, or what noise makes of them."""
-    depth = pad.alpha * pad.pressure[pad.active]
-    points = pad.p_PT[pad.active] - depth[:, None] * pad.n_PT[pad.active]
+    by_noise = 0.5 * max(np.count_nonzero(pad.active) - 3.0, 0.0)
+    if np.isnan(pad.inward).any():  # No plane presses cells that look every way.
+        return by_noise
+    depth, points = pad.alpha * pad.pressure[pad.active], pad.points[pad.active]
     weights = 1.0 / np.hypot(_SIGMA_DEPTH, _SHARE * depth)
-    normal = pad.n_PT[pad.active].mean(axis=0)
-    across = np.linalg.svd(normal[None])[2][1:]
+    across = np.linalg.svd(pad.inward[None])[2][1:]
     places = points - points.mean(axis=0)
     plane = np.column_stack([np.ones(len(points)), places @ across.T]) * weights[:, None]
-    heights = places @ normal / np.linalg.norm(normal) * weights
+    heights = places @ pad.inward * weights
     left = heights - plane @ np.linalg.lstsq(plane, heights)[0]
-    return 0.5 * min(float(left @ left), max(len(points) - 3.0, 0.0))
+    return min(0.5 * float(left @ left), by_noise)
 
 
 def _expit(x: FloatArray) -> FloatArray:

@@ -37,6 +37,7 @@ _LARGEST = 1.0  # extent of a pad, m: one that is larger must be in millimetres
 _MOST_PRESSURE = 1e12  # Pa
 _MOST_MISPLACEMENT = 1e2  # of where a pad is, m^2 and rad^2
 _ROUNDING = 1e-9  # of a covariance's largest entry, and of the deepest press
+_LEAST_AGREEMENT = 0.1  # length of the mean of normals that have a direction in common
 _LEAST_EXTENT = 1e-9  # m; cells nearer to each other than that are at one place
 
 
@@ -121,6 +122,16 @@ class Patch:
     def dead(self) -> NDArray[np.bool_]:
         """Cells that say nothing, shape (n,)."""
         return _fixed(np.isnan(self.pressure))
+
+    @functools.cached_property
+    def inward(self) -> FloatArray:
+        """Unit vector along which the active cells look into the finger, on average, shape (3,).
+
+        NaN where nothing is felt, or the cells look every way, as those on both sides of a finger in a slot.
+        """
+        mean = -self.n_PT[self.active].mean(axis=0) if self.active.any() else np.zeros(3)
+        length = float(np.linalg.norm(mean))
+        return _fixed(mean / length if length > _LEAST_AGREEMENT else np.full(3, np.nan))
 
     @functools.cached_property
     def half_pitch(self) -> float:
@@ -297,8 +308,7 @@ def _with_components(patch: Patch, params: PatchParams) -> Patch:
     if len(points) == 0:
         return patch
     centroid = points.mean(axis=0)
-    inward = -patch.n_PT[patch.active].mean(axis=0)
-    inward /= max(float(np.linalg.norm(inward)), 1e-9)
+    inward = np.nan_to_num(patch.inward)
     flat = cells - cells.mean(axis=0)
     extents = np.linalg.svd(flat - np.outer(flat @ inward, inward), compute_uv=False)
     if extents[0] < _LEAST_EXTENT:

@@ -38,6 +38,22 @@ def test_an_area_has_its_own_normal_and_the_others_the_pads() -> None:
     assert len(patch_contacts([])) == 0
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.3])
+def test_cells_that_look_every_way_are_a_contact_where_they_are_pressed_most(turn: float) -> None:
+    """A finger in a slot, whose cells are on both of its sides."""
+    side = flat_pad(3, 3) + np.array([0.0, 0.0, 0.004])
+    cells, n_PT = np.vstack([side, side * [1, 1, -1]]), np.repeat([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], 9, axis=0)
+    R = exp_so3(np.array([turn, 0.0, 0.0]))
+    depth = np.where(np.arange(18) == 13, 0.0012, 0.001)
+    patch = describe_patch(cells @ R.T, depth / ALPHA, alpha=ALPHA, n_PT=n_PT @ R.T)
+    assert patch.status == "narrow"
+    assert np.isnan(patch.inward).all()
+    contacts = patch_contacts([patch], sigma_lean=0.4)
+    np.testing.assert_allclose(contacts.p_PC, [R @ (cells[13] + [0.0, 0.0, 0.0012])], atol=1e-12)
+    np.testing.assert_allclose(contacts.n_PC, [R[:, 2]], atol=1e-12)
+    assert np.asarray(contacts.sigma_normal) == pytest.approx(0.4)
+
+
 def test_the_spread_of_an_areas_normal_is_what_it_claims() -> None:
     generator, sigma, turn = np.random.default_rng(0), 0.0004, 0.05
     tilts, claims = [], []

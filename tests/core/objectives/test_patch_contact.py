@@ -8,6 +8,7 @@ from scipy.optimize import minimize
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.objective import SumObjective
 from tactopose_drake.core.objectives.patch_contact import PatchCells, PatchContact
+from tactopose_drake.core.objectives.patch_mixture import PatchMixture
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import exp_so3, increments_between, inverse, make_poses, retract, transform_points
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
@@ -173,6 +174,21 @@ def test_the_cost_is_the_sum_of_what_each_pad_costs_alone(angular: ObjectModel) 
     alone = np.stack([PatchContact(angular.grid, [patch]).cost(poses) for patch in patches], axis=1)
     np.testing.assert_allclose(objective.pad_costs(poses), alone, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(objective.cost(poses), alone.sum(axis=1), rtol=1e-9)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3])
+def test_cells_that_look_every_way_face_nothing(slab: ObjectModel, turn: float) -> None:
+    """Those on both sides of a finger in a slot count by their distances alone."""
+    side, R = flat_pad(3, 3) + np.array([0.0, 0.0, 0.004]), exp_so3(np.array([turn, 0.0, 0.0]))
+    cells, n_PT = np.vstack([side, side * [1, 1, -1]]), np.repeat([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], 9, axis=0)
+    around = describe_patch(cells @ R.T, np.full(18, 0.001 / ALPHA), alpha=ALPHA, n_PT=n_PT @ R.T)
+    _, others = pads_on(slab, 4, count=1)
+    poses = retract(IDENTITY, np.random.default_rng(4).normal(size=(30, 6)) * 0.02)
+    found = PatchContact(slab.grid, [around, *others]).pad_costs(poses)
+    cells_alone = {"sigma_depth": 0.0005, "share": 0.2, "sigma_position": 0.0009, "sigma_rotation": math.radians(5.0)}
+    np.testing.assert_array_equal(found[:, 0], PatchCells(slab.grid, [around], **cells_alone).cost(poses))
+    np.testing.assert_array_equal(found[:, 1:], PatchContact(slab.grid, others).pad_costs(poses))
+    assert np.isfinite(PatchMixture(slab, [around, *others], 0.02).cost(poses)).all()
 
 
 def test_pads_that_feel_nothing_keep_the_object_out(slab: ObjectModel) -> None:

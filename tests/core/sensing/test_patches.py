@@ -219,7 +219,10 @@ def test_a_patch_cannot_be_changed() -> None:
         ({"threshold": 1e300}, "threshold"),
         ({"threshold": 5.0, "saturation": 5.0}, "saturation: is 5; allowed are numbers > threshold = 5"),
         ({"p_PT": 1e3 * CELLS}, "p_PT.*Multiply by 0.001 what is in millimetres"),
-        ({"p_PT": 1e3 * CELLS - [3.0, 9.0, 0.0]}, "p_PT: the cells are spread over .* m; .* Multiply by 0.001 what is in millimetres"),
+        (
+            {"p_PT": 1e3 * CELLS - [3.0, 9.0, 0.0]},
+            "p_PT: the cells are spread over .*; allowed is 1 m at most",
+        ),
         ({"alpha": 1e-4}, r"pressure\[\d+\]: .* Pa at alpha = 0.0001 m/Pa are .* m; allowed are depths up to 0.1 m"),
         ({"alpha": -1e-4}, r"pressure\[\d+\]: .* Pa at alpha = 0.0001 m/Pa are .* m; allowed are depths up to 0.1 m"),
         ({"threshold": 2e6}, "threshold: 2e\\+06 Pa at alpha = 1e-07 m/Pa are 0.2 m; allowed are depths up to 0.1 m"),
