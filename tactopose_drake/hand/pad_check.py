@@ -1,4 +1,4 @@
-"""Whether the tactile pads of a hand's file are where its model has their links' shapes."""
+"""Whether the tactile pads of a hand's file are as soft as pads are, and where its model has their links' shapes."""
 
 from collections.abc import Iterator
 
@@ -6,6 +6,8 @@ import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 
+from tactopose_drake.core.sensing.patches import DEEPEST
+from tactopose_drake.core.sensing.tactile_array import TactileModel
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.findings import Finding, Verdict, fault
@@ -13,21 +15,35 @@ from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.shape_depth import body_depths
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 
+_SHALLOW, _THICK = 0.0001, 0.02  # of a soft layer, as hands have it, m
 _NEAR = 0.005  # of shapes, which are coarser than pads, m
 _STEP = 0.001  # along a normal, m
 
 
 def check_pads(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> Iterator[Finding]:
-    """Compares the pads' cells and normals with their links' collision shapes."""
+    """Tells how soft the pads are, and compares their cells and normals with their links' collision shapes."""
     for pad in hand.config.pads:
         part = f"pad {pad.name}"
         try:
-            layout = load_tactile_pad(pad.array).layout
+            array = load_tactile_pad(pad.array)
         except InvalidInputError as error:
             yield fault(part, error)
             continue
-        yield Finding(part, f"{len(layout)} cells of {pad.array} in frame {pad.frame!r}")
-        yield from _place(plant, scene_graph, hand, pad.name, layout)
+        yield Finding(part, f"{len(array.layout)} cells of {pad.array} in frame {pad.frame!r}")
+        yield from _depth(part, pad.alpha, array.model.range)
+        yield from _place(plant, scene_graph, hand, pad.name, array.layout)
+
+
+def _depth(part: str, alpha: float, most: float) -> Iterator[Finding]:
+    """How deep a pad is pressed in at its array's range, Pa, if that is told."""
+    if most >= TactileModel().range:
+        return
+    depth = alpha * most
+    text = f"at the array's range, {most:g} Pa, it is pressed in by {1e3 * depth:.3g} mm by alpha = {alpha:g} m/Pa"
+    if depth > DEEPEST:
+        yield Finding(part, f"{text}; allowed are {1e3 * DEEPEST:g} mm at most", "fault")
+    else:
+        yield Finding(part, text, "ok" if _SHALLOW < depth < _THICK else "note")
 
 
 def _place(

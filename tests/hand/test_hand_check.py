@@ -330,6 +330,24 @@ def test_a_pad_on_its_link_has_no_fault(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("alpha", "verdict", "text"),
+    [
+        ("2e-8", "ok", "at the array's range, 200000 Pa, it is pressed in by 4 mm by alpha = 2e-08 m/Pa"),
+        ("2e-11", "note", "it is pressed in by 0.004 mm by alpha = 2e-11 m/Pa"),
+        ("2e-5", "fault", "it is pressed in by 4e+03 mm by alpha = 2e-05 m/Pa; allowed are 100 mm at most"),
+    ],
+)
+def test_a_pad_that_is_softer_or_stiffer_than_pads_are_is_named(
+    tmp_path: Path, alpha: str, verdict: str, text: str
+) -> None:
+    (tmp_path / "pad.yaml").write_text(f"pattern: !PointPattern {{points: {GRID}, cell: 0.003}}\nmodel: {{range: 2e5}}")
+    pads = f"pads: [{{name: tip, frame: left_tip, array: pad.yaml, alpha: {alpha}}}]\n"
+    findings = check_hand(write_gripper(tmp_path, yaml=YAML + pads)).findings
+    (found,) = (finding for finding in findings if text in finding.text)
+    assert (found.part, found.verdict) == ("pad tip", verdict)
+
+
+@pytest.mark.parametrize(
     ("points", "normal", "text"),
     [
         (

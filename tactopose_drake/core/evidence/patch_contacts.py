@@ -42,9 +42,11 @@ def patch_contacts(
     Raises:
         InvalidInputError: a sigma that is not positive.
     """
+    positive_number("sigma_depth", sigma_depth)
+    positive_number("sigma_rotation", sigma_rotation)
     felt = [patch for patch in patches if patch.is_felt]
     points, normals = np.empty((len(felt), 3)), np.empty((len(felt), 3))
-    sigmas = np.full(len(felt), float(sigma_lean))
+    sigmas = np.full(len(felt), positive_number("sigma_lean", sigma_lean))
     places = np.full(len(felt), positive_number("sigma_position", sigma_position))
     for i, patch in enumerate(felt):
         points[i], turned = patch.centroid, sigma_rotation

@@ -68,9 +68,11 @@ def test_the_spread_of_an_areas_normal_is_what_it_claims() -> None:
     assert np.mean(claims) > 1.2 * turn
 
 
-def test_a_sigma_that_is_none_is_named() -> None:
-    with pytest.raises(InvalidInputError, match="sigma_position: is 0"):
-        patch_contacts([pressed(np.full(24, 0.001))], sigma_position=0.0)
+@pytest.mark.parametrize("name", ["sigma_depth", "sigma_position", "sigma_rotation", "sigma_lean"])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
+def test_a_sigma_that_is_none_is_named(name: str, value: float) -> None:
+    with pytest.raises(InvalidInputError, match=f"{name}: is {value:g}"):
+        patch_contacts([pressed(np.full(24, 0.001))], **{name: value})
 
 
 @pytest.mark.parametrize("has_normals", [True, False])
