@@ -141,13 +141,18 @@ def _block_means(depth: FloatArray, width: int) -> FloatArray:
 
 
 def _worth_keeping(touched: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
-    """The blocks that are touched, those around them, and of the others each so many-th, about `most`."""
+    """The blocks that are touched, those around them, and of the others each so many-th, about `most`.
+
+    Where few are touched the others are fewer than they: how far the cells of a patch reach is told by most of them.
+    """
     padded = np.pad(touched, 1)
     rows, columns = touched.shape
     near = np.zeros_like(touched)
     for i in range(3):
         for j in range(3):
             near |= padded[i : i + rows, j : j + columns]
+    if near.any():
+        most = max(1, min(most, np.count_nonzero(near) // 2))
     step = max(1, math.ceil(math.sqrt(np.count_nonzero(~near) / most)))
     sparse = np.zeros_like(touched)
     sparse[step // 2 :: step, step // 2 :: step] = True

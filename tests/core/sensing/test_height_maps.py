@@ -65,6 +65,16 @@ def test_the_less_is_touched_the_finer_it_is_looked_at() -> None:
     assert gaps[0] < gaps[1] < gaps[2]
 
 
+@pytest.mark.parametrize("radius", [0.5, 1.5, 3.0, 5.0, 5.6, 8.0, 12.0, 40.0])
+@pytest.mark.parametrize(("row", "column"), [(120, 160), (5, 300)])
+def test_cells_reach_as_far_as_the_blocks_however_little_is_touched(radius: float, row: int, column: int) -> None:
+    rows, columns = np.mgrid[:240, :320]
+    depth = np.where((rows - row) ** 2 + (columns - column) ** 2 < radius**2, 5e-4, 0.0)
+    patch = HeightMapSensor(pixel=6e-5).patch(depth, np.eye(3, 4))
+    assert patch.half_pitch == pytest.approx(0.5 * np.diff(np.unique(np.round(patch.p_PT[:, 0], 9))).min(), rel=1e-6)
+    assert np.count_nonzero(~patch.active) >= 8
+
+
 def test_what_the_mask_leaves_out_is_not_touched() -> None:
     depth = np.full((120, 160), 0.0008)
     mask = np.zeros(depth.shape, dtype=np.bool_)
