@@ -38,8 +38,9 @@ class PatchCells(LeastSquaresObjective):
     the length's, adds to the variance. Derivatives take it for constant.
 
     All cells of a pad are off together, because hand and mounting misplace it: shifted by sigma_position along, and
-    turned by sigma_rotation about, each axis, or as the patch's own `misplacement` says. With u (6,) this misplacement
-    in standard deviations, a pad's cost is the least over u of
+    turned by sigma_rotation about, each axis, or as the patch's own `misplacement` says. To that comes what an alpha
+    that is off by the share moves all pressed cells by, on average, along the pad's normal. With u (6,) this
+    misplacement in standard deviations, a pad's cost is the least over u of
 
         1/2 |u|^2 + 1/2 sum_i (phi(q_i(u)) / sigma_i)^2
 
@@ -69,7 +70,7 @@ class PatchCells(LeastSquaresObjective):
         if any(patch.misplacement is not None for patch in patches):  # These are in units of the sigmas, too.
             sigma_rotation, sigma_position = max(sigma_rotation, _LEAST_TURN), max(sigma_position, _LEAST_SHIFT)
         units = np.repeat([sigma_rotation, sigma_position], 3)
-        excess = np.array([_excess(patch, units) for patch in patches]).reshape(-1, 6, 6)
+        excess = np.array([_excess(patch, units, share) for patch in patches]).reshape(-1, 6, 6)
         self._arguments = (
             grid.nodes,
             Pads(*map(read_only, (points, normals, traits, starts, middles, excess))),
@@ -136,8 +137,8 @@ class PatchContact(SumObjective):
             patches: what the pads feel.
             sigma_depth: standard deviation of the depth of the surface in a pad, of each cell, m.
             share: standard deviation of a depth as a share of it: alpha, and the layer, are not quite so.
-            sigma_position: standard deviation of each coordinate of a pad's place, m; of patches whose `misplacement`
-                is not known.
+            sigma_position: standard deviation of each coordinate of a pad's place, and of what alpha makes of it, m; of
+                patches whose `misplacement` is not known.
             sigma_rotation: standard deviation of a small turn of a pad about each axis, rad; likewise.
             sigma_lean: standard deviation of the turn of a touched surface from the pad about each axis, rad.
 
@@ -180,13 +181,22 @@ def _pad_cells(patch: Patch, sigma_depth: float, share: float) -> tuple[FloatArr
     return points, patch.n_PT[live], np.stack([sides, weights, depth, widths], axis=1)
 
 
-def _excess(patch: Patch, units: FloatArray) -> FloatArray:
+def _excess(patch: Patch, units: FloatArray, share: float) -> FloatArray:
     """By how much the information on a pad's (turn, shift), in these units (6,), exceeds the identity, shape (6, 6)."""
     if patch.misplacement is None:
         return np.zeros((6, 6))
     turn_first = np.roll(patch.misplacement, 3, axis=(0, 1))
     least = np.repeat([_LEAST_TURN, _LEAST_SHIFT], 3)
-    scaled = (turn_first + np.diag(least**2)) / np.outer(units, units)
+    scaled = (turn_first + np.diag(least**2) + _by_alpha(patch, share)) / np.outer(units, units)
     information = np.linalg.inv(scaled)
     excess: FloatArray = 0.5 * (information + information.T) - np.eye(6)
     return excess
+
+
+def _by_alpha(patch: Patch, share: float) -> FloatArray:
+    """The covariance of (turn, shift) that an alpha off by this share amounts to, shape (6, 6), rad and m."""
+    if np.isnan(patch.inward).any():
+        return np.zeros((6, 6))
+    depth = share * patch.alpha * float(patch.pressure[patch.active].mean())
+    shift = np.concatenate([np.zeros(3), depth * patch.inward])
+    return np.outer(shift, shift)

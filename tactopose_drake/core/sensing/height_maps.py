@@ -152,7 +152,7 @@ def _worth_keeping(touched: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
         for j in range(3):
             near |= padded[i : i + rows, j : j + columns]
     if near.any():
-        most = max(1, min(most, np.count_nonzero(near) // 2))
+        most = max(1, min(most, int(np.count_nonzero(near)) // 2))
     step = max(1, math.ceil(math.sqrt(np.count_nonzero(~near) / most)))
     sparse = np.zeros_like(touched)
     sparse[step // 2 :: step, step // 2 :: step] = True

@@ -34,22 +34,26 @@ def told(patches: list[Patch], seed: int) -> list[Patch]:
 def test_a_covariance_of_the_sigmas_is_the_sigmas(blob: ObjectModel) -> None:
     X_PO, patches = pads_on(blob, 21)
     poses = retract(X_PO[None], np.random.default_rng(21).normal(size=(10, 6)) * ([0.03] * 3 + [0.002] * 3))
-    expected = PatchCells(blob.grid, patches, **NOISE)
+    noise = NOISE | {"share": 0.0}  # An alpha that is off comes to what patches say themselves.
+    expected = PatchCells(blob.grid, patches, **noise)
     same = by_sigmas(NOISE["sigma_position"], NOISE["sigma_rotation"])
     said = [dataclasses.replace(patch, misplacement=same) for patch in patches]
     # What the objective is told of other pads is nothing to these.
     for sigma_position, sigma_rotation in ((NOISE["sigma_position"], NOISE["sigma_rotation"]), (0.0, 0.0)):
-        others = NOISE | {"sigma_position": sigma_position, "sigma_rotation": sigma_rotation}
+        others = noise | {"sigma_position": sigma_position, "sigma_rotation": sigma_rotation}
         objective = PatchCells(blob.grid, said, **others)
         np.testing.assert_allclose(objective.cost(poses), expected.cost(poses), rtol=2e-3)
         hessians = (objective.normal_equations(poses).hessian, expected.normal_equations(poses).hessian)
         np.testing.assert_allclose(*hessians, rtol=1e-2, atol=1e-2 * np.abs(hessians[1]).max())
 
 
-def test_on_a_flat_surface_a_correlated_misplacement_is_integrated_out(slab: ObjectModel) -> None:
+@pytest.mark.parametrize("scale", [1.0, 0.1])
+def test_on_a_flat_surface_a_correlated_misplacement_and_an_alpha_that_is_off_are_integrated_out(
+    slab: ObjectModel, scale: float
+) -> None:
     pressure = np.random.default_rng(2).uniform(5e3, 2e4, 24)
     X_PO = make_poses(exp_so3(np.array([[0.7, -0.4, 0.3]])), np.array([[0.02, -0.01, 0.001]]))[0]
-    covariance = some_covariance(3)
+    covariance = scale**2 * some_covariance(3)
     cells = transform_points(X_PO, flat_pad())
     patch = describe_patch(cells, pressure, alpha=ALPHA, n_PT=-OUT @ X_PO[:, :3].T, misplacement=covariance)
     tilted = retract(X_PO[None], np.array([[0.03, 0.02, 0.0, 0.0, 0.0, 0.001]]))
@@ -63,7 +67,9 @@ def test_on_a_flat_surface_a_correlated_misplacement_is_integrated_out(slab: Obj
     d = phi(np.zeros(3), np.zeros(3))
     by_u = np.stack([phi(1e-3 * u[:3], 1e-3 * u[3:]) - d for u in np.eye(6)], axis=1) / 1e-3
     noise = np.diag(NOISE["sigma_depth"] ** 2 + (NOISE["share"] * depth) ** 2)
-    expected = 0.5 * d @ np.linalg.solve(noise + by_u @ covariance @ by_u.T, d)
+    by_alpha = by_u[:, :3] @ patch.n_PT[0] * NOISE["share"] * depth.mean()
+    spread = noise + by_u @ covariance @ by_u.T + np.outer(by_alpha, by_alpha)
+    expected = 0.5 * d @ np.linalg.solve(spread, d)
     assert PatchCells(slab.grid, [patch], **NOISE).cost(tilted)[0] == pytest.approx(expected, rel=1e-3)
 
 
@@ -108,6 +114,20 @@ def test_a_pad_may_be_off_in_the_direction_that_it_says(slab: ObjectModel) -> No
 
     assert cost(2) == pytest.approx(0.5, abs=0.1)
     assert min(cost(0), cost(1)) > 100.0
+
+
+def test_an_alpha_that_is_off_costs_a_deep_pad_that_is_well_placed_next_to_nothing(slab: ObjectModel) -> None:
+    def cost(off: float, push: float) -> float:
+        """Of a pad pushed in by so much, whose alpha is off by a share of itself."""
+        cells, covariance = flat_pad() - np.array([0.0, 0.0, push]), by_sigmas(1e-4, 1e-3)
+        pressure = np.full(24, push * (1.0 + off) / ALPHA)
+        patch = describe_patch(cells, pressure, alpha=ALPHA, n_PT=-OUT, misplacement=covariance)
+        return float(PatchCells(slab.grid, [patch], **NOISE).cost(np.eye(3, 4)[None])[0])
+
+    for push in (0.001, 0.003):
+        assert cost(0.0, push) == pytest.approx(0.0, abs=1e-3)
+        assert cost(NOISE["share"], push) < 0.6
+    assert cost(3.0 * NOISE["share"], 0.003) > 1.5
 
 
 def test_contacts_of_misplaced_patches_are_as_uncertain() -> None:
