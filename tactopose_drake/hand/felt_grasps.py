@@ -22,6 +22,10 @@ from tactopose_drake.hand.joint_paths import JointPaths
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.hand.named_joints import NamedJoints, check_near_limits
 
+_MOST_WRENCH = np.repeat([100.0, 1000.0], 3)  # N m and N: more is in other units
+_NOISE = np.repeat([NANO17_SIGMA_MOMENT, NANO17_SIGMA_FORCE], 3)  # of a reading, N m and N
+_MOST_BIAS = 6.0  # standard deviations: what a sensor reads beyond that is a touch
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RecordedGrasp:
@@ -176,16 +180,23 @@ class FeltGrasps:
         return Noise(np.zeros(len(normal)), np.where(np.isnan(normal), largest, normal))
 
     def readings(self, grasps: Sequence[RecordedGrasp]) -> tuple[FloatArray, FloatArray]:
-        """What out-of-touch readings say of the biases: whitened rows (m, f), and what they come to (m,)."""
+        """What out-of-touch readings say of the biases: whitened rows (m, f), and what they come to (m,).
+
+        Readings of one sensor that differ by more than its noise count for as much less.
+        """
         errors, rows, values = self._errors, [], []
-        noise = np.repeat([NANO17_SIGMA_MOMENT, NANO17_SIGMA_FORCE], 3)
-        for grasp, time in zip(grasps, self.times, strict=True):
-            for finger, reading in grasp.out_of_touch.items():
+        for finger in errors.fingers:
+            silent = [k for k, grasp in enumerate(grasps) if finger in grasp.out_of_touch]
+            wrenches = np.array([grasps[k].out_of_touch[finger] for k in silent], dtype=float).reshape(-1, 6)
+            noise = _NOISE * _scatter(
+                self.times[silent], wrenches, bool(errors.sigma[errors.place(finger, "drift")].any())
+            )
+            for time, wrench in zip(self.times[silent], wrenches, strict=True):
                 block = np.zeros((6, len(errors.sigma)))
                 block[:, errors.place(finger, "bias")] = np.eye(6)
                 block[:, errors.place(finger, "drift")] = time * np.eye(6)
                 rows.append((block * errors.sigma)[:, errors.free] / noise[:, None])
-                values.append(np.asarray(reading, dtype=float) / noise)
+                values.append(wrench / noise)
         if not rows:
             return np.zeros((0, len(errors.free))), np.zeros(0)
         return np.concatenate(rows), np.concatenate(values)
@@ -211,10 +222,58 @@ def check_grasps(plant: MultibodyPlant, hand: Hand, grasps: Sequence[RecordedGra
             for finger, wrench in wrenches.items():
                 if finger not in hand.sensor_frames:
                     raise UnknownNameError(f"{where}: {key}", finger, hand.sensor_frames)
-                finite_array(f"{where}: {key}.{finger}", wrench, (6,))
+                _check_wrench(f"{where}: {key}.{finger}", wrench)
         if grasp.time is not None:
             finite_array(f"{where}: time", [grasp.time], (1,))
     _check_different(grasps)
+
+
+def check_silence(errors: HandErrors, grasps: Sequence[RecordedGrasp]) -> None:
+    """Raises InvalidInputError if a sensor that is said to touch nothing reads more than a bias can be.
+
+    Args:
+        errors: which errors the hand may have; of a sensor that is said to have no bias nothing is checked.
+        grasps: what was recorded; checked already, see `check_grasps`.
+    """
+    for i, grasp in enumerate(grasps):
+        for finger, reading in grasp.out_of_touch.items():
+            wrench, bias = np.asarray(reading, dtype=float), errors.sigma[errors.place(finger, "bias")]
+            most = _MOST_BIAS * np.hypot(bias, _NOISE)
+            for part, unit, rows in (("moment", "N m", slice(0, 3)), ("force", "N", slice(3, 6))):
+                if bias[rows].any() and np.any(np.abs(wrench[rows]) > most[rows]):
+                    raise InvalidInputError(
+                        f"{grasp.name or f'grasps[{i}]'}: out_of_touch.{finger}: the {part} is "
+                        f"{wrench[rows].tolist()} {unit}; allowed is up to {most[rows][0]:.3g} {unit}, {_MOST_BIAS:g} "
+                        f"times the `sensor_{part}` of the hand's `uncertainty`. Either the finger touches something, "
+                        "its fingertip's weight is not taken off, or its bias is larger than the hand's file says."
+                    )
+
+
+def _check_wrench(name: str, wrench: ArrayLike) -> None:
+    """Raises InvalidInputError if it is none, or so large that it is of other units."""
+    values = finite_array(name, wrench, (6,))
+    if np.any(np.abs(values) > _MOST_WRENCH):
+        raise InvalidInputError(
+            f"{name}: is {values.tolist()}; allowed are moments up to {_MOST_WRENCH[0]:g} N m, then forces up to "
+            f"{_MOST_WRENCH[-1]:g} N."
+        )
+
+
+def _scatter(times: FloatArray, wrenches: FloatArray, drifts: bool) -> FloatArray:
+    """By how much one sensor's readings out of touch differ, over their noise; at least 1, shape (6,).
+
+    Args:
+        times: of the readings, shape (m,), s.
+        wrenches: what was read, shape (m, 6), N m and N.
+        drifts: whether what the sensor reads may grow with time.
+    """
+    by_time = np.column_stack([np.ones(len(times)), times])[:, : 2 if drifts else 1]
+    left = wrenches - by_time @ np.linalg.lstsq(by_time, wrenches, rcond=None)[0]
+    freedom = len(times) - np.linalg.matrix_rank(by_time)
+    if freedom < 1:
+        return np.ones(6)
+    of_kinds = np.sum((left / _NOISE) ** 2, axis=0).reshape(2, 3).sum(axis=1) / (3.0 * freedom)
+    return np.repeat(np.sqrt(np.maximum(of_kinds, 1.0)), 3)
 
 
 def _check_different(grasps: Sequence[RecordedGrasp]) -> None:

@@ -23,7 +23,7 @@ from tactopose_drake.core.validation import FloatArray, instance_of, params_of, 
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.calibration_file import HandCalibration, save_calibration
 from tactopose_drake.hand.calibration_report import calibration_of
-from tactopose_drake.hand.felt_grasps import FeltGrasps, RecordedGrasp, check_grasps
+from tactopose_drake.hand.felt_grasps import FeltGrasps, RecordedGrasp, check_grasps, check_silence
 from tactopose_drake.hand.grasp_poses import PoseFit, PoseHunt, fit_poses
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_errors import HandErrors
@@ -143,7 +143,8 @@ def calibrate_hand(
 
     Raises:
         InvalidInputError: fewer than 3 grasps with a contact, or that can be explained together; a grasp with a name
-            that the hand has not, or that lacks a joint's reading.
+            that the hand has not, or that lacks a joint's reading; a sensor out of touch that reads much more than
+            the hand's `uncertainty` says of its bias.
         InvalidFileError: if the hand's file cannot be used.
     """
     params = params_of(CalibrationParams, params)
@@ -161,6 +162,7 @@ def calibrate_hand(
     errors = HandErrors.of(plant, parts, uncertainty, _time_span(grasps))
     if not len(errors.free):
         raise InvalidInputError("uncertainty: every error is 0; allowed is at least one above 0.")
+    check_silence(errors, grasps)
     felt = FeltGrasps(plant, parts, errors, grasps)
     if not len(felt.grasp):
         raise InvalidInputError("grasps: no finger with a force-torque sensor touches in any; allowed are those where.")

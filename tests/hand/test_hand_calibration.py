@@ -161,6 +161,33 @@ def test_readings_out_of_touch_give_the_biases_and_their_drift(blob: ObjectModel
     assert len(drifts) == 30
 
 
+def test_a_touch_that_is_told_for_silence_is_refused(blob: ObjectModel) -> None:
+    hand = WrongHand(6)
+    recorded = [grasp.recorded for grasp in hand.close(blob, 3, NOISE)]
+    pressed = dataclasses.replace(recorded[1], out_of_touch={"little": [0.0, 0.0, 0.0, 0.0, 2.0, 0.0]}, name="one.yaml")
+    said = r"^one\.yaml: out_of_touch\.little: the force is \[0\.0, 2\.0, 0\.0\] N; allowed is up to 0\.6 N, 6 times "
+    with pytest.raises(InvalidInputError, match=said):
+        calibrate_hand(hand.config, [recorded[0], pressed, recorded[2]])
+
+
+@pytest.mark.parametrize("drifts", [False, True])
+def test_readings_out_of_touch_that_differ_count_for_what_they_agree_on(blob: ObjectModel, drifts: bool) -> None:
+    hand = WrongHand(6, span=100.0 if drifts else 0.0)
+    generator, count, spread = np.random.default_rng(0), 30, np.repeat([0.0005, 0.05], 3)
+    grasp = hand.close(blob, 1)[0].recorded
+    recorded = [
+        dataclasses.replace(
+            grasp, time=100.0 * k / (count - 1), out_of_touch={"thumb": spread * generator.normal(size=6)}
+        )
+        for k in range(count)
+    ]
+    rows, _ = FeltGrasps(hand.plant, hand.hand, hand.errors, recorded).readings(recorded)
+    place = hand.errors.place("thumb", "bias")
+    of_bias = rows[:, np.searchsorted(hand.errors.free, np.arange(place.start, place.stop))]
+    sigma = hand.errors.sigma[place] / np.sqrt(np.sum(of_bias**2, axis=0))
+    np.testing.assert_allclose(sigma, spread / math.sqrt(count), rtol=0.2)
+
+
 def test_errors_of_zero_are_not_looked_for(blob: ObjectModel) -> None:
     hand = WrongHand(6, THICKNESS)
     found = calibrate_hand(hand.config, [grasp.recorded for grasp in hand.close(blob, 5, NOISE)])
@@ -226,6 +253,11 @@ def test_unusable_grasps_are_refused_by_name(wrong_hand: WrongHand, grasps: list
     lacking = {name: value for name, value in recorded[0].joint_positions.items() if name != "THJ5"}
     with pytest.raises(InvalidInputError, match=r"grasps\[4\]: joint_positions: lack .*THJ5"):
         calibrate_hand(config, [*recorded, dataclasses.replace(recorded[0], joint_positions=lacking)])
+    weights = {"first": [0.0, 0.0, 0.0, 0.0, 0.0, 1200.0]}
+    with pytest.raises(
+        InvalidInputError, match=r"grasps\[4\]: wrenches\.first: is .*; allowed are moments up to 100 N m"
+    ):
+        calibrate_hand(config, [*recorded, dataclasses.replace(recorded[0], wrenches=weights)])
     with pytest.raises(InvalidInputError, match=r"wrenches\.first"):
         calibrate_hand(config, [*recorded, dataclasses.replace(recorded[0], wrenches={"first": [1.0, 2.0]})])
     with pytest.raises(InvalidInputError, match="every error is 0"):
