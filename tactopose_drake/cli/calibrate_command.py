@@ -1,9 +1,11 @@
 """`tactopose calibrate`: what a hand is off by, from grasps of a known object."""
 
+import os
 from collections.abc import Collection
 from pathlib import Path
 
 import click
+import numpy as np
 from rich import box
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -47,8 +49,9 @@ def calibrate(hand: str, mesh: Path, scale: float, folder: Path, out: Path, html
 
     The folder holds a YAML or JSON file for each grasp, or folders that `tactopose run --record` has made.
     """
-    config = load_hand_config(hand)
-    check_outputs((out, html), inputs=(mesh, Path(hand), folder))
+    config = load_hand_config(hand, with_calibration=False)
+    is_anew = bool(config.calibration) and os.path.realpath(out) == os.path.realpath(config.calibration)
+    check_outputs((out, html), inputs=(mesh, Path(hand), folder), renewed=out if is_anew else None)
     with ERRORS.status(f"reading {mesh}"):
         model = load_object(mesh, scale=scale)
     grasps = _grasps(folder, model)

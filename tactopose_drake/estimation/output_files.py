@@ -12,13 +12,16 @@ from tactopose_drake.estimation.input_files import files_behind
 _LEAST_FREE = 5_000_000  # bytes; a page with a scene has 3 MB
 
 
-def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None] = ()) -> None:
+def check_outputs(
+    outputs: Iterable[Path | None], inputs: Iterable[Path | None] = (), renewed: Path | None = None
+) -> None:
     """Tells, before any work, whether files can be written there.
 
     Args:
         outputs: the files that are to be written; None stands for none.
         inputs: files and folders that are read; an output may neither be one nor be in one, nor in those that these
             name: the model of a hand, that model's meshes, and so on.
+        renewed: a file that an input names and that an output may be all the same, since it is not read.
 
     Raises:
         InvalidFileError: if a folder does not exist, an output is a folder, an input, or another output, or nothing can
@@ -26,7 +29,13 @@ def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None] 
     """
     written: list[Path] = []
     wanted = [path for path in outputs if path is not None]
-    read = [(path, _place(file)) for path in inputs if path is not None for file in _behind(path, wanted)]
+    read = [
+        (path, _place(file))
+        for path in inputs
+        if path is not None
+        for file in _behind(path, wanted)
+        if file == path or renewed is None or _place(file) != _place(renewed)
+    ]
     for path in wanted:
         place = _place(path)
         if not path.absolute().parent.is_dir():

@@ -153,7 +153,7 @@ def calibrate_hand(
             f"hand: is a {type(hand).__name__}; allowed are a HandConfig, a hand's name and the path of its file."
         )
     instance_of("grasps", grasps, Sequence)
-    config = hand if isinstance(hand, HandConfig) else load_hand_config(hand)
+    config = hand if isinstance(hand, HandConfig) else load_hand_config(hand, with_calibration=False)
     if len(grasps) < _FEWEST:
         raise InvalidInputError(f"grasps: there are {len(grasps)}; allowed are {_FEWEST} or more.")
     plant, parts = make_hand_plant(dataclasses.replace(config, calibration=""))

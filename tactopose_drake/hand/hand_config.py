@@ -209,10 +209,14 @@ class HandConfig:
         raise UnknownNameError("finger", name, [finger.name for finger in self.fingers])
 
 
-def load_hand_config(name_or_path: str | Path) -> HandConfig:
+def load_hand_config(name_or_path: str | Path, *, with_calibration: bool = True) -> HandConfig:
     """Reads a `*.hand.yaml`: one of the package's hands by name, or any file by path.
 
     Models and arrays that the file names by relative paths are looked for from the file's folder on.
+
+    Args:
+        name_or_path: of the hand.
+        with_calibration: whether the calibration that the file names is read; who makes one anew needs none.
 
     Raises:
         InvalidFileError: if the file cannot be read or does not fit `HandConfig`, or a value is out of its range.
@@ -237,5 +241,6 @@ def load_hand_config(name_or_path: str | Path) -> HandConfig:
             pad.array = str(path.parent / pad.array)
     if config.calibration:
         config.calibration = str(path.parent / config.calibration)
-        load_calibration(Path(config.calibration))
+        if with_calibration:
+            load_calibration(Path(config.calibration))
     return config
