@@ -28,6 +28,10 @@ from tactopose_drake.runs.recorded_senses import read_recording
 
 _MOST_NAMED = 8  # combinations that are not determined
 _SURE = 0.9  # probability of a pose, below which another is worth naming
+_GOOD = (0.0005, 2.0)  # m and deg that remain of a contact with the right mesh, at the most
+_MANY = (
+    0.25  # share of a finger's contacts that do not fit, above which, where it is more than one, that is worth naming
+)
 
 
 @click.command("calibrate")
@@ -86,7 +90,7 @@ def _grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:
 
 
 def calibration_table(found: HandCalibration, sliding: Collection[str]) -> Table:
-    """One row an error, or three of the same kind.
+    """One row an error, or three of the same kind; none of what was not looked for.
 
     Args:
         found: what was found.
@@ -98,7 +102,8 @@ def calibration_table(found: HandCalibration, sliding: Collection[str]) -> Table
         table.add_column(heading, justify="right")
     for joint, offset in found.joint_offsets.items():
         scale, unit = (1e3, "mm") if joint in sliding else (1.0, "deg")
-        table.add_row(f"{joint} offset", f"{scale * offset.value:.2f}", f"{scale * offset.sigma:.2f}", unit)
+        if offset.sigma:
+            table.add_row(f"{joint} offset", f"{scale * offset.value:.2f}", f"{scale * offset.sigma:.2f}", unit)
     for name, finger in found.fingers.items():
         for what, vector, scale, unit in (
             ("moment bias", finger.moment_bias, 1e3, "N mm"),
@@ -107,8 +112,11 @@ def calibration_table(found: HandCalibration, sliding: Collection[str]) -> Table
             ("mounting, moved", finger.translation, 1e3, "mm"),
         ):
             values, sigmas = ([f"{scale * x:.2f}" for x in row] for row in (vector.value, vector.sigma))
-            table.add_row(f"{name} {what}", " ".join(values), " ".join(sigmas), unit)
-        table.add_row(f"{name} radius", f"{1e3 * finger.radius.value:.2f}", f"{1e3 * finger.radius.sigma:.2f}", "mm")
+            if any(vector.sigma):
+                table.add_row(f"{name} {what}", " ".join(values), " ".join(sigmas), unit)
+        value, sigma = 1e3 * finger.radius.value, 1e3 * finger.radius.sigma
+        if sigma:
+            table.add_row(f"{name} radius", f"{value:.2f}", f"{sigma:.2f}", "mm")
     return table
 
 
@@ -118,9 +126,20 @@ def calibration_lines(result: CalibrationResult, names: list[str]) -> list[str]:
     lines = [
         f"What remains of a contact: {1e3 * noise.position:.2f} mm along its normal, {noise.normal_deg:.1f} deg of it."
     ]
+    if noise.position > _GOOD[0] or noise.normal_deg > _GOOD[1]:
+        lines.append(
+            f"That is much; with the right mesh, and errors as the hand's `uncertainty` says, it is below "
+            f"{1e3 * _GOOD[0]:g} mm and {_GOOD[1]:g} deg: do not trust this calibration before you know why."
+        )
     lines += [
         f"No wrench of {finger} makes a contact, so that nothing is known of it: {reason}."
         for finger, reason in result.without_contact.items()
+    ]
+    lines += [
+        f"Of {finger}, {np.sum(weights < USED)} of {len(weights)} contacts do not fit the others and counted for "
+        "nothing: its sensor, its wrenches' frame or its joints are not as the hand's file says."
+        for finger, weights in result.contact_weights.items()
+        if np.sum(weights < USED) > max(1.0, _MANY * len(weights)) and finger not in result.without_contact
     ]
     left_out = [name for name, weight in zip(names, result.grasp_weights, strict=True) if weight < USED]
     if left_out:

@@ -28,7 +28,7 @@ def save_calibration_page(path: Path, hand: str, result: CalibrationResult, name
     distances = _plot("Distance from the surface, mm", result, "distance", 1e3)
     angles = _plot("Angle between the normals, deg", result, "angle", 180.0 / np.pi)
     rows = [
-        f"<tr><td>{html.escape(name)}</td><td>{weight:.2f}</td><td>{probability:.2f}</td></tr>"
+        f"<tr><td>{html.escape(name)}</td><td>{_cell(weight)}</td><td>{_cell(probability)}</td></tr>"
         for name, weight, probability in zip(names, result.grasp_weights, result.pose_probability, strict=True)
     ]
     untold = "".join(f"<li>{html.escape(combination.text)}</li>" for combination in result.undetermined)
@@ -55,6 +55,11 @@ def _table(result: CalibrationResult) -> str:
         rows.append(f"<tr><td>{html.escape(finger)}</td>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
     heads = ("finger", "before, mm rms", "before, deg rms", "after, mm rms", "after, deg rms")
     return f"<table><tr>{''.join(f'<th>{head}</th>' for head in heads)}</tr>{''.join(rows)}</table>"
+
+
+def _cell(value: float) -> str:
+    """A number, or nothing where no finger touches."""
+    return "" if np.isnan(value) else f"{value:.2f}"
 
 
 def _rms(values: FloatArray) -> float:

@@ -85,8 +85,11 @@ class CalibrationResult:
         undetermined: combinations of errors of which the grasps say nothing.
         X_PO: the object's poses X_PO in the grasps, shape (g, 3, 4), translations in m.
         pose_probability: probability of each of these poses, shape (g,): where it is not near 1, another pose explains
-            the grasp, too, and the covariance is the wider for it.
-        grasp_weights: weight of each grasp, 1 where it fits the others, 0 where it counted for nothing, shape (g,).
+            the grasp, too, and the covariance is the wider for it. NaN where no finger touches.
+        grasp_weights: weight of each grasp, 1 where it fits the others, 0 where it counted for nothing, shape (g,). NaN
+            where no finger touches.
+        contact_weights: likewise of the contacts in the grasps that fit, by finger, shape (k,) each: a finger whose
+            contacts count for nothing in grasp after grasp has its errors only by what the hand's file says of them.
         without_contact: fingers that touch but of whose wrenches none makes a contact, each with the solver's reason.
         before: residuals of the hand as its files have it, by finger, each grasp's pose being the best for it.
         after: residuals of the calibrated hand, by finger.
@@ -102,6 +105,7 @@ class CalibrationResult:
     X_PO: FloatArray
     pose_probability: FloatArray
     grasp_weights: FloatArray
+    contact_weights: dict[str, FloatArray]
     without_contact: dict[str, str]
     before: dict[str, FingerResiduals]
     after: dict[str, FingerResiduals]
@@ -218,7 +222,10 @@ def _result(felt: FeltGrasps, errors: HandErrors, problem: SharedProblem, found:
     vector = felt.vector(known.mean)
     at_end = float(felt.times.max())
     calibration = calibration_of(errors, vector, covariance, at_end)
-    calibration.grasps = len(problem.grids)
+    has_touch = np.bincount(felt.grasp, minlength=len(problem.grids)) > 0
+    grasp_weights = np.where(has_touch, solution.at.grasp_weights, np.nan)
+    fits = grasp_weights[felt.grasp] >= USED
+    calibration.grasps = int(np.sum(grasp_weights >= USED))
     calibration.undetermined = [combination.text for combination in combinations]
     calibration.noise.position = fit.noise.position
     calibration.noise.normal_deg = math.degrees(fit.noise.normal)
@@ -235,8 +242,9 @@ def _result(felt: FeltGrasps, errors: HandErrors, problem: SharedProblem, found:
         covariance[np.ix_(errors.free, errors.free)],
         combinations,
         solution.X_PO,
-        found.probability,
-        solution.at.grasp_weights,
+        np.where(has_touch, found.probability, np.nan),
+        grasp_weights,
+        {name: solution.at.weights[(felt.finger == k) & fits] for k, name in enumerate(errors.fingers)},
         felt.without_contact(solution.shared),
         before,
         after,

@@ -1,5 +1,6 @@
 """`tactopose calibrate`: from files to a file that a hand names."""
 
+import dataclasses
 from collections.abc import Collection
 from pathlib import Path
 
@@ -7,10 +8,12 @@ import numpy as np
 import pytest
 import yaml
 
-from tactopose_drake.cli.calibrate_command import calibration_table
+from tactopose_drake.cli.calibrate_command import calibration_lines, calibration_table
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.hand.calibration_file import HandCalibration, Measured
+from tactopose_drake.hand.calibration_file import CalibrationNoise, HandCalibration, Measured
 from tactopose_drake.hand.closed_grasps import ClosedGraspParams
+from tactopose_drake.hand.grasp_files import load_grasps
+from tactopose_drake.hand.hand_calibration import calibrate_hand
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.resources import model_path
@@ -155,6 +158,69 @@ def test_a_finger_that_makes_no_contact_is_said(
     assert calibrate_with_forces_first(folder, tmp_path, ["thumb"]) == 0
     said = "No wrench of thumb makes a contact, so that nothing is known of it: the force is below min_force (0.05 N)."
     assert said in capsys.readouterr().out
+
+
+def test_what_a_calibration_is_not_to_be_trusted_for_is_said(folder: Path) -> None:
+    model = ObjectModel.from_mesh(folder / "blob.stl")
+    grasps = load_grasps(folder / "grasps", model)
+    names = [grasp.name for grasp in grasps]
+    result = calibrate_hand(folder / "mine.hand.yaml", grasps)
+    as_found = " ".join(calibration_lines(result, names))
+    assert "do not fit" not in as_found
+    assert "That is much" not in as_found
+    weights = result.contact_weights | {"thumb": np.array([0.0, 0.1, 0.9, 0.8, 0.0])}
+    beside = calibration_lines(dataclasses.replace(result, contact_weights=weights), names)
+    assert [line for line in beside if line.startswith("Of ")] == [
+        "Of thumb, 3 of 5 contacts do not fit the others and counted for nothing: its sensor, its wrenches' frame or "
+        "its joints are not as the hand's file says."
+    ]
+    for noise in (CalibrationNoise(position=0.0007), CalibrationNoise(normal_deg=3.3)):
+        noisy = dataclasses.replace(result, calibration=dataclasses.replace(result.calibration, noise=noise))
+        assert calibration_lines(noisy, names)[1].startswith("That is much; with the right mesh, and errors as")
+
+
+def test_what_was_not_looked_for_has_no_row(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert calibrate(folder, "--out", tmp_path / "calibration.yaml") == 0
+    printed = capsys.readouterr().out
+    assert "thumb radius" in printed
+    assert "offset" not in printed
+    assert "mounting" not in printed
+
+
+def test_a_hand_that_names_its_calibration_is_calibrated_anew(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hand, out = tmp_path / "mine.hand.yaml", tmp_path / "calibration.yaml"
+    hand.write_text((folder / "mine.hand.yaml").read_text() + "calibration: calibration.yaml\n")
+    files = ("--hand", hand, "--object", folder / "blob.stl", "--grasps", folder / "grasps")
+    assert run("calibrate", *files, "--out", out) == 0  # There is none yet.
+    assert f"Written: {out}" in " ".join(capsys.readouterr().out.split())
+    first = out.read_text()
+    assert run("calibrate", *files, "--out", out) == 0
+    assert f"Replaced: {out}" in " ".join(capsys.readouterr().out.split())
+    assert out.read_text() == first
+    assert run("calibrate", *files, "--out", tmp_path / "other.yaml", "--html", out) == 2
+    assert "is an input, or in one" in capsys.readouterr().err
+    assert run("calibrate", *files, "--out", hand) == 2
+    assert "is an input, or in one" in capsys.readouterr().err
+
+
+def test_readings_before_touches_are_grasps_that_nothing_is_said_of(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    grasps = tmp_path / "grasps"
+    grasps.mkdir()
+    for path in (folder / "grasps").iterdir():
+        (grasps / path.name).write_text(path.read_text())
+    joints = yaml.safe_load((grasps / "grasp_0.yaml").read_text())["joint_positions"]
+    silent = {"joint_positions": joints, "out_of_touch": {"thumb": [0.0, 0.0001, 0.0, 0.0, 0.01, 0.0]}}
+    (grasps / "silent.yaml").write_text(yaml.safe_dump(silent))
+    files = ("--hand", folder / "mine.hand.yaml", "--object", folder / "blob.stl", "--grasps", grasps)
+    assert run("calibrate", *files, "--out", tmp_path / "c.yaml", "--html", tmp_path / "page.html") == 0
+    printed = capsys.readouterr().out
+    assert "The hand by 5 grasps" in printed
+    assert "silent.yaml" not in printed
+    assert "silent.yaml</td><td></td><td></td>" in (tmp_path / "page.html").read_text()
 
 
 def test_what_makes_no_contact_is_said_and_no_calibration_is_written(

@@ -212,6 +212,10 @@ def test_a_finger_without_any_contact_is_named(blob: ObjectModel) -> None:
     found = calibrate_hand(hand.config, recorded)
     assert set(found.without_contact) == {"first"}
     assert found.without_contact["first"] == "no single contact explains the wrench: the force passes the surface by"
+    assert found.contact_weights["first"].max() < 0.5
+    others = np.concatenate([weights for finger, weights in found.contact_weights.items() if finger != "first"])
+    assert len(others) >= 15
+    assert np.median(others) > 0.9
     assert found.calibration.fingers["first"].radius.sigma == pytest.approx(THICKNESS.fingertip_radius, rel=1e-6)
 
 
