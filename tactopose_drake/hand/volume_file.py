@@ -18,6 +18,7 @@ from tactopose_drake.estimation.data_checks import (
 from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
+from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.hand.named_joints import NamedJoints, check_near_limits
 from tactopose_drake.resources.yaml_files import shown
@@ -39,8 +40,9 @@ def load_hand_volume(path: Path) -> HandVolumes:
     """Reads what fills a hand, in the palm frame, m and rad: of a hand that has a file, or sphere by sphere.
 
     Of a hand: `hand`, one of the package by name or a *.hand.yaml by its path from this file's folder; `joints`, its
-    positions by the joints' names, where coupled joints follow and a link behind one that is left out is not known; and
-    `untouched`, the fingers that feel nothing, if there are any.
+    positions by the joints' names, as the encoders read them, where coupled joints follow and a link behind one that is
+    left out is not known; and `untouched`, the fingers that feel nothing, if there are any. What the hand's calibration
+    has found the encoders to be off by is taken off.
 
     Spheres: `spheres`, a list of `center` and `radius`; `untouched`, such a list; and `sigma`, the standard deviation
     of their surface. All but one of the lists may be absent.
@@ -91,7 +93,7 @@ def _of_hand(path: Path, data: dict[str, Any]) -> HandVolumes:
         raise InvalidFileError(f"{path}: {error}") from None
     spheres = BodySpheres.of_hand(config)
     kinematics = HandKinematics(plant, hand.palm_frame)
-    kinematics.move(q)
+    kinematics.move(q - reading_offsets(plant, hand))
     p_PH, known = kinematics.positions(spheres), kinematics.is_known(spheres.body)
     return HandVolumes(*(_chosen(p_PH, spheres, known & part) for part in (known, np.isin(spheres.body, tips))))
 

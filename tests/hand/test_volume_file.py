@@ -50,6 +50,23 @@ def test_a_hand_is_filled_where_its_joints_put_it(tmp_path: Path) -> None:
     assert volumes.untouched is None
 
 
+def test_readings_of_a_calibrated_hand_are_corrected(tmp_path: Path) -> None:
+    plain = write_gripper(tmp_path)
+    calibrated = tmp_path / "calibrated.hand.yaml"
+    calibrated.write_text(plain.read_text() + "calibration: calibration.yaml\n")
+    offset = "joint_offsets: {left_slide: {value: 0.002, sigma: 0.0001}}\n"
+    (tmp_path / "calibration.yaml").write_text(offset)
+    volumes = []
+    for hand, left in ((plain, 0.010), (calibrated, 0.012)):
+        path = tmp_path / "volume.yaml"
+        path.write_text(f"hand: {hand.name}\njoints: {{left_slide: {left}, right_slide: 0.02}}\nuntouched: [left]\n")
+        volumes.append(load_hand_volume(path))
+    for of_plain, of_calibrated in zip(*volumes, strict=True):
+        assert of_plain is not None
+        assert of_calibrated is not None
+        np.testing.assert_allclose(of_calibrated.p_PH, of_plain.p_PH, atol=1e-12)
+
+
 def test_a_link_behind_a_joint_that_is_not_given_is_not_known(tmp_path: Path) -> None:
     hand = write_gripper(tmp_path)
     plant, parts = make_hand_plant(load_hand_config(hand))
