@@ -15,6 +15,7 @@ from tactopose_drake.cli.consoles import ERRORS, OUT, print_replaced
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.progress_bar import progress_bar
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.hand.calibration_file import HandCalibration
@@ -83,6 +84,8 @@ def calibrate(hand: str, mesh: Path, scale: float, folder: Path, out: Path, html
 
 def _grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:
     """The files of a folder, and the recordings that are in it."""
+    if (folder / MANIFEST).is_file():
+        raise InvalidInputError(f"{folder}: is itself a recording; allowed is a folder that holds one for each grasp.")
     recordings = sorted(path.parent for path in folder.glob(f"*/{MANIFEST}")) if folder.is_dir() else []
     has_files = any(path.suffix.lower() in GRASP_ENDINGS for path in folder.iterdir()) if recordings else True
     files = load_grasps(folder, model) if has_files else ()

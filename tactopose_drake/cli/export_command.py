@@ -8,6 +8,7 @@ from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.runs.csv_export import write_csv
+from tactopose_drake.runs.manifest import load_manifest
 from tactopose_drake.runs.mcap_export import write_mcap
 from tactopose_drake.runs.recorded_senses import read_recording
 
@@ -20,6 +21,7 @@ _WRITERS = {"mcap": write_mcap, "csv": write_csv}
 @click.option("--out", type=PATH, help="The file; LOG with the format's ending by default.")
 def export(log: Path, kind: str, out: Path | None) -> None:
     """Writes LOG, a folder that `run --record` made, as one file: for Foxglove, PlotJuggler, rosbag2, or a table."""
+    load_manifest(log)  # What is no recording is told before anything else is.
     if out is None:
         # Of `.` and `..`, the folder that is meant has the name.
         out = log.resolve().parent / f"{log.resolve().name}.{kind}"

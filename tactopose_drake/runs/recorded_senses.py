@@ -100,7 +100,7 @@ def _play(folder: Path, manifest: Manifest, signals: dict[str, Signal]) -> tuple
 def _read_estimates(path: Path) -> tuple[tuple[dict[str, Any], ...], list[str]]:
     """The lines, as far as they are whole, and what is wrong with the rest."""
     if not path.is_file():
-        return (), []
+        return (), [f"{path}: is not there, so that no estimate is known."]
     try:
         texts = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:

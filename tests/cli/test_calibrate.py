@@ -242,5 +242,8 @@ def test_folders_and_outputs_are_checked_before_the_work(
     hand = ("--hand", folder / "mine.hand.yaml", "--object", folder / "blob.stl")
     assert run("calibrate", *hand, "--grasps", tmp_path / "none", "--out", tmp_path / "c.yaml") == 2
     assert "there is no such folder" in capsys.readouterr().err
+    (tmp_path / "manifest.yaml").write_text("format: 1\n")
+    assert run("calibrate", *hand, "--grasps", tmp_path, "--out", folder / "c.yaml") == 2
+    assert f"{tmp_path}: is itself a recording; allowed is a folder that holds one" in capsys.readouterr().err
     assert calibrate(folder, "--out", folder / "grasps" / "calibration.yaml") == 2
     assert "is an input, or in one" in capsys.readouterr().err

@@ -221,6 +221,9 @@ def test_what_cannot_be_exported_is_refused(
 ) -> None:
     assert tactopose("export", tmp_path, "--format", "csv", "--out", tmp_path.parent / "x.csv") == 2
     assert "is no recording" in capsys.readouterr().err
+    manifest = recording / "manifest.yaml"
+    assert tactopose("export", manifest, "--format", "csv") == 2
+    assert capsys.readouterr().err == f"error: {manifest}: is no recording; it has no manifest.yaml.\n"
     assert tactopose("export", recording, "--format", "csv", "--out", recording / "x.csv") == 2
     assert "is an input, or in one" in capsys.readouterr().err
     assert tactopose("export", recording, "--format", "bag") == 2
@@ -272,3 +275,6 @@ def test_damaged_estimates_are_said_and_the_rest_is_exported(
     assert "estimates.jsonl: cannot be read from line 2 on" in said
     assert "is cut off after" in said
     assert len([row for row in rows(out) if row["status"]]) == 1
+    (copy / "estimates.jsonl").unlink()
+    assert tactopose("export", copy, "--format", "csv", "--out", out) == 0
+    assert "estimates.jsonl: is not there, so that no estimate is known." in capsys.readouterr().err
