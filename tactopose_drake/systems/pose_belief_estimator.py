@@ -197,8 +197,9 @@ class PoseBeliefEstimator(CollectableSystem):
             remarks = (f"begun anew: the clock went back from {before.time:g} s", *remarks)
             before = self._tracker.start(frame.time)
         elif before.has_pose and self._says_nothing(before, frame):
+            vision = before.vision.of_next_belief()
             before = dataclasses.replace(
-                self._tracker.start(before.time), history=before.history, vision=before.vision, X_WP=before.X_WP
+                self._tracker.start(before.time), history=before.history, vision=vision, X_WP=before.X_WP
             )
         seen = frame.vision
         if seen is not None and not self._may_be_touched(seen.X_PO, seen.covariance, frame):
@@ -208,7 +209,7 @@ class PoseBeliefEstimator(CollectableSystem):
             belief = self._tracker.step(before, frame)
         except np.linalg.LinAlgError as error:  # of numbers beyond arithmetic
             belief = self._tracker.start(frame.time)
-            belief = dataclasses.replace(belief, remarks=(f"begun anew: {error}",), vision=before.vision)
+            belief = dataclasses.replace(belief, remarks=(f"begun anew: {error}",), vision=before.vision.of_next_belief())
         if belief.status == "slipping" and belief.probability[0] < DEFAULT_PARAMS.modes.answer_share:
             remarks = ("none of several poses carries most of the mass", *remarks)
         belief = dataclasses.replace(belief, remarks=(*belief.remarks, *remarks))

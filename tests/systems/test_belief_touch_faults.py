@@ -8,6 +8,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import PoseMeasurement
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator
 from tests.core.tracking.boxes import make_box, touch
 from tests.systems.belief_runs import FINGERS, X_PO, Run, begun, generator_at, seen, still, touched
@@ -47,6 +48,25 @@ def test_an_object_that_comes_back_elsewhere_is_found_anew(box: ObjectModel, see
     assert run.until(0.2).word == "ok"
     assert run.until(1.5).word == "lost"
     assert run.until(2.0).word == ("ok" if with_vision else "ambiguous")
+    run.assert_never_a_silent_guess(truth)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_prior_of_the_grasp_before_says_nothing_of_the_next(box: ObjectModel, seed: int) -> None:
+    turn = RollPitchYaw(*np.random.default_rng(seed).uniform(-math.pi, math.pi, 3))
+    elsewhere = X_PO @ RigidTransform(turn, [0.03, -0.02, 0.02])
+
+    def truth(time: float) -> RigidTransform:
+        return X_PO if time < 1.0 else elsewhere
+
+    guess, later = (PosePrior(X, sigma_translation=0.005, sigma_rotation=0.1) for X in (X_PO, elsewhere))
+    touches = touched(truth, lambda time: not 0.205 < time < 1.505)
+    run = Run(PoseBeliefEstimator(box), prior=lambda time: guess, **touches)
+    assert run.until(0.2).word == "ok"
+    assert run.until(2.0).word == "ambiguous", "half turns of the box are not told apart"
+    run.assert_never_a_silent_guess(truth)
+    run = Run(PoseBeliefEstimator(box), prior=lambda time: guess if time < 1.0 else later, **touches)
+    assert run.until(2.0).word == "ok", "a new one counts"
     run.assert_never_a_silent_guess(truth)
 
 

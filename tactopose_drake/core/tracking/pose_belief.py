@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.plain_values import copied, numbers
@@ -42,12 +43,20 @@ class VisionRecord:
         last: of them; None before the first.
         accepted_time: when the best mode last took one for an inlier, s.
         remark: what is wrong with it; empty where nothing is.
+        prior: the prior that this belief began with; None where it had none.
+        spent: the last one that an earlier belief began with, which says nothing of another grasp; likewise.
     """
 
     times: tuple[float, ...] = ()
     last: PoseMeasurement | None = None
     accepted_time: float = -np.inf
     remark: str = ""
+    prior: GaussianPrior | None = None
+    spent: GaussianPrior | None = None
+
+    def of_next_belief(self) -> VisionRecord:
+        """What of it a belief that is begun anew goes on with: the prior has counted."""
+        return dataclasses.replace(self, prior=None, spent=self.spent if self.prior is None else self.prior)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -86,10 +86,12 @@ def see(
     """
     standing, modes, is_outlier = belief.standing, belief.modes, False
     never_felt = belief.touch_time == -np.inf
-    prior = frame.evidence.prior
-    if standing is None and never_felt and prior is not None:
-        standing = PoseMeasurement.from_prior(prior, frame.time)
+    prior = None if frame.evidence.prior == belief.vision.spent else frame.evidence.prior
     sighting, record = read_vision(belief.vision, frame.vision, belief.history, frame.time, params)
+    begins = standing is None and never_felt and prior is not None
+    if begins and prior is not None:
+        standing = PoseMeasurement.from_prior(prior, frame.time)
+        record = dataclasses.replace(record, prior=prior)
     if sighting is not None:
         if len(modes):
             log_outlier = math.log(params.outlier_probability / (8.0 * math.pi**2 * params.outlier_volume))
@@ -103,7 +105,8 @@ def see(
             record = dataclasses.replace(record, remark=_NOT_BELIEVED)
         else:
             # A prior is a guess of the same kind, which the first picture takes the place of.
-            standing = sighting.pose if len(record.times) == 1 else fuse(model, standing, sighting, params)
+            is_first = begins or len(record.times) == 1
+            standing = sighting.pose if is_first else fuse(model, standing, sighting, params)
             record = dataclasses.replace(record, accepted_time=sighting.pose.time)
     if never_felt and standing is not None and not reading.has_contact:
         modes = TrackedModes.independent(standing.X_PO[None], standing.covariance[None], len(reading.sources))

@@ -1,14 +1,19 @@
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 import trimesh
 
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.frame import PoseMeasurement
-from tactopose_drake.core.tracking.motion_prediction import MotionHistory
+from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
+from tactopose_drake.core.tracking.motion_prediction import Motion, MotionHistory
 from tactopose_drake.core.tracking.pose_belief import VisionRecord
+from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import VisionParams
 from tactopose_drake.core.tracking.vision_update import Sighting, fuse, read_vision, update_with_pose
@@ -101,3 +106,29 @@ def test_the_same_pose_is_news_where_it_is_surer(scale: float, is_news: bool) ->
     sighting, record = read_vision(record, again, MotionHistory((1.0,)), 1.0, params)
     assert (sighting is not None) == is_news
     assert record.remark == ("" if is_news else "vision is frozen")
+
+
+def test_a_guess_that_is_a_picture_too_counts_once_in_a_belief_that_is_begun_anew(box: ObjectModel) -> None:
+    tracker, nothing = PoseTracker(box), Contacts.empty()
+    seen_before = tracker.step(tracker.start(), Frame(0.1, Evidence(nothing), vision=PoseMeasurement(0.1, X_PO, SEEN)))
+    anew = dataclasses.replace(tracker.start(0.1), vision=seen_before.vision.of_next_belief())
+    guess = GaussianPrior(X_PO, 0.01, 0.1)
+    frame = Frame(0.7, Evidence(nothing, prior=guess), vision=PoseMeasurement.from_prior(guess, 0.7))
+    after = tracker.step(anew, frame)
+    assert after.standing is not None
+    np.testing.assert_allclose(after.standing.covariance, np.diag(guess.sigmas**2))
+
+
+def test_a_sure_pose_takes_the_place_of_one_that_says_nothing(box: ObjectModel) -> None:
+    nothing, sure = (PoseMeasurement(0.0, X_PO, sigma**2 * np.eye(6)) for sigma in (1e3, 1e-5))
+    after = fuse(box, nothing, Sighting(sure, 1.0), VisionParams())
+    np.testing.assert_allclose(after.covariance, sure.covariance, rtol=1e-6, atol=1e-14)
+    assert np.linalg.eigvalsh(after.covariance).min() > 0.0
+
+
+def test_what_is_seen_far_away_goes_farther_with_the_palm() -> None:
+    far = PoseMeasurement(0.5, make_poses(np.eye(3), np.array([9.99, 0.0, 0.0])), SEEN)
+    history = MotionHistory((0.0,)).followed_by(Motion(np.array([0, 0, 0, 0.1, 0, 0]), 1e-6 * np.eye(6)), 1.0, 1.0)
+    now = history.predict(far)
+    assert now is not None
+    np.testing.assert_allclose(now.X_PO[:, 3], [10.04, 0.0, 0.0])
