@@ -256,4 +256,4 @@ class MotionHistory:
                 part = Motion(share * motion.twist, share * motion.covariance)
                 X_PO, covariance = predict_poses(X_PO[None], covariance[None], part)
                 X_PO, covariance = X_PO[0], covariance[0]
-        return PoseMeasurement(self.times[-1], X_PO, covariance)
+        return measurement.moved_to(self.times[-1], X_PO, covariance)

@@ -132,10 +132,13 @@ def fuse(
     expected = standing.covariance + measurement.covariance
     if u @ np.linalg.solve(expected, u) > params.gate:
         return measurement
-    gain = np.linalg.solve(standing.covariance + measurement.covariance / share, standing.covariance).T
-    covariance = standing.covariance - gain @ standing.covariance
+    noise = measurement.covariance / share
+    gain = np.linalg.solve(standing.covariance + noise, standing.covariance).T
+    left = np.eye(6) - gain
+    # In Joseph's form, which stays positive however much surer one of both is.
+    covariance = left @ standing.covariance @ left.T + gain @ noise @ gain.T
     X_PO = retract(standing.X_PO[None], (gain @ u)[None])[0]
-    return PoseMeasurement(measurement.time, X_PO, 0.5 * (covariance + covariance.T))
+    return measurement.moved_to(measurement.time, X_PO, 0.5 * (covariance + covariance.T))
 
 
 def move_standing(belief: PoseBelief, motion: Motion, time: float, *, was_taken: bool) -> PoseMeasurement | None:
