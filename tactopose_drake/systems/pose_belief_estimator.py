@@ -209,7 +209,9 @@ class PoseBeliefEstimator(CollectableSystem):
             belief = self._tracker.step(before, frame)
         except np.linalg.LinAlgError as error:  # of numbers beyond arithmetic
             belief = self._tracker.start(frame.time)
-            belief = dataclasses.replace(belief, remarks=(f"begun anew: {error}",), vision=before.vision.of_next_belief())
+            belief = dataclasses.replace(
+                belief, remarks=(f"begun anew: {error}",), vision=before.vision.of_next_belief()
+            )
         if belief.status == "slipping" and belief.probability[0] < DEFAULT_PARAMS.modes.answer_share:
             remarks = ("none of several poses carries most of the mass", *remarks)
         belief = dataclasses.replace(belief, remarks=(*belief.remarks, *remarks))

@@ -116,7 +116,7 @@ class PoseTracker:
         if reading.is_new:
             belief = self._update_with_touch(belief, frame, reading, duration, explanation, is_outlier=is_outlier)
         elif reading.has_contact:
-            belief = copied(belief, touch_time=frame.time)
+            belief = copied(belief, touch_time=frame.time, felt_time=_felt(belief, frame))
         belief = summarise(self._model, params, belief, explanation, has_contact=reading.has_contact)
         if belief.explained_time == frame.time and not self._may_be_none(belief, untouched):
             untouched = None
@@ -193,7 +193,10 @@ class PoseTracker:
             change = PoseChange(modes.X_PO[0], modes.roughness[0], motion)
             test, slips = detect_slip(self._model, params.slip, belief.slip_test, reading, change)
         assert frame.sources is not None
-        is_new = any(time > belief.felt_time.get(name, -np.inf) + params.lost_time for name in frame.sources)
+        # What touched at the last frame has touched since, however long that is, if the object is held as long.
+        held = duration if duration <= params.noise.longest_gap else 0.0
+        least_gap = max(params.lost_time, held) + 1e-9
+        is_new = any(time > belief.felt_time.get(name, -np.inf) + least_gap for name in frame.sources)
         force_test, gives_way = detect_by_forces(params.force_test, belief.force_test, reading, time, is_new=is_new)
         slips = slips or gives_way or belief.slip_time == time
         test = test.restarted() if slips else test
@@ -213,7 +216,7 @@ class PoseTracker:
         is_urgent = slips or is_outlier or not explained or time < unsettled_time + params.settling_time
         if slips or is_outlier or is_new:
             belief = copied(belief, search=belief.search._replace(agreeing=0))
-        belief = self._search(belief, frame, reading, is_urgent=is_urgent)
+        belief = self._search(belief, frame, reading, duration, is_urgent=is_urgent)
         modes, test = belief.modes, belief.slip_test
         if len(modes):
             modes = modes.pruned(params.mixture)
@@ -224,11 +227,13 @@ class PoseTracker:
             modes=modes,
             slip_test=test,
             unsettled_time=unsettled_time,
-            felt_time={**belief.felt_time, **dict.fromkeys(frame.sources, time)},
+            felt_time=_felt(belief, frame),
         )
 
-    def _search(self, belief: PoseBelief, frame: Frame, reading: ContactReading, *, is_urgent: bool) -> PoseBelief:
-        """The belief after another slice of the search, where one is due."""
+    def _search(
+        self, belief: PoseBelief, frame: Frame, reading: ContactReading, duration: float, *, is_urgent: bool
+    ) -> PoseBelief:
+        """The belief after another slice of the search, where one is due; after all of them, where frames are rare."""
         params, search = self._params, belief.search
         if search.X_PO is None:
             settings = params.relocalisation
@@ -239,7 +244,9 @@ class PoseTracker:
         touch = Touch(
             frame.evidence, reading, make_window(belief.keyframes, params.window), belief.standing, frame.depth_in_hand
         )
-        search, weighed = search_on(self._model, params, touch, belief.modes, search)
+        # By when a touch has settled a search has looked at it.
+        at_once = max(duration, frame.time - search.time) >= params.settling_time
+        search, weighed = search_on(self._model, params, touch, belief.modes, search, at_once=at_once)
         belief = copied(belief, search=search)
         if weighed is None:
             return belief
@@ -274,6 +281,12 @@ class PoseTracker:
         u = increments_between(X_before, X_near)[0]
         moved = np.linalg.norm(u[3:]) + self._params.lever_arm * self._model.size * np.linalg.norm(u[:3])
         return bool(moved > self._params.settled_distance)
+
+
+def _felt(belief: PoseBelief, frame: Frame) -> dict[str, float]:
+    """When each source last touched, s, of those that do now, now."""
+    assert frame.sources is not None
+    return {**belief.felt_time, **dict.fromkeys(frame.sources, frame.time)}
 
 
 def _finished(belief: PoseBelief) -> PoseBelief:

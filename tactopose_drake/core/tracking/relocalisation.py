@@ -95,15 +95,29 @@ class SearchState(NamedTuple):
 
 
 def search_on(
-    model: ObjectModel, params: PoseTrackerParams, touch: Touch, modes: TrackedModes, search: SearchState
+    model: ObjectModel,
+    params: PoseTrackerParams,
+    touch: Touch,
+    modes: TrackedModes,
+    search: SearchState,
+    *,
+    at_once: bool = False,
 ) -> tuple[SearchState, WeighedModes | None]:
     """The next slice, and what the posterior says where that is to be put to use.
 
     Where the filter has no mode, there is none to keep up meanwhile: all slices are one.
+
+    Args:
+        model: the object.
+        params: what is assumed.
+        touch: of now.
+        modes: the filter's.
+        search: how far it is.
+        at_once: whether all slices are one in any case.
     """
     while True:
         search, weighed = _next_slice(model, params, touch, modes, search)
-        if len(modes) or search.X_PO is None:
+        if (len(modes) and not at_once) or search.X_PO is None:
             return search, weighed
 
 

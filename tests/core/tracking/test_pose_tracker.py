@@ -82,6 +82,25 @@ def test_a_finger_that_touches_something_else_is_found_out(tracker: PoseTracker,
     assert belief.status != "ok" or error(belief, X_PO)[0] < 0.005
 
 
+@pytest.mark.parametrize(("period", "of_touch"), [(0.25, 0.25), (0.5, 0.5), (0.02, 0.3), (1.0, 3.0)])
+def test_a_touch_that_goes_on_is_not_new_however_rare_frames_or_readings_are(
+    tracker: PoseTracker, period: float, of_touch: float
+) -> None:
+    belief, generator, said, read_at = tracker.start(), np.random.default_rng(0), [], -np.inf
+    for i in range(1, round(9 * of_touch / period)):
+        time = i * period
+        if time >= read_at + of_touch - 1e-9:
+            contacts, read_at = touch(X_PO, generator), time
+        belief = tracker.step(belief, Frame(time, Evidence(contacts, prior=GUESS), NAMES))
+        said.append(belief)
+    late = said[len(said) // 2 :]
+    assert {belief.status for belief in late} == {"ok"}, [belief.message for belief in late]
+    assert error(belief, X_PO)[0] < 0.003
+    without = tracker.step(belief, Frame(time + period, Evidence(Contacts.empty()), ()))
+    again = Frame(time + 2 * period + 0.3, Evidence(touch(X_PO, generator), prior=GUESS), NAMES)
+    assert tracker.step(without, again).status != "ok", "a touch that was gone is new"
+
+
 def test_the_same_reading_again_tells_nothing(tracker: PoseTracker) -> None:
     contacts = touch(X_PO, np.random.default_rng(0))
     belief = tracker.start(0.0)
