@@ -4,7 +4,8 @@ Of a fingertip that rolls on the object or sticks to it, the point that touches 
 k fingertips these are 3 k equations of six unknowns, the closure of the loops that hand and object make. What no twist
 explains of their displacements within a short time is the innovation: while all hold, it is the noise of the measured
 velocities, which shows in how it changes from one frame to the next, and a share of the way that the fingertips went,
-by which kinematics err. Its normalised square is chi-square with 3 k - 6 degrees of freedom, until one slides.
+by which kinematics err. Its normalised square is chi-square with 3 k - 6 degrees of freedom, until one slides. A
+velocity that stays the same to the last bit is held from one frame to the next, and its noise with it.
 """
 
 from __future__ import annotations
@@ -33,12 +34,16 @@ class RigidityTest(NamedTuple):
             does not touch, or has just come to touch: on its way there nothing bound it.
         touching: names of the sources that touched in the last of them.
         noise: variance of the velocities' errors, of each coordinate, m^2/s^2; None before the first frame.
+        readings: by which reading of the velocities each frame is, counted from any number.
+        velocity: the last one, by source, shape (s, 6), rad/s and m/s; NaN where one did not stay in touch.
     """
 
     times: tuple[float, ...] = ()
     displacements: FloatArray = np.zeros((0, 0, 3))
     touching: frozenset[str] = frozenset()
     noise: float | None = None
+    readings: tuple[int, ...] = ()
+    velocity: FloatArray = np.zeros((0, 6))
 
 
 def detect_by_motion(
@@ -71,17 +76,23 @@ def detect_by_motion(
     displacements[:-1, : before.shape[1]] = before
     p_PC, source = reading.contacts.p_PC[stay], reading.source[stay]
     steady = slip_kernels.add_displacements(source, p_PC, velocity, duration, displacements, squares)
-    test = RigidityTest((*test.times[first:], time), displacements, touching, noise)
+    is_held = len(before) > 0 and source.max(initial=-1) < len(test.velocity)
+    is_held = is_held and np.array_equal(velocity, test.velocity[source])
+    readings = (*test.readings[first:], (test.readings[-1] if is_held else test.readings[-1] + 1) if len(before) else 0)
+    last = np.full((len(names), 6), np.nan)
+    last[source] = velocity
+    test = RigidityTest((*test.times[first:], time), displacements, touching, noise, readings, last)
     if steady < _LEAST_CONTACTS:
         return test, False
     unexplained, of_change, of_ways = squares.tolist()
     freedom = 3 * steady - 6
-    if len(before):
+    if len(before) and not is_held:
         # Of two independent errors the difference has twice the variance of one. A slide goes on as before.
         seen = 0.5 * of_change / (freedom * duration**2)
         seen = min(max(seen, params.least_velocity_noise**2), _MOST_GROWTH * noise)
         test = test._replace(noise=noise + params.noise_gain * (seen - noise))
-    # Noise adds up as a random walk, what kinematics err along the way does not average out.
-    variance = noise * duration**2 * len(displacements) + params.way_share**2 * of_ways / (3 * steady)
+    # Noise adds up as a random walk over readings, what kinematics err along the way does not average out.
+    frames = np.bincount(np.subtract(readings, readings[0]))
+    variance = noise * duration**2 * int(frames @ frames) + params.way_share**2 * of_ways / (3 * steady)
     is_news = unexplained > variance * chi_square_limit(freedom, params.false_alarm_probability)
     return test, bool(is_news and unexplained > steady * params.least_distance**2)

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.tracking.frame import ContactReading
@@ -74,6 +75,22 @@ def test_velocities_that_are_noisier_than_told_are_learnt_to_be() -> None:
     said = calls(noisy(np.random.default_rng(2), 400, REST, 0.01))
     assert any(said[:30])
     assert not any(said[100:])
+
+
+@pytest.mark.parametrize("frames", [2, 5, 10, 30])
+def test_velocities_that_are_read_more_rarely_than_frames_come_are_no_slide(frames: int) -> None:
+    for seed in range(5):
+        read = noisy(np.random.default_rng(seed), 600 // frames, TWIST, 0.003)
+        assert not any(calls([velocity for velocity in read for _ in range(frames)]))
+
+
+def test_one_that_slides_is_noticed_by_velocities_that_are_read_at_every_other_frame() -> None:
+    generator, sliding = np.random.default_rng(0), np.zeros((6, 3))
+    sliding[2] = 0.1 * ALONG[3:]
+    begins = [moves(TWIST, sliding + 0.002 * generator.normal(size=(6, 3))) for _ in range(10)]
+    said = calls([velocity for velocity in [*noisy(generator, 50, TWIST, 0.002), *begins] for _ in range(2)])
+    assert not any(said[:100])
+    assert said.index(True) - 100 < 4
 
 
 def test_two_fingertips_prove_nothing() -> None:
