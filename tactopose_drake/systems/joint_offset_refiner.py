@@ -43,7 +43,8 @@ class _Refined:
 class JointOffsetRefiner(CollectableSystem):
     """Refines the encoders' offsets by the touches of a run; see `core.calibration.offset_refinement`.
 
-    What is found is taken off once nothing is touched: contacts do not jump while the hand holds something.
+    What is found is taken off once nothing is touched for `let_go_time`: contacts do not jump while the hand holds
+    something.
 
     .. pydrake_system::
 
@@ -136,7 +137,7 @@ class JointOffsetRefiner(CollectableSystem):
         """What is known after a look at the belief."""
         q = self._positions.Eval(context)
         if not len(belief.p_PC) or belief.touch_time < belief.time:
-            if before.q_told is None:
+            if before.q_told is None or belief.time < belief.touch_time + self._params.let_go_time:
                 return before
             return _Refined(before.offsets, before.offsets.mean)
         turned = np.inf if before.q_told is None else np.nanmax(np.abs(q - before.q_told), initial=0.0)

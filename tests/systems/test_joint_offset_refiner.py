@@ -62,17 +62,17 @@ class Run:
 
     def hold(self, grasp: ClosedGrasp, frames: int = 18) -> None:
         """Feels a grasp for some frames, and nothing before."""
-        self._feel({})
+        self.feel({})
         self.time += 1.2
         self.diagram.GetInputPort("joint_positions").FixValue(self.context, self.readings(grasp))
         self.diagram.GetInputPort("vision").FixValue(self.context, AbstractValue.Make(self.guess(grasp)))
         self.simulator.AdvanceTo(self.time)
         for _ in range(frames):
-            self._feel(dict(grasp.recorded.wrenches))
+            self.feel(dict(grasp.recorded.wrenches))
             self.time += STEP
             self.simulator.AdvanceTo(self.time)
 
-    def _feel(self, wrenches: dict[str, np.ndarray]) -> None:
+    def feel(self, wrenches: dict[str, np.ndarray]) -> None:
         for finger in self.hand.hand.sensor_frames:
             noise = self.generator.normal(size=6) * np.repeat([1e-5, 1e-3], 3)
             wrench = wrenches[finger] + noise if finger in wrenches else np.zeros(6)
@@ -136,6 +136,23 @@ def test_contacts_do_not_jump_while_something_is_held(bottle: ObjectModel) -> No
     felt = run.diagram.GetOutputPort("contacts").Eval(run.context)
     np.testing.assert_allclose(felt.p_PC, contacts_of(run, second, found).p_PC, atol=5e-4)
     assert np.abs(felt.p_PC - contacts_of(run, second, 0.0 * found).p_PC).max() > 5e-4
+
+
+def test_a_touch_that_drops_out_for_a_moment_counts_once(bottle: ObjectModel) -> None:
+    run = Run(4, bottle)
+    (grasp,) = run.hand.close(bottle, 1, GRASPS)
+    run.hold(grasp)
+    found, sigma = run.said("joint_offsets"), run.said("joint_offset_sigmas")
+    assert np.any(found != 0.0)
+    for wrenches, frames in (({}, 8), (dict(grasp.recorded.wrenches), 40)):
+        for _ in range(frames):
+            run.feel(wrenches)
+            run.time += STEP
+            run.simulator.AdvanceTo(run.time)
+    assert run.diagram.GetOutputPort("status").Eval(run.context) == "ok"
+    np.testing.assert_array_equal(run.said("joint_offset_sigmas"), sigma)
+    felt = run.diagram.GetOutputPort("contacts").Eval(run.context)
+    np.testing.assert_allclose(felt.p_PC, contacts_of(run, grasp, 0.0 * found).p_PC, atol=5e-4)
 
 
 def test_a_loop_without_a_simulator_refines_too(bottle: ObjectModel) -> None:

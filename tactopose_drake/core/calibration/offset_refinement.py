@@ -35,6 +35,7 @@ class OffsetRefinementParams:
     period: float = 0.05  # s between two looks at the belief
     least_frames: int = 6  # that a touch is the mean of, before it tells
     least_turn_deg: float = 10.0  # of any joint since the last touch that told, unless the hand let go since
+    let_go_time: float = 0.2  # s without touch after which the hand has let go: sensors drop out for less
     least_sigma_deg: float = 0.2  # to which an offset may come to be known, deg; of a joint that slides 1 deg is 1 mm
     least_noise_share: float = 0.1  # of a contact's variance, that is of other things than the joints
     chance: float = 1e-3  # with which residuals of what is known so far are as large; a rarer touch says nothing
