@@ -166,6 +166,7 @@ class VisionParams:
     """What is assumed of poses from vision."""
 
     correlation_time: float = 0.5  # s after which the error is a new one; more frequent poses count less
+    lasting_share: float = 0.3  # of a pose's variances, that all have in common: of extrinsics, say
     max_age: float = 1.0  # s; what vision saw earlier is of no use
     outlier_probability: float = 0.05  # that a pose is an error, turned at random,
     outlier_volume: float = 1.0  # and anywhere within so many m^3

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.contact_update import limit_gain
 from tactopose_drake.core.tracking.frame import ContactReading, Frame, PoseMeasurement
 from tactopose_drake.core.tracking.motion_prediction import Motion, MotionHistory, predict_poses
 from tactopose_drake.core.tracking.pose_belief import PoseBelief, VisionRecord
@@ -137,6 +138,9 @@ def fuse(
     left = np.eye(6) - gain
     # In Joseph's form, which stays positive however much surer one of both is.
     covariance = left @ standing.covariance @ left.T + gain @ noise @ gain.T
+    # However many poses there are, what is the same of all of them does not average out.
+    most = np.linalg.inv(params.lasting_share * measurement.covariance)
+    covariance = limit_gain(standing.covariance[None], most[None], covariance[None])[0]
     X_PO = retract(standing.X_PO[None], (gain @ u)[None])[0]
     return measurement.moved_to(measurement.time, X_PO, 0.5 * (covariance + covariance.T))
 

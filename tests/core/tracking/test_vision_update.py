@@ -73,17 +73,28 @@ def test_what_stands_is_known_as_well_by_many_pictures_as_by_one_of_their_time(b
 
 def test_what_stands_is_the_same_however_vision_turns_the_object_about_its_axis() -> None:
     cylinder = ObjectModel.from_mesh(trimesh.creation.cylinder(0.03, 0.1), cache=False)
-    generator = np.random.default_rng(3)
+    generator, params = np.random.default_rng(3), VisionParams(lasting_share=0.1)
     still = spun = PoseMeasurement(0.0, X_PO, SEEN)
     for _ in range(10):
         X = retract(X_PO, generator.multivariate_normal(np.zeros(6), SEEN))
         angle = generator.uniform(-np.pi, np.pi)
         turn = make_poses(exp_so3(np.array([[0.0, 0.0, angle]])), np.zeros((1, 3)))[0]
-        still = fuse(cylinder, still, Sighting(PoseMeasurement(0.0, X, SEEN), 1.0), VisionParams())
-        spun = fuse(cylinder, spun, Sighting(PoseMeasurement(0.0, compose(X, turn), SEEN), 1.0), VisionParams())
+        still = fuse(cylinder, still, Sighting(PoseMeasurement(0.0, X, SEEN), 1.0), params)
+        spun = fuse(cylinder, spun, Sighting(PoseMeasurement(0.0, compose(X, turn), SEEN), 1.0), params)
     assert np.sqrt(np.diag(spun.covariance)[3:]).max() < 0.0035
     np.testing.assert_allclose(spun.X_PO[:, 3], still.X_PO[:, 3], atol=1e-4)
     np.testing.assert_allclose(spun.X_PO[:, 2], still.X_PO[:, 2], atol=1e-2)
+
+
+def test_what_is_the_same_of_all_pictures_does_not_average_out(box: ObjectModel) -> None:
+    params, standing, generator = VisionParams(), PoseMeasurement(0.0, X_PO, SEEN), np.random.default_rng(0)
+    for _ in range(200):
+        X = retract(X_PO, np.array([0, 0, 0, 0.01, 0, 0]) + 1e-4 * generator.normal(size=6))
+        standing = fuse(box, standing, Sighting(PoseMeasurement(0.0, X, SEEN), 1.0), params)
+    np.testing.assert_allclose(standing.covariance, params.lasting_share * SEEN, rtol=1e-6, atol=1e-12)
+    sure = PoseMeasurement(0.0, X_PO, 1e-4 * SEEN)
+    known = fuse(box, sure, Sighting(PoseMeasurement(0.0, X_PO, SEEN), 1.0), params)
+    np.testing.assert_allclose(known.covariance, sure.covariance, rtol=1e-6, atol=1e-14)
 
 
 def test_a_picture_counts_as_the_share_of_the_correlation_time_since_the_last() -> None:
