@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -139,8 +140,8 @@ def fuse(
     # In Joseph's form, which stays positive however much surer one of both is.
     covariance = left @ standing.covariance @ left.T + gain @ noise @ gain.T
     # However many poses there are, what is the same of all of them does not average out.
-    most = np.linalg.inv(params.lasting_share * measurement.covariance)
-    covariance = limit_gain(standing.covariance[None], most[None], covariance[None])[0]
+    most = inverses(params.lasting_share * measurement.covariance[None])[0]
+    covariance = limit_gain(standing.covariance[None], most, covariance[None])[0]
     X_PO = retract(standing.X_PO[None], (gain @ u)[None])[0]
     return measurement.moved_to(measurement.time, X_PO, 0.5 * (covariance + covariance.T))
 
