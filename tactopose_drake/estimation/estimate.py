@@ -38,7 +38,7 @@ from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.question import Question
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, status_of
 from tactopose_drake.estimation.search_methods import GLOBAL_METHODS, METHODS
-from tactopose_drake.estimation.shape_errors import with_shape_errors
+from tactopose_drake.estimation.shape_errors import log_dilution, with_shape_errors
 
 # Contacts that are farther apart than a hand reaches, m, and than this many sizes of the object, are not in metres.
 _WIDEST_HAND, _WIDEST_TOUCH = 1.0, 30.0
@@ -107,7 +107,11 @@ def estimate_pose(
         evidence = copied(evidence, doubt=USUAL)
     _check_touch(evidence, model.size)
     found = with_near_origin(model, lambda each: weigh_poses(each, evidence, method, seed, limited, limit))
-    return copied(found, question=Question(model, evidence if near is prior else copied(evidence, prior=prior)))
+    return copied(
+        found,
+        log_evidence=found.log_evidence - log_dilution(contacts, felt),
+        question=Question(model, evidence if near is prior else copied(evidence, prior=prior)),
+    )
 
 
 def _check_question(model: ObjectModel, contacts: Contacts, method: str, prior: PosePrior | None) -> None:

@@ -45,7 +45,7 @@ from tactopose_drake.estimation.object_library import LibraryObject, ObjectLibra
 from tactopose_drake.estimation.pickling import Sealed
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.estimation.search_methods import METHODS
-from tactopose_drake.estimation.shape_errors import with_shape_errors
+from tactopose_drake.estimation.shape_errors import log_dilution, with_shape_errors
 
 Likelihood = Literal["evidence", "inverse_cost"]
 
@@ -229,9 +229,11 @@ def _explain(
     known: Sealed[ObjectModel | LibraryObject], evidence: Sealed[Evidence], max_hypotheses: int, seed: int
 ) -> PoseEstimate:
     """The pose of one object; maybe in another process, which loads a library's object by itself."""
-    model, felt = _model(known.value), evidence.value
-    felt = dataclasses.replace(felt, contacts=with_shape_errors(model, felt.contacts))
-    return with_near_origin(model, lambda near: weigh_poses(near, felt, _METHOD, seed, max_hypotheses, math.inf))
+    model, touch = _model(known.value), evidence.value
+    felt = dataclasses.replace(touch, contacts=with_shape_errors(model, touch.contacts))
+    found = with_near_origin(model, lambda near: weigh_poses(near, felt, _METHOD, seed, max_hypotheses, math.inf))
+    dilution = log_dilution(touch.contacts, felt.contacts)
+    return dataclasses.replace(found, log_evidence=found.log_evidence - dilution)
 
 
 def _group_equal_shapes(models: Sequence[ObjectModel]) -> list[int]:

@@ -5,6 +5,7 @@ import numpy as np
 from tactopose_drake.core.evidence.contact_variance_kernels import fill_tangential, widen
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
 
 
 def with_shape_errors(model: ObjectModel, contacts: Contacts) -> Contacts:
@@ -33,3 +34,25 @@ def with_shape_errors(model: ObjectModel, contacts: Contacts) -> Contacts:
     height, turn = model.unevenness.variances(np.hypot(along, tangential))
     widen(n_PC, variance + height, turn, covariance)
     return contacts.with_covariance(covariance)
+
+
+def log_dilution(told: Contacts, felt: Contacts) -> float:
+    """Logarithm of how many times less dense exact contacts are with an object's errors counted than as told.
+
+    Likelihoods are relative to those of exact contacts. With larger errors these are spread over more places: what is
+    less sure of everything explains nothing better, and evidence for objects of unlike errors compares only with that
+    counted.
+
+    Args:
+        told: of the hand's errors alone.
+        felt: what `with_shape_errors` has made of them.
+    """
+    dilution = np.log(felt.sigma_position) - np.log(told.sigma_position)
+    if felt.n_PC is not None:
+        # Of a normal the density is at least that of any direction, as in `ContactMixture`.
+        dilution += np.log(_share_of_sphere(felt.sigma_normal)) - np.log(_share_of_sphere(told.sigma_normal))
+    return float(dilution.sum())
+
+
+def _share_of_sphere(sigma_normal: FloatArray | float) -> FloatArray:
+    return np.minimum(0.5 * np.square(sigma_normal), 1.0)

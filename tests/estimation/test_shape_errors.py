@@ -78,6 +78,26 @@ def _square(model: tp.ObjectModel, seed: int) -> float:
     return float(error @ np.linalg.solve(best.covariance, error))
 
 
+@pytest.mark.parametrize("told", [{"surface_sigma": 0.004}, {"scale_sigma": 0.1}])
+def test_what_is_less_sure_of_its_surface_explains_one_contact_no_better(told: dict[str, float]) -> None:
+    """One contact lies on any object as well, however exactly that is known."""
+    exact, unsure = tp.ObjectModel.from_sphere(0.03), tp.ObjectModel.from_sphere(0.03, **told)
+    contact = tp.Contacts(P[:1], N[:1])
+    evidence = [tp.estimate_pose(model, contact, outlier_probability=0.0).log_evidence for model in (exact, unsure)]
+    assert evidence[1] == pytest.approx(evidence[0], abs=0.1)
+
+
+def test_a_box_that_is_unsure_of_its_surface_is_not_named_for_the_exact_one() -> None:
+    box = tp.ObjectModel.from_box([0.06, 0.04, 0.03])
+    other = tp.ObjectModel.from_box([0.062, 0.041, 0.031], surface_sigma=0.005)
+    for seed in range(4):
+        touch = touch_surface(box, np.eye(3, 4), 6, np.random.default_rng(seed), spread=True)
+        found = tp.identify([box, other], touch, unknown_prior=0.0)
+        assert found.best.index == 0
+        told = tp.Contacts(touch.p_PC, touch.n_PC, covariance=np.tile(np.diag([1e-6] * 3 + [7e-3] * 3), (6, 1, 1)))
+        assert tp.identify([box, other], told, unknown_prior=0.0).best.index == 0
+
+
 @pytest.mark.parametrize("wrong", [{"surface_sigma": -1.0}, {"scale_sigma": 0.6}, {"scale_sigma": math.nan}])
 def test_what_no_mesh_is_off_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(InvalidInputError, match=next(iter(wrong))):
