@@ -75,7 +75,7 @@ class Hold:
     def is_stable_without(self, finger: str, model: ObjectModel, X_PO: FloatArray) -> bool:
         """Whether the others keep force closure at each of the poses (n, 3, 4); a finger that holds nothing may go."""
         kept = np.array([name != finger for name in self.fingers], dtype=np.bool_)
-        rest = Contacts(self.contacts.p_PC[kept])
+        rest = self.contacts[kept]
         return bool(kept.all()) or all(
             grasp_quality(model, rest, X, friction=self.friction).force_closure for X in X_PO
         )

@@ -3,8 +3,9 @@
 The contacts' forces act on the object where its surface is: each measured point is moved to the nearest point of the
 model's surface at the given pose, and the friction cone stands on the model's normal there, not on the measured one. So
 contacts without normals count too, noise does not tilt the cones, and another pose gives another quality, which is what
-the probability over a belief is made of. How far the points were moved is part of the result: contacts that are
-millimetres off the surface are not contacts with the object in that pose.
+the probability over a belief is made of. A measured normal says on which side of a thin wall the finger is: of a card,
+or of a glass, noise may have brought the point nearer to the other side. How far the points were moved is part of the
+result: contacts that are millimetres off the surface are not contacts with the object in that pose.
 
 Sources: [B16] J. Bimbo, thesis, 2016, sections 2.1 and 6.2.2. [FC92] C. Ferrari and J. Canny, Planning optimal grasps,
 ICRA 1992. [P94] N. Pollard, Parallel methods for synthesizing whole-hand grasps from generalized prototypes, 1994
@@ -40,6 +41,9 @@ _MOST_TASK = 1e9  # N m and N; what is allowed
 # Times that a point is moved along the normal by its distance: the first leaves what the grid rounds and the surface
 # bends.
 _PROJECTIONS = 3
+# A point that is nearer to the other side of a wall is sought up to so far along its normal, in steps, m.
+_STEPS_OUT = np.linspace(0.0, 0.005, 11)[1:]
+_OPPOSED = -0.5  # cosine between two normals, below which they are of two sides
 _PUSHED = 400  # points of the surface, about so many; time goes by their number
 
 
@@ -92,7 +96,7 @@ def grasp_quality(
 
     Args:
         model: the object.
-        contacts: in the palm frame; their points alone count.
+        contacts: in the palm frame; their points count, and their normals, where known, for the side of a wall.
         X_PO: the object's pose in the palm, a RigidTransform or its matrix.
         friction: coefficient of friction.
         norm: what the forces are bounded by: "L1", the sum of the normal forces is 1 N; "Linf", each is.
@@ -115,7 +119,8 @@ def grasp_quality(
         task = limited("task", task, (None, 6), most=_MOST_TASK)
         if not task.any():
             raise InvalidInputError("task: has no wrench but 0; allowed are wrenches of which one at least disturbs.")
-    p_OC, n_OC, distance = on_surface(model, (contacts.p_PC - X[:, 3]) @ X[:, :3])
+    n_OQ = None if contacts.n_PC is None else contacts.n_PC @ X[:, :3]
+    p_OC, n_OC, distance = on_surface(model, (contacts.p_PC - X[:, 3]) @ X[:, :3], n_OQ)
     space = WrenchSpace(cone_wrenches(p_OC - model.center_of_mass, n_OC, friction, edges, length), norm)
     scale = None
     if isinstance(task, str):
@@ -171,28 +176,55 @@ def force_closure_probability(
     seed = whole_number("seed", seed, least=0)
     X_PO = belief.sample(samples, np.random.default_rng(seed))
     p_OC = np.einsum("bkj,bji->bki", contacts.p_PC - X_PO[:, None, :, 3], X_PO[:, :, :3])
-    p_OC, n_OC, _ = on_surface(model, p_OC)
+    n_OQ = None if contacts.n_PC is None else np.einsum("kj,bji->bki", contacts.n_PC, X_PO[:, :, :3])
+    p_OC, n_OC, _ = on_surface(model, p_OC, n_OQ)
     primitives = cone_wrenches(p_OC - model.center_of_mass, n_OC, friction, edges, length)
     share = float(np.mean([WrenchSpace(wrenches).is_force_closure for wrenches in primitives]))
     return ClosureProbability(share, float(np.sqrt(share * (1.0 - share) / samples)))
 
 
-def on_surface(model: ObjectModel, p_OQ: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The surface's points nearest to given ones.
+def on_surface(
+    model: ObjectModel, p_OQ: FloatArray, n_OQ: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The surface's points nearest to given ones, on the sides that normals show.
 
     Args:
         model: the object.
         p_OQ: points in O, shape (..., 3), m.
+        n_OQ: measured outward unit normals, shape (..., 3); None where they are not known.
 
     Returns:
         Points (..., 3), m; outward normals there (..., 3); signed distances of the given points (...), m.
     """
-    start, normal = model.grid.distance_and_normal(p_OQ)
-    p_OC, distance = p_OQ, start
+    distance, normal = model.grid.distance_and_normal(p_OQ)
+    p_OC, off = p_OQ, distance
+    if n_OQ is not None:
+        p_OC, off, normal = _on_felt_side(model, p_OQ, n_OQ, distance, normal)
+    is_moved = np.any(p_OC != p_OQ, axis=-1)
     for _ in range(_PROJECTIONS):
-        p_OC = p_OC - distance[..., None] * normal
-        distance, normal = model.grid.distance_and_normal(p_OC)
-    return p_OC, normal, start
+        p_OC = p_OC - off[..., None] * normal
+        off, found = model.grid.distance_and_normal(p_OC)
+        # In a wall thinner than the grid's spacing the field's normals are of either side.
+        normal = np.where(np.sum(found * normal, axis=-1, keepdims=True) > 0.0, found, normal)
+    return p_OC, normal, np.where(is_moved, np.sum((p_OQ - p_OC) * normal, axis=-1), distance)
+
+
+def _on_felt_side(
+    model: ObjectModel, p_OQ: FloatArray, n_OQ: FloatArray, distance: FloatArray, normal: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Points, their distances and normals; those nearest to the side opposite to a normal moved out along it."""
+    opposed = np.sum(n_OQ * normal, axis=-1) < _OPPOSED
+    if not opposed.any():
+        return p_OQ, distance, normal
+    p_OS, distance, normal = p_OQ.copy(), distance.copy(), normal.copy()
+    out = p_OQ[opposed][:, None] + _STEPS_OUT[:, None] * n_OQ[opposed][:, None]  # (o, steps, 3)
+    off, found = model.grid.distance_and_normal(out)
+    agrees = np.sum(found * n_OQ[opposed][:, None], axis=-1) > 0.0
+    row, step = np.arange(len(out)), agrees.argmax(axis=1)
+    there = agrees.any(axis=1)
+    rows = tuple(axis[there] for axis in np.nonzero(opposed))
+    p_OS[rows], distance[rows], normal[rows] = (each[row, step][there] for each in (out, off, found))
+    return p_OS, distance, normal
 
 
 def lever(model: ObjectModel) -> float:

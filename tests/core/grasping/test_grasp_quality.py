@@ -96,6 +96,25 @@ def test_points_beside_the_surface_count_where_the_surface_is(box: ObjectModel) 
     assert noisy.radius == pytest.approx(exact.radius, rel=2e-3)
 
 
+@pytest.mark.parametrize("thickness", [0.0002, 0.001, 0.002])
+def test_a_measured_normal_says_which_side_of_a_card_is_held(thickness: float) -> None:
+    """Noise brings a point nearer to the other side, where the finger would pull."""
+    card = ObjectModel.from_box([0.085, 0.054, thickness])
+    side = np.array([1.0, 1.0, 1.0, -1.0, -1.0])
+    held_at = np.array([[0.02, 0.01], [-0.02, 0.01], [0.0, -0.02], [0.01, 0.0], [-0.015, -0.01]])
+    n_PC = side[:, None] * np.array([[0.0, 0.0, 1.0]])
+    noise = np.random.default_rng(0).normal(scale=0.0009, size=(50, 5))
+    for z in 0.5 * thickness * side + noise:
+        touched = Contacts(np.column_stack([held_at, z]), n_PC)
+        quality = grasp_quality(card, touched, np.eye(3, 4), friction=0.5)
+        assert quality.force_closure
+        np.testing.assert_allclose(quality.n_OC, n_PC, atol=1e-3)
+        np.testing.assert_allclose(quality.p_OC[:, 2], 0.5 * thickness * side, atol=2e-4)
+        np.testing.assert_allclose(quality.distance, side * z - 0.5 * thickness, atol=4e-4)
+    belief = GaussianMixture(np.eye(3, 4)[None], np.ones(1), np.diag([1e-6] * 3 + [1e-6] * 3)[None])
+    assert force_closure_probability(card, touched, belief, friction=0.5, samples=50).value == 1.0
+
+
 def test_points_far_off_are_moved_onto_the_surface(box: ObjectModel) -> None:
     points = np.random.default_rng(1).uniform(-0.09, 0.09, (200, 3))
     p_OC, n_OC, distance = on_surface(box, points)
