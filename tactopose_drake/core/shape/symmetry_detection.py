@@ -26,8 +26,11 @@ from tactopose_drake.errors import InvalidInputError
 # What is nearly unchanged, as a scan of a can: shares of the size and of the mean distance from the longest axis, and
 # the largest distance over the first.
 _NEAR_TOLERANCE, _NEAR_RADIUS_SHARE, _NEAR_OUTLIER_FACTOR = 0.025, 0.1, 2.0
-# Orders of the axes of a body with three equal moments, by the finite groups of rotations; higher ones are multiples.
-_ORDERS_OF_THREE_EQUAL = (5, 4, 3, 2)
+# By how much more than unturned ones turned samples may be off the grid's surface.
+_GRID_FACTOR = 1.5
+# Orders that are looked for in a body with three equal moments; the others are multiples. By the finite groups of
+# rotations 5 is the highest, but a prism about as high as it is wide has such moments too.
+_ORDERS_OF_THREE_EQUAL = (5, 4, 3, 2, 7, 11, 13, 17, 19, 23, 29)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,10 +63,10 @@ def detect_symmetries(
     """The axes about which the object may be turned without a change, highest order first, continuous before all.
 
     A turn counts if the 95th percentile of the turned samples' distances is at most the tolerance times the size (and
-    5 % of the samples' mean distance from the longest axis), the largest three times that, and the median angle between
-    the normals 5 degrees (7.5 for a continuous axis; the grid's normals are smooth across edges below 30 degrees, so a
-    prism of 16 sides and more counts as a cylinder). A cylinder's flips, about any axis across the first, are
-    represented by one of order two; a sphere by three continuous axes.
+    5 % of the samples' mean distance from the longest axis, or what the grid itself is off), the largest three times
+    that, and the median angle between the normals 5 degrees (7.5 for a continuous axis; the grid's normals are smooth
+    across edges below 30 degrees, so a prism of 16 sides and more counts as a cylinder). A cylinder's flips, about any
+    axis across the first, are represented by one of order two; a sphere by three continuous axes.
 
     Args:
         samples: points on the surface, in O.
@@ -88,7 +91,8 @@ def detect_symmetries(
             return (RotationalSymmetry(axis, centroid, CONTINUOUS), *flips)
 
     found: list[tuple[int, FloatArray]] = []
-    for order in _ORDERS_OF_THREE_EQUAL if alike.all() else range(params.highest_order, 1, -1):
+    orders = _ORDERS_OF_THREE_EQUAL if alike.all() else range(params.highest_order, 1, -1)
+    for order in (each for each in orders if each <= params.highest_order):
         turn = 2 * np.pi / order
         seeds = _seeds(order, principal, alike, params.directions)
         near = _distinct(judge.refine(judge.most_promising(seeds, turn), turn, 3))
@@ -229,11 +233,13 @@ class _Judge:
         self._grid, self._centroid = grid, centroid
         self._points = samples.points[::fine] - centroid
         # The grid's normals on both sides: rounding of the edges by the interpolation then cancels.
-        self._normals = grid.distance_and_normal(samples.points[::fine])[1]
+        own_distance, self._normals = grid.distance_and_normal(samples.points[::fine])
         self._few = samples.points[::coarse] - centroid
         radius = float(np.linalg.norm(np.cross(self._points, longest_axis), axis=1).mean())
         tolerance = params.tolerance * size
-        self._limit = min(tolerance, params.radius_share * radius)
+        # Of a thin rod the grid itself is farther off the surface than that.
+        own_limit = _GRID_FACTOR * float(np.percentile(np.abs(own_distance), 95))
+        self._limit = min(tolerance, max(params.radius_share * radius, own_limit))
         self._outlier_limit = params.outlier_factor * tolerance
         inverse_orders = 1 / np.arange(2, params.highest_order + 1)
         irrational = np.modf(0.6180339887 * np.arange(1, params.irrational_turns + 1))[0]  # by the golden ratio
@@ -258,7 +264,8 @@ class _Judge:
             R = exp_so3(angle * axis)
             distance, normal = self._grid.distance_and_normal(self._points @ R.T + self._centroid)
             distance = np.abs(distance)
-            cosine = np.clip(np.sum(normal * (self._normals @ R.T), axis=1), -1.0, 1.0)
+            # Either side's normal will do: in a plate thinner than the grid's spacing the field has only one of them.
+            cosine = np.minimum(np.abs(np.sum(normal * (self._normals @ R.T), axis=1)), 1.0)
             if (
                 np.percentile(distance, 95) > self._limit
                 or distance.max() > self._outlier_limit

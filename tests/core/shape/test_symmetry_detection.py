@@ -53,6 +53,11 @@ KNOWN = {
     "pentagonal_prism": (prism(5), [5] + [2] * 5, 10),
     "hexagonal_prism": (prism(6), [6] + [2] * 6, 12),
     "octagonal_prism": (prism(8), [8] + [2] * 8, 16),
+    "seven_sides_and_equal_moments": (prism(7, 0.03, 0.05), [7] + [2] * 7, 14),
+    "eleven_sides_and_equal_moments": (create.cone(0.03, 0.06, sections=11), [11], 11),
+    "sheet": (create.box((0.2, 0.15, 0.0002)), [2, 2, 2], 4),  # thinner than the grid's spacing
+    "disc": (create.cylinder(0.05, 0.0002), [0, 2], 2),
+    "needle": (create.box((0.002, 0.003, 0.3)), [2, 2, 2], 4),
     "pyramid": (create.cone(0.03, 0.08, sections=4), [4], 4),
     "tetrahedron": (tetrahedron(), [3] * 4 + [2] * 3, 12),
     "icosahedron": (create.icosahedron().apply_scale(0.03), [5] * 6 + [3] * 10 + [2] * 15, 60),
