@@ -47,13 +47,16 @@ def estimate_poses(
         options: all others of `estimate_pose`, the same for all touches.
 
     Raises:
-        InvalidInputError: models, priors or seeds of another number than the touches, or of another type.
+        InvalidInputError: models, priors or seeds of another number than the touches, or of another type; `prior`
+            among the options.
         TactoposeError: what `estimate_pose` raises of one of the touches, with a note of which one; work that is not
             begun yet is dropped.
     """
     if isinstance(contacts, Contacts):
         raise InvalidInputError("contacts: are of one touch; allowed is a sequence of Contacts, one for each touch.")
     instance_of("contacts", contacts, Iterable)
+    if "prior" in options:
+        raise InvalidInputError("prior: of many touches it is `priors=`, one PosePrior or one for each touch.")
     if executor is not None:
         instance_of("executor", executor, Executor)
     contacts = list(contacts)

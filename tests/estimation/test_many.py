@@ -114,6 +114,8 @@ def test_numbers_that_do_not_agree_are_refused(box: tp.ObjectModel) -> None:
         tp.estimate_poses(box, contacts[0])
     with pytest.raises(InvalidInputError, match=r"models: are 2; allowed are one .*, or one for each touch, 3"):
         tp.estimate_poses([box] * 2, contacts)
+    with pytest.raises(InvalidInputError, match=r"prior: of many touches it is `priors=`"):
+        tp.estimate_poses(box, [], prior=None)
     with pytest.raises(InvalidInputError, match="priors: are 2; allowed are one PosePrior"):
         tp.estimate_poses(box, contacts, priors=priors[:2])
     with pytest.raises(InvalidInputError, match=r"seed\[1\]: is a str; allowed is an Integral"):

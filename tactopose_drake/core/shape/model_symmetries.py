@@ -15,6 +15,8 @@ from tactopose_drake.core.shape.symmetry import CONTINUOUS, RotationalSymmetry, 
 from tactopose_drake.core.validation import FloatArray
 
 _TURNS = 12  # that stand for all about an axis
+# Of turns that are told, rms, as a share of the size: a label or a small handle is less, an axis in a wrong place more.
+_USUAL_MISFIT = 0.05
 _ALONG = 0.9986  # cosine of 3 degrees, within which an axis is called one of O's
 
 
@@ -69,6 +71,23 @@ def near_symmetry_line(near: Sequence[RotationalSymmetry], grid: DistanceGrid, s
         f"one hypothesis with that direction free. `{option}`, or tp.RotationalSymmetry in from_mesh(symmetry=...), "
         "says that they never matter, `none` that they do."
     )
+
+
+def doubtful_symmetry_lines(
+    told: Sequence[RotationalSymmetry], grid: DistanceGrid, samples: SurfaceSamples, size: float
+) -> list[str]:
+    """What is said of symmetries that are told and leave the surface far off, a sentence each."""
+    lines = []
+    for i, each in enumerate(told):
+        off = float(
+            misfits(grid, samples, RotationalSymmetry(each.axis, each.point, each.order or _TURNS).poses()).max()
+        )
+        if off > _USUAL_MISFIT * size:
+            lines.append(
+                f"symmetry[{i}] is taken as told, though its turns leave the surface off by up to {1e3 * off:.3g} mm, "
+                f"rms. Is its axis through {np.round(each.point, 4).tolist()} m, in the mesh's frame?"
+            )
+    return lines
 
 
 def axis_name(axis: FloatArray) -> str:

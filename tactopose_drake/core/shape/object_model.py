@@ -22,7 +22,7 @@ from tactopose_drake.core.shape.coarse_field import CoarseField, over_grid
 from tactopose_drake.core.shape.model_building import arrays_of
 from tactopose_drake.core.shape.model_cache import Arrays
 from tactopose_drake.core.shape.model_options import ModelOptions
-from tactopose_drake.core.shape.model_symmetries import known_symmetries, near_symmetry_line
+from tactopose_drake.core.shape.model_symmetries import doubtful_symmetry_lines, known_symmetries, near_symmetry_line
 from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_features
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.shape.simple_bodies import SimpleBodies
@@ -270,8 +270,10 @@ class ObjectModel(SimpleBodies):
         model = cls._of(arrays, repairs, options)
         if cache:
             model._load_kept_parts()
+        lines = doubtful_symmetry_lines(options.symmetries or (), model.grid, model.samples, model.size)
         if model.near_symmetries:
-            line = near_symmetry_line(model.near_symmetries, model.grid, model.samples)
+            lines.append(near_symmetry_line(model.near_symmetries, model.grid, model.samples))
+        for line in lines:
             logging.getLogger("tactopose_drake").warning("%s: %s", model.name, line)
         return model
 

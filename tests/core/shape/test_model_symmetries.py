@@ -32,6 +32,19 @@ def test_symmetry_may_be_given_or_left_out() -> None:
     assert len(model_of(BOX).symmetry_poses) == 4  # detected: the box's own four
 
 
+def test_a_told_symmetry_whose_axis_is_beside_the_object_is_taken_but_said(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(logging.getLogger("tactopose_drake"), "filters", [])  # The command line says things once.
+    in_a_corner = BOX.copy().apply_translation([0.025, 0.04, 0.06])
+    model_of(in_a_corner, symmetry=[RotationalSymmetry(np.array([0.0, 0.0, 1.0]), np.array([0.025, 0.04, 0.0]), 2)])
+    assert not caplog.records
+    model = model_of(in_a_corner, symmetry=[RotationalSymmetry(np.array([0.0, 0.0, 1.0]), np.zeros(3), 2)])
+    assert len(model.symmetry_poses) == 2
+    (record,) = caplog.records
+    assert "symmetry[0] is taken as told, though its turns leave the surface off by up to" in record.getMessage()
+
+
 def test_near_symmetry_is_said_unless_symmetries_are_told(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
