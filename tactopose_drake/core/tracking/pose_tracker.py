@@ -244,8 +244,8 @@ class PoseTracker:
         touch = Touch(
             frame.evidence, reading, make_window(belief.keyframes, params.window), belief.standing, frame.depth_in_hand
         )
-        # By when a touch has settled a search has looked at it.
-        at_once = max(duration, frame.time - search.time) >= params.settling_time
+        # By when a touch has settled a search has begun to look at it, however rare frames are.
+        at_once = duration >= params.settling_time
         search, weighed = search_on(self._model, params, touch, belief.modes, search, at_once=at_once)
         belief = copied(belief, search=search)
         if weighed is None:
