@@ -155,9 +155,7 @@ class RelocalisationParams:
     @property
     def posterior(self) -> PosteriorParams:
         """Of the posterior of which so many samples are drawn; its noise may be any, for the belief learns that."""
-        sampling = dataclasses.replace(
-            DEFAULT_PARAMS.sampling, samples=self.samples, most_samples=self.samples, standard_error=math.inf
-        )
+        sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, samples=self.samples, most_samples=self.samples)
         moments = dataclasses.replace(DEFAULT_PARAMS.moments, most_joined=self.joined)
         plausibility = dataclasses.replace(DEFAULT_PARAMS.plausibility, most_noise=math.inf)
         return dataclasses.replace(DEFAULT_PARAMS, sampling=sampling, moments=moments, plausibility=plausibility)
