@@ -20,7 +20,7 @@ from tactopose_drake.core.evidence import Evidence
 from tactopose_drake.core.objectives import SurfaceContact
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.posterior import free_directions
-from tactopose_drake.core.synthetic import RollingTouch, TouchNoise
+from tactopose_drake.core.synthetic import FingertipNoise, RollingTouch
 from tactopose_drake.core.tracking import Frame, PoseBelief, PoseTracker
 
 Array = NDArray[np.float64]
@@ -140,7 +140,7 @@ def run_motion(family: str, seed: int, steps: int, calibration: float = 1.0, fau
     model, p_OC, motion = FAMILIES[family](generator, steps)
     R_PO = random_rotations(generator, 1)[0]
     X_PO = make_poses(R_PO, 0.03 * generator.normal(size=3) - R_PO @ model.vertices.mean(axis=0))
-    told = TouchNoise()
+    told = FingertipNoise()
     noise = dataclasses.replace(
         told,
         stable_position=calibration * told.stable_position,

@@ -43,7 +43,7 @@ class HandSample:
     status: str
 
 
-class JointEncoders:
+class EncoderState:
     """What is known of the encoders: which fingers have one at the inner link, by their answers, and which restarted.
 
     Attributes:
@@ -87,7 +87,7 @@ class HandCycle:
         expected: set[Answer],
         awaited: set[Answer],
         strain_polynomials: Sequence[Sequence[float]],
-        joint_encoders: JointEncoders,
+        joint_encoders: EncoderState,
     ) -> None:
         """Begins a round.
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from tactopose_drake.core.validation import finite_array, positive_number, whole_number
 from tactopose_drake.drivers import barrett_protocol as protocol
-from tactopose_drake.drivers.barrett_cycle import FINGERS, Answer, HandCycle, HandSample, JointEncoders
+from tactopose_drake.drivers.barrett_cycle import FINGERS, Answer, EncoderState, HandCycle, HandSample
 from tactopose_drake.drivers.barrett_joints import STRAIN_POLYNOMIAL
 from tactopose_drake.drivers.barrett_protocol import HAND_GROUP, Property, Puck, PuckStatus, ReplyGroup, TactileMode
 from tactopose_drake.drivers.barrett_questions import Answers, get_frame, set_frame
@@ -80,7 +80,7 @@ class BarrettHand(Device[HandSample]):
         self._commands: collections.deque[Conversation] = collections.deque()
         self._bare: set[Puck] = set()  # pucks without a tactile array
         self._sampling = False
-        self._joint_encoders = JointEncoders()
+        self._joint_encoders = EncoderState()
         self._known: set[Puck] = set()  # pucks that were awake once
         self.pucks: dict[int, PuckStatus] = {}
 

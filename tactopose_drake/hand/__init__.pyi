@@ -39,7 +39,7 @@ from .hand_config import HandConfig as HandConfig
 from .hand_config import HandUncertainty as HandUncertainty
 from .hand_config import PadConfig as PadConfig
 from .hand_config import load_hand_config as load_hand_config
-from .hand_errors import FingerErrors as FingerErrors
+from .hand_errors import FingertipErrors as FingertipErrors
 from .hand_errors import HandErrors as HandErrors
 from .hand_in_plant import Hand as Hand
 from .hand_in_plant import add_hand as add_hand
@@ -67,7 +67,7 @@ from .pad_calibration import tilt_errors as tilt_errors
 from .pad_uncertainty import PadUncertainty as PadUncertainty
 from .tactile_pads import TactilePad as TactilePad
 from .tactile_pads import load_tactile_pad as load_tactile_pad
-from .touch_file import Touch as Touch
+from .touch_file import LoadedTouch as LoadedTouch
 from .touch_file import load_touch as load_touch
 from .volume_file import HandVolumes as HandVolumes
 from .volume_file import load_hand_volume as load_hand_volume

@@ -18,7 +18,7 @@ _LARGEST = {"joint_offset": 90.0, "force": 1e3, "moment": 1e2, "length": 0.1, "m
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
-class Measured:
+class MeasuredNumber:
     """A number that was found."""
 
     value: float = 0.0  # in the unit that is told there
@@ -39,7 +39,8 @@ class FingerCalibration:
 
     moment_bias: MeasuredVector = dataclasses.field(default_factory=MeasuredVector)  # read without a touch, N m
     force_bias: MeasuredVector = dataclasses.field(default_factory=MeasuredVector)  # N
-    radius: Measured = dataclasses.field(default_factory=Measured)  # by how much the fingertip is thicker than told, m
+    # By how much the fingertip is thicker than told, m.
+    radius: MeasuredNumber = dataclasses.field(default_factory=MeasuredNumber)
     rotation_deg: MeasuredVector = dataclasses.field(default_factory=MeasuredVector)  # of the sensor on its finger, deg
     translation: MeasuredVector = dataclasses.field(default_factory=MeasuredVector)  # likewise, m
     joints: list[str] = dataclasses.field(default_factory=list)  # whose offsets are first in `correlation`
@@ -104,7 +105,7 @@ class HandCalibration:
 
     grasps: int = 0  # that it was made from
     # By which each joint's reading exceeds its position, deg; of joints that slide, m.
-    joint_offsets: dict[str, Measured] = dataclasses.field(default_factory=dict)
+    joint_offsets: dict[str, MeasuredNumber] = dataclasses.field(default_factory=dict)
     fingers: dict[str, FingerCalibration] = dataclasses.field(default_factory=dict)  # by their names
     noise: CalibrationNoise = dataclasses.field(default_factory=CalibrationNoise)  # of a contact
     undetermined: list[str] = dataclasses.field(default_factory=list)  # what the grasps could not tell, in words

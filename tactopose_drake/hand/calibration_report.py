@@ -7,7 +7,7 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.calibration_file import (
     FingerCalibration,
     HandCalibration,
-    Measured,
+    MeasuredNumber,
     MeasuredVector,
     rounded,
 )
@@ -28,7 +28,7 @@ def calibration_of(errors: HandErrors, vector: FloatArray, covariance: FloatArra
     sigma = np.sqrt(np.diag(covariance))
     units = [1.0 if slides else 180.0 / np.pi for slides in errors.slides]
     offsets = {
-        joint: Measured(value=rounded(units[k] * vector[k]), sigma=rounded(units[k] * sigma[k]))
+        joint: MeasuredNumber(value=rounded(units[k] * vector[k]), sigma=rounded(units[k] * sigma[k]))
         for k, joint in enumerate(errors.joints)
     }
     fingers = {finger: _of_finger(errors, finger, vector, covariance, time) for finger in errors.fingers}
@@ -60,7 +60,7 @@ def _of_finger(
     return FingerCalibration(
         moment_bias=three(0),
         force_bias=three(3),
-        radius=Measured(value=rounded(values[n + 6]), sigma=rounded(sigma[n + 6])),
+        radius=MeasuredNumber(value=rounded(values[n + 6]), sigma=rounded(sigma[n + 6])),
         rotation_deg=three(7, 180.0 / np.pi),
         translation=three(10),
         joints=list(joints),

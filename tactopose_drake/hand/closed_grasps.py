@@ -18,7 +18,7 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_gains import thicker
 from tactopose_drake.hand.felt_grasps import RecordedGrasp
-from tactopose_drake.hand.hand_errors import FingerErrors, HandErrors
+from tactopose_drake.hand.hand_errors import FingertipErrors, HandErrors
 from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
 from tactopose_drake.hand.joint_matrices import joint_offsets
 from tactopose_drake.hand.kinematics import HandKinematics
@@ -218,7 +218,7 @@ class GraspCloser:
         wrench: FloatArray = np.concatenate([moment, force]) + own.bias + time * own.drift + noise
         return wrench
 
-    def _own(self, finger: str) -> FingerErrors:
+    def _own(self, finger: str) -> FingertipErrors:
         return self._errors.of_finger(self._vector, finger)
 
 

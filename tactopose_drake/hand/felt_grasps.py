@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.multibody.plant import MultibodyPlant
 
-from tactopose_drake.core.calibration.surface_residuals import Noise, Touches
+from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts
 from tactopose_drake.core.poses import exp_so3, skew
 from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT, contact_covariance
 from tactopose_drake.core.sensing.intrinsic_contact import solve_contacts
@@ -16,7 +16,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, finite_array, instance_of
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.contact_gains import contact_gains, thicker
-from tactopose_drake.hand.hand_errors import FingerErrors, HandErrors
+from tactopose_drake.hand.hand_errors import FingertipErrors, HandErrors
 from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
 from tactopose_drake.hand.joint_paths import JointPaths
 from tactopose_drake.hand.kinematics import HandKinematics
@@ -59,7 +59,7 @@ class _Finger:
     wrenches: FloatArray
     times: FloatArray
 
-    def without(self, own: FingerErrors) -> FloatArray:
+    def without(self, own: FingertipErrors) -> FloatArray:
         """The wrenches without what the sensor reads by itself, shape (k, 6)."""
         return self.wrenches - own.bias - self.times[:, None] * own.drift
 
@@ -100,7 +100,7 @@ class FeltGrasps:
             wrenches = np.array([grasps[i].wrenches[finger] for i in self.grasp[rows]], dtype=float).reshape(-1, 6)
             self._fingers[finger] = _Finger(rows, self.grasp[rows], wrenches, self.times[self.grasp[rows]])
 
-    def touches(self, unit: FloatArray) -> Touches:
+    def touches(self, unit: FloatArray) -> GraspContacts:
         """The contacts for errors in units of their standard deviations.
 
         Args:
@@ -140,7 +140,7 @@ class FeltGrasps:
                 J[row, :3, : len(errors.joints)], J[row, 3:, : len(errors.joints)] = -by_joints[3:], -by_joints[:3]
         J[~valid] = 0.0
         scaled = J[:, :, errors.free] * errors.sigma[errors.free]
-        return Touches(self.grasp, p, n / np.linalg.norm(n, axis=1, keepdims=True), scaled, valid)
+        return GraspContacts(self.grasp, p, n / np.linalg.norm(n, axis=1, keepdims=True), scaled, valid)
 
     def without_contact(self, unit: FloatArray) -> dict[str, str]:
         """The fingers that touch but of whose wrenches none makes a contact, with why that of the most does not.
@@ -163,7 +163,7 @@ class FeltGrasps:
         vector[errors.free] = errors.sigma[errors.free] * unit
         return vector
 
-    def wrench_noise(self) -> Noise:
+    def wrench_noise(self) -> ContactSigmas:
         """By how much the sensors' noise alone turns contacts' normals; as much as a weak one's where there is none.
 
         Points move along the fingertip's surface by it, along which the object's surface does not tell where they are.
@@ -177,7 +177,7 @@ class FeltGrasps:
             )
             normal[felt.rows] = np.sqrt(0.5 * np.trace(noise.n, axis1=1, axis2=2))
         largest = float(np.nanmax(normal, initial=0.0))
-        return Noise(np.zeros(len(normal)), np.where(np.isnan(normal), largest, normal))
+        return ContactSigmas(np.zeros(len(normal)), np.where(np.isnan(normal), largest, normal))
 
     def readings(self, grasps: Sequence[RecordedGrasp]) -> tuple[FloatArray, FloatArray]:
         """What out-of-touch readings say of the biases: whitened rows (m, f), and what they come to (m,).

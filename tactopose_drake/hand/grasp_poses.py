@@ -22,7 +22,7 @@ from tactopose_drake.core.calibration.shared_least_squares import (
     others,
     solve_shared,
 )
-from tactopose_drake.core.calibration.surface_residuals import Noise, Touches
+from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -176,7 +176,7 @@ def _tell_share(tell: Callable[[float, str], None], attempt: int, share: float) 
 
 
 def fit_poses(
-    problem: SharedProblem, touches: Touches, X_PO: FloatArray, noise: Noise
+    problem: SharedProblem, touches: GraspContacts, X_PO: FloatArray, noise: ContactSigmas
 ) -> tuple[FloatArray, FloatArray]:
     """Descends to the nearest poses, the contacts being what they are.
 
@@ -186,7 +186,7 @@ def fit_poses(
     fixed = touches._replace(J=np.zeros((len(touches.grasp), 6, 0)))
     alone = SharedProblem(lambda _: fixed, problem.grids, np.zeros((0, 0)), np.zeros(0))
     for widened in (4.0, 1.0):
-        wide = Noise(widened * noise.position, widened * noise.normal)
+        wide = ContactSigmas(widened * noise.position, widened * noise.normal)
         solution = solve_shared(alone, np.zeros(0), X_PO, wide, _ROUGHLY)
         X_PO = solution.X_PO
     square = np.minimum(np.sum(solution.at.rows.residual**2, axis=1), 25.0)

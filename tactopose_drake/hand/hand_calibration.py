@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.calibration.annealed_fit import ContactNoise
 from tactopose_drake.core.calibration.combinations import Combination, undetermined
 from tactopose_drake.core.calibration.shared_least_squares import SharedProblem
-from tactopose_drake.core.calibration.surface_residuals import Noise, Touches, surface_rows
+from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts, surface_rows
 from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT
 from tactopose_drake.core.validation import FloatArray, instance_of, params_of, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
@@ -231,7 +231,7 @@ def _result(felt: FeltGrasps, errors: HandErrors, problem: SharedProblem, found:
     calibration.noise.normal_deg = math.degrees(fit.noise.normal)
     calibration.noise.moment, calibration.noise.force = NANO17_SIGMA_MOMENT, NANO17_SIGMA_FORCE
     untold = problem.touch(np.zeros(len(solution.shared)))
-    wide = Noise(*(np.full(len(felt.grasp), sigma) for sigma in _BEFORE))
+    wide = ContactSigmas(*(np.full(len(felt.grasp), sigma) for sigma in _BEFORE))
     X_before, _ = fit_poses(problem, untold, solution.X_PO, wide)
     before = _residuals(problem, X_before, untold, errors, felt.finger)
     after = _residuals(problem, solution.X_PO, solution.at.touches, errors, felt.finger)
@@ -254,12 +254,12 @@ def _result(felt: FeltGrasps, errors: HandErrors, problem: SharedProblem, found:
 
 
 def _residuals(
-    problem: SharedProblem, X_PO: FloatArray, touches: Touches, errors: HandErrors, finger: NDArray[np.int64]
+    problem: SharedProblem, X_PO: FloatArray, touches: GraspContacts, errors: HandErrors, finger: NDArray[np.int64]
 ) -> dict[str, FingerResiduals]:
     """In m and rad, NaN where there is no contact."""
     # A position without noise leaves the difference of the normals as it is.
     tiny, one = np.full(len(finger), 1e-9), np.ones(len(finger))
-    residual = surface_rows(problem.grids, X_PO, touches, Noise(tiny, one)).residual * [1e-9, 1.0, 1.0, 1.0]
+    residual = surface_rows(problem.grids, X_PO, touches, ContactSigmas(tiny, one)).residual * [1e-9, 1.0, 1.0, 1.0]
     residual = np.where(touches.valid[:, None], residual, np.nan)
     angle = 2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(residual[:, 1:], axis=1), 0.0, 1.0))
     return {

@@ -23,7 +23,7 @@ from tactopose_drake.hand.joint_paths import JointPaths
 _AXES = ("x", "y", "z")
 
 
-class FingerErrors(NamedTuple):
+class FingertipErrors(NamedTuple):
     """What one finger's fingertip and sensor are off by.
 
     Attributes:
@@ -115,12 +115,12 @@ class HandErrors:
             start += size
         raise KeyError(kind)
 
-    def of_finger(self, vector: FloatArray, finger: str) -> FingerErrors:
+    def of_finger(self, vector: FloatArray, finger: str) -> FingertipErrors:
         """One finger's part of a vector."""
         bias, drift, radius, mounting = (vector[self.place(finger, kind)] for kind in _SIZES)
-        return FingerErrors(bias, drift, float(radius[0]), mounting)
+        return FingertipErrors(bias, drift, float(radius[0]), mounting)
 
-    def vector(self, offsets: Mapping[str, float], fingers: Mapping[str, FingerErrors]) -> FloatArray:
+    def vector(self, offsets: Mapping[str, float], fingers: Mapping[str, FingertipErrors]) -> FloatArray:
         """The vector of given errors; zero for those that are not given."""
         vector = np.zeros(len(self.sigma))
         for k, joint in enumerate(self.joints):

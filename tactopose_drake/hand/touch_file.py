@@ -33,7 +33,7 @@ _OF_PLANE = {"p_PQ": "point", "n_P": "normal"}
 _OF_PATCH = {"p_PT": "points[{}]", "n_PT": "normals[{}]", "pressure": "pressures[{}]"}
 
 
-class Touch(NamedTuple):
+class LoadedTouch(NamedTuple):
     """What is felt at one instant, in the palm frame.
 
     Attributes:
@@ -55,7 +55,7 @@ class _Pad(NamedTuple):
     array: "TactilePad | None" = None
 
 
-def load_touch(path: Path) -> Touch:
+def load_touch(path: Path) -> LoadedTouch:
     """Reads contacts.yaml: `contacts` and `patches`, of which one may be absent, and `planes`; in P, in m, N and Pa.
 
     Contacts, `sigma_position` and `sigma_normal_deg` are as `load_contacts` reads them. Each patch has
@@ -80,7 +80,7 @@ def load_touch(path: Path) -> Touch:
         raise InvalidFileError(f"{path}: has neither contacts nor patches; allowed are one or both.")
     contacts = contacts_in(path, data) if "contacts" in data else Contacts.empty()
     patches, planes = (check_list(path, key, data[key], one) if key in data else [] for key, one in _PARTS.items())
-    return Touch(
+    return LoadedTouch(
         contacts,
         tuple(_patch(path, f"patches[{i}]", entry) for i, entry in enumerate(patches)),
         tuple(_plane(path, f"planes[{i}]", entry) for i, entry in enumerate(planes)),

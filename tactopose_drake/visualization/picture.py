@@ -15,7 +15,7 @@ from pydrake.math import RigidTransform
 from scipy.ndimage import binary_dilation, binary_erosion
 
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.core.vision.rasterizer import Camera, Layer, Surface, render
+from tactopose_drake.core.vision.rasterizer import Camera, DrawnSurface, Layer, render
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.visualization.appearance import (
@@ -197,8 +197,8 @@ def _shrunk(image: Image) -> Image:
     return small
 
 
-def _placed(surface: Surface, X_PO: RigidTransform) -> Surface:
-    return Surface(
+def _placed(surface: DrawnSurface, X_PO: RigidTransform) -> DrawnSurface:
+    return DrawnSurface(
         X_PO.multiply(surface.vertices.T).T,
         X_PO.rotation().multiply(surface.normals.T).T,
         surface.faces,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RotationMatrix
 
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.core.vision.rasterizer import Surface
+from tactopose_drake.core.vision.rasterizer import DrawnSurface
 from tactopose_drake.visualization.appearance import (
     AXIS_COLOURS,
     CONE,
@@ -37,12 +37,12 @@ _PLATE_HEIGHT = 0.0008
 Painted = tuple[trimesh.Trimesh, Colour]
 
 
-def touch_surface(scene: Scene) -> Surface | None:
+def touch_surface(scene: Scene) -> DrawnSurface | None:
     """Contacts as small spheres, or crosses, the object's force on each as an arrow, and pressed cells as plates."""
     return _joined([*_contacts(scene), *_plates(scene)])
 
 
-def certainty_surface(scene: Scene) -> Surface | None:
+def certainty_surface(scene: Scene) -> DrawnSurface | None:
     """Where points of the estimate may be, as ellipsoids, and what is not determined; friction cones on request."""
     if not scene.hypotheses:
         return None
@@ -59,17 +59,17 @@ def certainty_surface(scene: Scene) -> Surface | None:
     return _joined([*parts, *_cones(scene)])
 
 
-def frames_surface(scene: Scene) -> Surface | None:
+def frames_surface(scene: Scene) -> DrawnSurface | None:
     """The frames of palm and estimate, where they are to be drawn."""
     return _joined(list(_frames(scene, scene.hypotheses[0].X_PO))) if scene.hypotheses else None
 
 
-def smooth(vertices: FloatArray, faces: NDArray[np.int32], colour: Colour | FloatArray) -> Surface:
+def smooth(vertices: FloatArray, faces: NDArray[np.int32], colour: Colour | FloatArray) -> DrawnSurface:
     """Normals for smooth shading, with the sharp edges kept; of one colour, or of one for each vertex."""
     colour = np.array(np.broadcast_to(colour, vertices.shape))
     mesh = trimesh.Trimesh(vertices, faces, vertex_colors=colour, process=False)
     shaded = trimesh.graph.smooth_shade(mesh, angle=CREASE)
-    return Surface(
+    return DrawnSurface(
         np.array(shaded.vertices),
         np.array(shaded.vertex_normals),
         np.array(shaded.faces, dtype=np.int32),
@@ -141,7 +141,7 @@ def _moved(mesh: trimesh.Trimesh, X: RigidTransform) -> trimesh.Trimesh:
     return mesh.apply_transform(X.GetAsMatrix4())
 
 
-def _joined(parts: list[Painted]) -> Surface | None:
+def _joined(parts: list[Painted]) -> DrawnSurface | None:
     if not parts:
         return None
     vertices, faces = trimesh.util.append_faces([mesh.vertices for mesh, _ in parts], [mesh.faces for mesh, _ in parts])

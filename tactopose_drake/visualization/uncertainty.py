@@ -22,7 +22,7 @@ _TURN_RADII = 0.012, 0.08  # least and most of a curved arrow, m
 _BEYOND = 0.06  # of the object's size, by which an arrow stands off it
 
 
-class Ellipsoid(NamedTuple):
+class ConfidenceEllipsoid(NamedTuple):
     """Where one point of the object is with 95 % probability, as far as the touch determines it.
 
     Attributes:
@@ -76,7 +76,7 @@ def shown_points(model: ObjectModel) -> FloatArray:
     return points
 
 
-def ellipsoids(model: ObjectModel, hypothesis: ShownHypothesis, p_OQ: FloatArray) -> list[Ellipsoid]:
+def ellipsoids(model: ObjectModel, hypothesis: ShownHypothesis, p_OQ: FloatArray) -> list[ConfidenceEllipsoid]:
     """Where points (n, 3) of the object are; none without a covariance."""
     if hypothesis.covariance is None:
         return []
@@ -90,7 +90,7 @@ def ellipsoids(model: ObjectModel, hypothesis: ShownHypothesis, p_OQ: FloatArray
         axes = axes * np.sign(np.linalg.det(axes))
         radii = _SIGMAS * np.sqrt(np.maximum(variance, 0.0))
         radii = np.clip(radii, _LEAST_RADIUS * model.size, _MOST_RADIUS * model.size)
-        found.append(Ellipsoid(RigidTransform(RotationMatrix(axes), point), radii))
+        found.append(ConfidenceEllipsoid(RigidTransform(RotationMatrix(axes), point), radii))
     return found
 
 

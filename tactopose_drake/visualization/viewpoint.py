@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.core.vision.rasterizer import Camera, Surface, render
+from tactopose_drake.core.vision.rasterizer import Camera, DrawnSurface, render
 from tactopose_drake.visualization.scene import Scene, arrow_lengths
 from tactopose_drake.visualization.uncertainty import free_arrows
 
@@ -78,7 +78,7 @@ def _seen(scene: Scene, camera: Camera) -> tuple[float, float]:
 
 def _inverse_depth(vertices: FloatArray, faces: NDArray[np.int32], camera: Camera) -> NDArray[np.floating]:
     blank = np.zeros_like(vertices)
-    return render(Surface(vertices, blank, faces, blank), camera).inverse_depth
+    return render(DrawnSurface(vertices, blank, faces, blank), camera).inverse_depth
 
 
 def _arrow_tips(scene: Scene) -> FloatArray:

@@ -10,7 +10,7 @@ import yaml
 
 from tactopose_drake.cli.calibrate_command import calibration_lines, calibration_table
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.hand.calibration_file import CalibrationNoise, HandCalibration, Measured
+from tactopose_drake.hand.calibration_file import CalibrationNoise, HandCalibration, MeasuredNumber
 from tactopose_drake.hand.closed_grasps import ClosedGraspParams
 from tactopose_drake.hand.grasp_files import load_grasps
 from tactopose_drake.hand.hand_calibration import calibrate_hand
@@ -88,7 +88,10 @@ def test_what_is_written_is_what_the_hand_then_knows(
 
 
 def test_offsets_are_shown_in_degrees_and_of_joints_that_slide_in_millimetres() -> None:
-    offsets = {"left_slide": Measured(value=0.0021, sigma=0.0008), "knuckle": Measured(value=-1.25, sigma=0.5)}
+    offsets = {
+        "left_slide": MeasuredNumber(value=0.0021, sigma=0.0008),
+        "knuckle": MeasuredNumber(value=-1.25, sigma=0.5),
+    }
     table = calibration_table(HandCalibration(grasps=10, joint_offsets=offsets), ("left_slide",))
     rows = list(zip(*(column.cells for column in table.columns), strict=True))
     assert rows == [("left_slide offset", "2.10", "0.80", "mm"), ("knuckle offset", "-1.25", "0.50", "deg")]

@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tactopose_drake.drivers import barrett_protocol as protocol
-from tactopose_drake.drivers.barrett_cycle import JointEncoders
+from tactopose_drake.drivers.barrett_cycle import EncoderState
 from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.barrett_protocol import INITIALIZE, Puck, ReplyGroup
 from tactopose_drake.drivers.can_recorder import CanRecorder
@@ -56,7 +56,7 @@ def test_a_position_that_was_cut_to_the_motors_part_is_refused() -> None:
 
 
 def test_a_finger_without_that_encoder_is_believed_when_it_insists() -> None:
-    encoders = JointEncoders()
+    encoders = EncoderState()
     for _ in range(2):
         with pytest.raises(ProtocolError, match="not yet sure"):
             encoders.check(Puck.F1, None)

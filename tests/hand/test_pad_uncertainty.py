@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import log_so3
-from tactopose_drake.hand.calibration_file import HandCalibration, Measured
+from tactopose_drake.hand.calibration_file import HandCalibration, MeasuredNumber
 from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
@@ -46,7 +46,9 @@ def test_a_calibrated_joint_misplaces_arrays_by_what_is_left_of_its_offset() -> 
     plant, hand = make_hand_plant(load_hand_config("barrett_like"))
     kinematics, layout = HandKinematics(plant, hand.palm_frame), load_tactile_pad("bh280_finger").layout
     errors = HandUncertainty(encoder_offset_deg=2.0, mounting=0.0, mounting_deg=0.0)
-    found = HandCalibration(joint_offsets={name: Measured(sigma=0.5) for name in encoder_gains(plant, hand).joints})
+    found = HandCalibration(
+        joint_offsets={name: MeasuredNumber(sigma=0.5) for name in encoder_gains(plant, hand).joints}
+    )
     wide, narrow = (
         PadUncertainty(plant, each, errors).covariance("finger_2", layout, kinematics)
         for each in (hand, dataclasses.replace(hand, calibration=found))

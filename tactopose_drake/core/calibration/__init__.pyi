@@ -9,7 +9,7 @@ from .shared_least_squares import SharedProblem as SharedProblem
 from .shared_least_squares import Solution as Solution
 from .shared_least_squares import linearize as linearize
 from .shared_least_squares import solve_shared as solve_shared
-from .surface_residuals import Noise as Noise
+from .surface_residuals import ContactSigmas as ContactSigmas
+from .surface_residuals import GraspContacts as GraspContacts
 from .surface_residuals import SurfaceRows as SurfaceRows
-from .surface_residuals import Touches as Touches
 from .surface_residuals import surface_rows as surface_rows

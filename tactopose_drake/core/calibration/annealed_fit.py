@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.calibration.shared_least_squares import SharedProblem, Solution, solve_shared
-from tactopose_drake.core.calibration.surface_residuals import Noise, Touches
+from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts
 from tactopose_drake.core.validation import FloatArray
 
 # Medians of chi-square variables of one and of two degrees of freedom.
@@ -33,14 +33,16 @@ class ContactNoise(NamedTuple):
         normal: of all other contacts' normals, rad.
     """
 
-    by_wrench: Noise
+    by_wrench: ContactSigmas
     position: float
     normal: float
 
     @property
-    def total(self) -> Noise:
+    def total(self) -> ContactSigmas:
         """Of both."""
-        return Noise(np.hypot(self.by_wrench.position, self.position), np.hypot(self.by_wrench.normal, self.normal))
+        return ContactSigmas(
+            np.hypot(self.by_wrench.position, self.position), np.hypot(self.by_wrench.normal, self.normal)
+        )
 
 
 class AnnealedFit(NamedTuple):
@@ -85,7 +87,7 @@ def anneal(
     return AnnealedFit(solution, noise)
 
 
-def start_noise(touches: Touches, noise: ContactNoise) -> tuple[float, float]:
+def start_noise(touches: GraspContacts, noise: ContactNoise) -> tuple[float, float]:
     """What a first fit begins with: as much as the shared errors are expected to move contacts, or ten times the noise.
 
     Args:

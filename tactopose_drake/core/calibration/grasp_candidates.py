@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.calibration.mixture_loss import grasp_limit
 from tactopose_drake.core.calibration.shared_least_squares import POSE_INFORMATION, Knowledge
-from tactopose_drake.core.calibration.surface_residuals import Noise, Touches, surface_rows
+from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts, surface_rows
 from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
@@ -54,12 +54,14 @@ class GraspTouches(NamedTuple):
         grid: of the object.
     """
 
-    touches: Touches
-    noise: Noise
+    touches: GraspContacts
+    noise: ContactSigmas
     grid: DistanceGrid
 
     @classmethod
-    def of(cls, touches: Touches, noise: Noise, grids: Sequence[DistanceGrid], grasp: int) -> "GraspTouches":
+    def of(
+        cls, touches: GraspContacts, noise: ContactSigmas, grids: Sequence[DistanceGrid], grasp: int
+    ) -> "GraspTouches":
         """One grasp's of all grasps'."""
         rows = np.flatnonzero(touches.grasp == grasp)
         return cls(touches.chosen(rows), noise.chosen(rows), grids[grasp])

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.calibration.mixture_loss import CONTACT_LIMIT, grasp_limit, loss, weight
-from tactopose_drake.core.calibration.surface_residuals import Noise, SurfaceRows, Touches, surface_rows
+from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts, SurfaceRows, surface_rows
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
@@ -49,7 +49,7 @@ class SharedProblem(NamedTuple):
         measured: what they should come to, shape (m,).
     """
 
-    touch: Callable[[FloatArray], Touches]
+    touch: Callable[[FloatArray], GraspContacts]
     grids: Sequence[DistanceGrid]
     readings: FloatArray
     measured: FloatArray
@@ -66,7 +66,7 @@ class Linearization(NamedTuple):
         cost: half the sum of all losses, of the prior and of what was measured directly.
     """
 
-    touches: Touches
+    touches: GraspContacts
     rows: SurfaceRows
     weights: FloatArray
     grasp_weights: FloatArray
@@ -94,7 +94,7 @@ class Solution(NamedTuple):
 
 
 def solve_shared(
-    problem: SharedProblem, shared: FloatArray, X_PO: FloatArray, noise: Noise, enough: float = ENOUGH
+    problem: SharedProblem, shared: FloatArray, X_PO: FloatArray, noise: ContactSigmas, enough: float = ENOUGH
 ) -> Solution:
     """Descends to the nearest minimum.
 
@@ -126,7 +126,7 @@ def solve_shared(
     return Solution(shared, X_PO, covariance, blocks.leverage(covariance), at, converged)
 
 
-def linearize(problem: SharedProblem, shared: FloatArray, X_PO: FloatArray, noise: Noise) -> Linearization:
+def linearize(problem: SharedProblem, shared: FloatArray, X_PO: FloatArray, noise: ContactSigmas) -> Linearization:
     """The residuals, their weights and the cost."""
     touches = problem.touch(shared)
     rows = surface_rows(problem.grids, X_PO, touches, noise)

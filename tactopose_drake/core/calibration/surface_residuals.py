@@ -17,7 +17,7 @@ from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
 
-class Touches(NamedTuple):
+class GraspContacts(NamedTuple):
     """Contacts of all grasps, in the palm frame, at one value of what they share.
 
     Attributes:
@@ -34,12 +34,12 @@ class Touches(NamedTuple):
     J: FloatArray
     valid: NDArray[np.bool_]
 
-    def chosen(self, rows: NDArray[np.integer]) -> "Touches":
+    def chosen(self, rows: NDArray[np.integer]) -> "GraspContacts":
         """Some of the contacts, or some of them several times."""
-        return Touches(self.grasp[rows], self.p_PC[rows], self.n_PC[rows], self.J[rows], self.valid[rows])
+        return GraspContacts(self.grasp[rows], self.p_PC[rows], self.n_PC[rows], self.J[rows], self.valid[rows])
 
 
-class Noise(NamedTuple):
+class ContactSigmas(NamedTuple):
     """Standard deviations of contacts.
 
     Attributes:
@@ -50,9 +50,9 @@ class Noise(NamedTuple):
     position: FloatArray
     normal: FloatArray
 
-    def chosen(self, rows: NDArray[np.integer]) -> "Noise":
+    def chosen(self, rows: NDArray[np.integer]) -> "ContactSigmas":
         """Of some of the contacts, or of some of them several times."""
-        return Noise(self.position[rows], self.normal[rows])
+        return ContactSigmas(self.position[rows], self.normal[rows])
 
 
 class SurfaceRows(NamedTuple):
@@ -72,7 +72,9 @@ class SurfaceRows(NamedTuple):
     log_scale: FloatArray
 
 
-def surface_rows(grids: Sequence[DistanceGrid], X_PO: FloatArray, touches: Touches, noise: Noise) -> SurfaceRows:
+def surface_rows(
+    grids: Sequence[DistanceGrid], X_PO: FloatArray, touches: GraspContacts, noise: ContactSigmas
+) -> SurfaceRows:
     """The residuals of all contacts; zero where there is no contact.
 
     Args:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
-from tactopose_drake.core.grasping.finger_touches import Touches
+from tactopose_drake.core.grasping.finger_touches import FingerTouches
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray, positive_number
 
@@ -119,7 +119,7 @@ class FingerReach:
         refused: Counter[str] | None = None,
         *,
         with_sides: bool = False,
-    ) -> Touches:
+    ) -> FingerTouches:
         """Up to `count` touches, by rising cost.
 
         Args:
@@ -132,7 +132,7 @@ class FingerReach:
         """
         places = [self._end, *self._straight_part] if with_sides else [self._end]
         found = [self._touches_at(place, grid, X_PO, generator, 6 * count, refused) for place in places]
-        touches = Touches.joined(found)
+        touches = FingerTouches.joined(found)
         return touches.take(np.argsort(touches.cost, kind="stable")[:count])
 
     def waiting(self, grid: DistanceGrid, X_PO: FloatArray, clearance: float) -> FloatArray:
@@ -158,7 +158,7 @@ class FingerReach:
         generator: np.random.Generator,
         most: int,
         refused: Counter[str] | None,
-    ) -> Touches:
+    ) -> FingerTouches:
         """Touches with one place of the fingertip, of so many samples at the most."""
         params, radius = self._params, self.geometry.tip_radius
         reaches = np.abs(_gap(grid, X_PO, place.p_PK) - radius) < 0.006
@@ -193,7 +193,7 @@ class FingerReach:
 
     def _refine(
         self, place: _Place, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray, refused: Counter[str] | None
-    ) -> Touches:
+    ) -> FingerTouches:
         """Moves the place onto the surface, and keeps what is clean."""
         geometry, params, chain = self.geometry, self._params, self.geometry.chain
         q = self._onto_surface(place, grid, X_PO, q)
@@ -224,7 +224,7 @@ class FingerReach:
         }
         # A fingertip meets best with its shoulder, not with its very end or its side.
         cost = 6.0 * (1.0 - aligned) + 2.0 * np.abs(facing - _BEST_FACING)
-        touches = Touches(q, closing, q_open, p_PC, normal, cost)
+        touches = FingerTouches(q, closing, q_open, p_PC, normal, cost)
         return touches.take(_that_pass(clean, refused))
 
     def _is_clear(

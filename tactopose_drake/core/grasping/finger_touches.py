@@ -11,7 +11,7 @@ from tactopose_drake.core.validation import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Touches:
+class FingerTouches:
     """Ways for one finger to touch; n of them.
 
     Attributes:

@@ -12,7 +12,7 @@ import numpy as np
 
 from tactopose_drake.core.grasping.finger_reach import FingerReach
 from tactopose_drake.core.grasping.finger_sides import FingerShape, are_apart
-from tactopose_drake.core.grasping.finger_touches import Touches
+from tactopose_drake.core.grasping.finger_touches import FingerTouches
 from tactopose_drake.core.grasping.grasp_law import ClosingMotion
 from tactopose_drake.core.grasping.grasp_plan import FingerPlan, GraspPlan
 from tactopose_drake.core.grasping.grasp_score import ContactTerms, GraspScore, ScoreParams, score_grasp
@@ -167,7 +167,7 @@ class _Search:
         clearance = self.params.palm_clearance
         if least_distance(self.model, X_PO, self.hand.palm_spheres) < clearance:
             return self._refused(_IN_THE_PALM)
-        touches: dict[str, Touches] = {}
+        touches: dict[str, FingerTouches] = {}
         idle = 0
         for name, finger in self.hand.fingers.items():
             if not self.params.fingers or name in self.params.fingers:
@@ -210,7 +210,7 @@ class _Search:
         """Where else an idle finger may wait, as far as the object is concerned: joint positions, shape (n, m)."""
         return self.hand.fingers[name].waiting(self.model.grid, X_PO, self.params.palm_clearance)
 
-    def _making_way(self, X_PO: FloatArray, taken: Mapping[str, Touches]) -> dict[str, FloatArray] | None:
+    def _making_way(self, X_PO: FloatArray, taken: Mapping[str, FingerTouches]) -> dict[str, FloatArray] | None:
         """Where those idle fingers wait that are in the way, beside all other fingers; None: one has no place."""
         placed = [self._shape(name, np.concatenate([touch.q, touch.q_open])) for name, touch in taken.items()]
         leaving, resting = [], list[Spheres]()
@@ -242,7 +242,9 @@ class _Search:
         self.refusals.poses[reason] += 1
         return None
 
-    def _combine(self, touches: Mapping[str, Touches], p_PG: FloatArray) -> tuple[dict[str, int], GraspScore] | None:
+    def _combine(
+        self, touches: Mapping[str, FingerTouches], p_PG: FloatArray
+    ) -> tuple[dict[str, int], GraspScore] | None:
         """The best choice found of one touch a finger, by changing one finger at a time."""
         placed = {name: self._shape(name, touch.q) for name, touch in touches.items()}
         apart = {(a, b): placed[a].apart(placed[b], _GAP) for a, b in itertools.combinations(touches, 2)}
@@ -282,6 +284,6 @@ class _Search:
         return FingerShape.of_axis(geometry, q, 0.5 * (distance - _GAP))
 
 
-def _oppose(touches: Mapping[str, Touches]) -> bool:
+def _oppose(touches: Mapping[str, FingerTouches]) -> bool:
     """Whether some touches of two fingers press against each other, without which no forces are in balance."""
     return any(float((a.n_PC @ b.n_PC.T).min()) < 0.0 for a, b in itertools.combinations(touches.values(), 2))

@@ -10,7 +10,7 @@ from tactopose_drake.core.compilation import inlined, kernel
 from tactopose_drake.core.kernel_types import Floats3, OutFloats4
 from tactopose_drake.core.kernels.contact_mixture_kernels import BY_D, BY_N, FACES, Doubts, find_shares, make_work, mix
 from tactopose_drake.core.kernels.grid_kernels import Grid
-from tactopose_drake.core.kernels.surface_contact_kernels import Rows, Touch, contact_rows
+from tactopose_drake.core.kernels.surface_contact_kernels import Rows, WeightedContacts, contact_rows
 
 
 @inlined
@@ -28,7 +28,9 @@ def _normal_energy(residual):
 
 
 @kernel
-def find_alternatives(grid: Grid, touch: Touch, doubts: Doubts, X: Floats3, hessian: Floats3, left: OutFloats4) -> None:
+def find_alternatives(
+    grid: Grid, touch: WeightedContacts, doubts: Doubts, X: Floats3, hessian: Floats3, left: OutFloats4
+) -> None:
     """What is left (B, 2 k, 6, 6) of each pose's Hessian (B, 6, 6), as of `mixture_equations`, with one contact false.
 
     First each in turn is displaced, then each in turn has any normal. What is taken off is what the contact counts for

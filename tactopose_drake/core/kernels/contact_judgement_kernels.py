@@ -10,7 +10,7 @@ from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts, find_en
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.lane_kernels import LANES, SIZE, enter
 from tactopose_drake.core.kernels.prior_kernels import Prior, prior_cost
-from tactopose_drake.core.kernels.surface_contact_kernels import Touch
+from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts
 
 
 class Exact(NamedTuple):
@@ -31,7 +31,14 @@ class Judged(NamedTuple):
 
 @kernel
 def judge(
-    grid: Grid, touch: Touch, doubts: Doubts, prior: Prior, exact: Exact, X: Floats3, judged: Judged, whole: bool
+    grid: Grid,
+    touch: WeightedContacts,
+    doubts: Doubts,
+    prior: Prior,
+    exact: Exact,
+    X: Floats3,
+    judged: Judged,
+    whole: bool,
 ) -> None:
     """Judges poses (B, 3, 4): as a whole, or by their costs alone, and then all else that is judged stays as it is.
 

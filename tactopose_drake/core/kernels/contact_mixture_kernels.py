@@ -40,7 +40,7 @@ from tactopose_drake.core.kernels.lane_kernels import (
     read_grid,
     weigh,
 )
-from tactopose_drake.core.kernels.surface_contact_kernels import Touch
+from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts
 
 # The factors of the variances are two to the powers 0 to this.
 MOST_DOUBLINGS = 4
@@ -78,7 +78,7 @@ class Doubts(NamedTuple):
     has_normals: bool
 
 
-class Work(NamedTuple):
+class MixtureScratch(NamedTuple):
     """What `mix` reads and fills, of k contacts, f factors of variances, q pairs of them and some lanes.
 
     Attributes:
@@ -106,7 +106,7 @@ class Work(NamedTuple):
 
 
 @part
-def mix(lanes: int, doubts: Doubts, work: Work) -> None:
+def mix(lanes: int, doubts: Doubts, work: MixtureScratch) -> None:
     """The costs of energies, 0 where those of distances and normals are; with the factors, and what the pairs weigh."""
     point, turn, back, moved = work.point, work.turn, work.back, work.moved
     total, by_itself, most, cost = work.total, work.by_itself, work.most, work.cost
@@ -193,7 +193,7 @@ def _find_factors(i, lanes, doubts, work):
 
 
 @part
-def find_shares(i: int, lanes: int, doubts: Doubts, work: Work) -> None:
+def find_shares(i: int, lanes: int, doubts: Doubts, work: MixtureScratch) -> None:
     """That a contact is as told, and what its distance and its normal count for, into four rows of shares.
 
     These are the derivatives of the cost by its energies, that by n and that by m together; what the first of the two
@@ -227,10 +227,10 @@ def find_shares(i: int, lanes: int, doubts: Doubts, work: Work) -> None:
 
 
 @part
-def make_work(contacts: int, doubts: Doubts) -> Work:
+def make_work(contacts: int, doubts: Doubts) -> MixtureScratch:
     """Room for so many contacts."""
     each, factors, pairs = (contacts, LANES), (contacts, MOST_DOUBLINGS + 1, LANES), (len(doubts.s), LANES)
-    return Work(
+    return MixtureScratch(
         np.empty(each),
         np.empty(each),
         np.empty(each),
@@ -247,7 +247,7 @@ def make_work(contacts: int, doubts: Doubts) -> Work:
 
 
 @part
-def find_energies(grid: Grid, touch: Touch, lanes: int, w: OutFloats1, work: Work) -> None:
+def find_energies(grid: Grid, touch: WeightedContacts, lanes: int, w: OutFloats1, work: MixtureScratch) -> None:
     """The energies of each contact's distance, normal and flipped normal, by the distance field."""
     for i in range(touch.p.shape[0]):
         read_grid(grid, touch.p[i], touch.n[i], lanes, w)
@@ -258,7 +258,9 @@ def find_energies(grid: Grid, touch: Touch, lanes: int, w: OutFloats1, work: Wor
 
 
 @part
-def add_up_doubted(grid: Grid, touch: Touch, doubts: Doubts, X: Floats3, lanes: int, w: OutFloats1, work: Work) -> None:
+def add_up_doubted(
+    grid: Grid, touch: WeightedContacts, doubts: Doubts, X: Floats3, lanes: int, w: OutFloats1, work: MixtureScratch
+) -> None:
     """Costs, into the work's, and gradient and Hessian at so many poses X (3, 4), one in each lane of the rows w.
 
     The gradient is exact. The Hessian is that of the contacts' squares by what each counts for, as in iteratively

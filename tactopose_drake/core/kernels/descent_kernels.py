@@ -22,7 +22,7 @@ from tactopose_drake.core.kernels.least_squares_kernels import (
 from tactopose_drake.core.kernels.pose_kernels import retract_one
 from tactopose_drake.core.kernels.prior_kernels import Prior, add_prior, half_square, prior_row
 from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
-from tactopose_drake.core.kernels.surface_contact_kernels import Touch, add_up
+from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts, add_up
 
 
 class Ends(NamedTuple):
@@ -38,7 +38,7 @@ class Ends(NamedTuple):
 @kernel
 def descend(
     grid: Grid,
-    touch: Touch,
+    touch: WeightedContacts,
     doubts: Doubts,
     prior: Prior,
     rule: DescentRule,

@@ -44,7 +44,7 @@ from tactopose_drake.core.kernels.pose_kernels import chain, rotate_to_object, t
 from tactopose_drake.core.kernels.prior_kernels import Prior, prior_cost
 
 
-class Touch(NamedTuple):
+class WeightedContacts(NamedTuple):
     """Contacts, as kernels read them; all arrays are read-only.
 
     Attributes:
@@ -77,7 +77,7 @@ class Rows(NamedTuple):
 
 
 @part
-def add_up(grid: Grid, touch: Touch, spared: Longs1, X: Floats3, lanes: int, w: OutFloats1) -> None:
+def add_up(grid: Grid, touch: WeightedContacts, spared: Longs1, X: Floats3, lanes: int, w: OutFloats1) -> None:
     """Cost, gradient and Hessian at so many poses X (3, 4), one in each lane of the rows w.
 
     A lane is spared the contact whose number is given for it, if there is such a one.
@@ -94,7 +94,7 @@ def add_up(grid: Grid, touch: Touch, spared: Longs1, X: Floats3, lanes: int, w: 
 
 
 @kernel
-def contact_costs(grid: Grid, touch: Touch, prior: Prior, X: Floats3, cost: OutFloats1) -> None:
+def contact_costs(grid: Grid, touch: WeightedContacts, prior: Prior, X: Floats3, cost: OutFloats1) -> None:
     """Half the sum of squares of the residuals of contacts and prior at each pose, into cost (B,)."""
     w, u = np.zeros(SIZE), np.empty(6)
     for first in range(0, X.shape[0], LANES):
@@ -110,7 +110,7 @@ def contact_costs(grid: Grid, touch: Touch, prior: Prior, X: Floats3, cost: OutF
 
 
 @kernel
-def find_dearest(grid: Grid, touch: Touch, X: Floats3, dearest: OutLongs1) -> None:
+def find_dearest(grid: Grid, touch: WeightedContacts, X: Floats3, dearest: OutLongs1) -> None:
     """The contact that each pose explains least, into dearest (B,)."""
     w, largest = np.zeros(SIZE), np.empty(LANES)
     for first in range(0, X.shape[0], LANES):
@@ -128,7 +128,9 @@ def find_dearest(grid: Grid, touch: Touch, X: Floats3, dearest: OutLongs1) -> No
 
 
 @kernel
-def contact_residuals(grid: Grid, touch: Touch, X: Floats3, residuals: OutFloats3, jacobian: OutFloats4) -> None:
+def contact_residuals(
+    grid: Grid, touch: WeightedContacts, X: Floats3, residuals: OutFloats3, jacobian: OutFloats4
+) -> None:
     """Residuals (B, k, 5), see `contact_rows`, and their Jacobian (B, k, 5, 6) by the increment."""
     p, n, weight_p, weight_n = touch
     smooth, work = np.empty((4, 6)), np.empty((10, 4))

@@ -11,7 +11,7 @@ from tactopose_drake.core.kernels.descent_kernels import Ends, descend
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
 from tactopose_drake.core.kernels.prior_kernels import Prior
-from tactopose_drake.core.kernels.surface_contact_kernels import Touch
+from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts
 from tactopose_drake.core.objectives.objective import Descent, NormalEquations
 from tactopose_drake.core.objectives.pose_prior import NO_PRIOR
 from tactopose_drake.core.validation import FloatArray
@@ -39,7 +39,7 @@ class CompiledDescent(NamedTuple):
     """Contacts, as kernels read them; each pose may be spared one of those that are as told."""
 
     grid: Grid
-    touch: Touch
+    touch: WeightedContacts
     prior: Prior = NO_PRIOR
     doubts: Doubts = NO_DOUBTS
 

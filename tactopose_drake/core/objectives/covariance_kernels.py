@@ -10,7 +10,7 @@ from tactopose_drake.core.kernels.pose_kernels import to_object
 from tactopose_drake.core.shape.point_grid_kernels import Cloud, nearest_square, slot_of
 
 
-class Pads(NamedTuple):
+class FeltPads(NamedTuple):
     """The pads that feel the object, read-only: the boxes in front of them, X_PB (k, 3, 4), and their corners in B,
     lower and upper (k, 3); and the patches' centroids in P (k, 3) and covariances (k, 3, 3).
     """
@@ -114,7 +114,7 @@ def _gather(
 @kernel
 def pad_costs(
     cloud: Cloud,
-    pads: Pads,
+    pads: FeltPads,
     weights: Floats1,
     X_PO: Floats3,
     costs: OutFloats2,

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactopose_drake.core.compilation import read_only
-from tactopose_drake.core.objectives.covariance_kernels import Pads, pad_costs
+from tactopose_drake.core.objectives.covariance_kernels import FeltPads, pad_costs
 from tactopose_drake.core.objectives.finite_differences import DifferencedObjective
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.sensing.sensing_range import sensing_box
@@ -74,7 +74,7 @@ class CovarianceMatching(DifferencedObjective):
         )
         self._arguments = (
             cloud.kernel_view,
-            Pads(
+            FeltPads(
                 read_only(np.array([box.X_PB for box in boxes]).reshape(-1, 3, 4)),
                 read_only(np.array([box.lower for box in boxes]).reshape(-1, 3)),
                 read_only(np.array([box.upper for box in boxes]).reshape(-1, 3)),

@@ -10,7 +10,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import surface_contact_kernels
 from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
 from tactopose_drake.core.kernels.prior_kernels import Prior
-from tactopose_drake.core.kernels.surface_contact_kernels import Touch
+from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts
 from tactopose_drake.core.objectives.compiled_descent import CompiledDescent
 from tactopose_drake.core.objectives.objective import (
     Descent,
@@ -38,7 +38,7 @@ class SurfaceContact(LeastSquaresObjective):
     def __init__(self, grid: DistanceGrid, contacts: Contacts) -> None:
         self._has_normals = contacts.n_PC is not None
         self.grid = grid.nodes
-        self.touch = Touch(
+        self.touch = WeightedContacts(
             read_only(contacts.p_PC),
             read_only(np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC),
             read_only(1.0 / contacts.sigma_position),

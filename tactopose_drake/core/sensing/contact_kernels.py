@@ -13,7 +13,7 @@ from tactopose_drake.core.compilation import kernel, part
 from tactopose_drake.core.kernel_types import Floats1, Floats2, OutFloats1, OutFloats2, OutLongs1, Triple
 from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 from tactopose_drake.core.sensing.closed_form_kernels import EDGE, closed_form, facing_point, rod_contact
-from tactopose_drake.core.sensing.contact_newton_kernels import MAX_ITERATIONS, Line, Work, linearize, newton
+from tactopose_drake.core.sensing.contact_newton_kernels import MAX_ITERATIONS, Line, NewtonScratch, linearize, newton
 from tactopose_drake.core.surfaces.surface_kernels import ROD, SMOOTH, project
 from tactopose_drake.core.validation import MOST_FORCE
 
@@ -41,7 +41,7 @@ class Points(NamedTuple):
 class Scratch(NamedTuple):
     """All scratch of one solution."""
 
-    work: Work
+    work: NewtonScratch
     points: Points
 
 
@@ -63,7 +63,7 @@ def solve(
     kind: int, shape: Floats1, X_SF: Floats2, F_S: Floats2, conditions: Conditions, out: OutFloats2, codes: OutLongs1
 ) -> None:
     """Solves wrenches F_S (B, 6); fills out (B, RESULT_SIZE) and codes (B,)."""
-    work = Work(np.empty(3), np.empty((3, 3)), np.empty(18), np.empty(18), np.empty(3))
+    work = NewtonScratch(np.empty(3), np.empty((3, 3)), np.empty(18), np.empty(18), np.empty(3))
     points = Points(np.empty(3), np.empty(3), np.empty(len(shape)))
     for i in range(len(F_S)):
         codes[i] = _solve(kind, shape, X_SF, F_S[i], conditions, out[i], Scratch(work, points))
@@ -133,7 +133,7 @@ def _solve(
 
 
 @part
-def _why_none(kind: int, shape: Floats1, line: Line, count: int, q: OutFloats1, work: Work) -> int:
+def _why_none(kind: int, shape: Floats1, line: Line, count: int, q: OutFloats1, work: NewtonScratch) -> int:
     """The code of a line of action that has no contact which pushes (a count below 0), or one beyond the surface's end.
 
     A pull is a push of the opposite wrench. Off the edge both may explain this one: the pull is named if it needs far
@@ -153,7 +153,7 @@ def _why_none(kind: int, shape: Floats1, line: Line, count: int, q: OutFloats1, 
 
 
 @part
-def _locate(kind: int, shape: Floats1, line: Line, iterate: bool, points: Points, work: Work) -> int:
+def _locate(kind: int, shape: Floats1, line: Line, iterate: bool, points: Points, work: NewtonScratch) -> int:
     """The contact q that pushes, in closed form where there is one; iterations, negative if there is no contact.
 
     Where Newton's method fails from the point that faces the force, it follows the contact from the closed form, while

@@ -28,7 +28,7 @@ class Line(NamedTuple):
     compliance: float
 
 
-class Work(NamedTuple):
+class NewtonScratch(NamedTuple):
     """Scratch of Newton's method: gradient (3,), Hessian (3, 3), two states (18,) and a trial point (3,)."""
 
     g: OutFloats1
@@ -96,7 +96,7 @@ def linearize(
 
 
 @part
-def newton(kind: int, shape: Floats1, line: Line, q: OutFloats1, work: Work) -> int:
+def newton(kind: int, shape: Floats1, line: Line, q: OutFloats1, work: NewtonScratch) -> int:
     """Newton's method on the surface with a line search, from q, which it moves; iterations, negative if it stalls.
 
     det J = (f.n)^2 + torque^2 det W > 0 on a rigid convex surface, so the squared residual has no other local minimum

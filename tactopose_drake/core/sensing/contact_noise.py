@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import read_only
-from tactopose_drake.core.sensing.contact_noise_kernels import Found, Noise, fill_covariances
+from tactopose_drake.core.sensing.contact_noise_kernels import Found, WrenchNoise, fill_covariances
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, ContactSolutions
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces.surface import Surface
@@ -61,7 +61,7 @@ def contact_covariance(
     p_SC, n_S, normal_force, friction_force, torque = (read_only(each.reshape(-1, 3)) for each in rows)
     depth, valid = (read_only(np.atleast_1d(each)) for each in (contacts.deformation, contacts.valid))
     found = Found(p_SC, n_S, normal_force, friction_force, torque, depth, valid)
-    noise = Noise(sigma_moment**2, sigma_force**2, 0.0 if layer is None else 1.0 / layer.stiffness)
+    noise = WrenchNoise(sigma_moment**2, sigma_force**2, 0.0 if layer is None else 1.0 / layer.stiffness)
     p, n = np.full((2, len(valid), 3, 3), np.nan)
     fill_covariances(surface.kind, surface.shape, surface.X_SF, found, noise, p, n)
     return ContactCovariance(p[0], n[0]) if isinstance(contacts, ContactSolution) else ContactCovariance(p, n)

@@ -24,7 +24,7 @@ class Found(NamedTuple):
     valid: Flags1
 
 
-class Noise(NamedTuple):
+class WrenchNoise(NamedTuple):
     """Variances of each component of the moment, (N m)^2, and of the force, N^2; the layer's compliance, m/N."""
 
     moment: float
@@ -67,7 +67,13 @@ class _Work(NamedTuple):
 
 @kernel
 def fill_covariances(
-    kind: int, shape: Floats1, X_SF: Floats2, found: Found, noise: Noise, by_point: OutFloats3, by_normal: OutFloats3
+    kind: int,
+    shape: Floats1,
+    X_SF: Floats2,
+    found: Found,
+    noise: WrenchNoise,
+    by_point: OutFloats3,
+    by_normal: OutFloats3,
 ) -> None:
     """Fills the covariances (B, 3, 3) of the valid contacts' points and normals, in S."""
     square = (3, 3)
@@ -219,7 +225,7 @@ def _fill_lever(p, across, n, compliance, out):
 
 @part
 def _add_noise(
-    gain: Floats2, by_force: Floats2, n: Floats1, noise: Noise, own: float, work: _Work, out: OutFloats2
+    gain: Floats2, by_force: Floats2, n: Floats1, noise: WrenchNoise, own: float, work: _Work, out: OutFloats2
 ) -> None:
     """The covariance of what moment and force move by these gains, the force by its own along the normal, too."""
     A = work.A

@@ -1,5 +1,5 @@
+from .rolling_touch import FingertipNoise as FingertipNoise
 from .rolling_touch import RollingTouch as RollingTouch
-from .rolling_touch import TouchNoise as TouchNoise
 from .synthetic_height_map import press_gel as press_gel
 from .synthetic_patch import PadTouchParams as PadTouchParams
 from .synthetic_patch import flat_pad as flat_pad

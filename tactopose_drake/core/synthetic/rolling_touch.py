@@ -24,7 +24,7 @@ from tactopose_drake.core.validation import FloatArray
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
-class TouchNoise:
+class FingertipNoise:
     """How far what is measured of a fingertip is off: standard deviations about or along each axis."""
 
     position: float = 0.00075  # of the contact's position, new at each time, m
@@ -51,7 +51,7 @@ class RollingTouch:
         X_PO: FloatArray,
         p_OC: FloatArray,
         generator: np.random.Generator,
-        noise: TouchNoise | None = None,
+        noise: FingertipNoise | None = None,
         radius: float = 0.009,
     ) -> None:
         """Puts the fingertips on the object, and draws the errors of their calibration.
@@ -64,7 +64,7 @@ class RollingTouch:
             noise: of the measurement.
             radius: of a fingertip, m.
         """
-        self._noise = TouchNoise() if noise is None else noise
+        self._noise = FingertipNoise() if noise is None else noise
         self._generator, self._radius = generator, radius
         triangles = model.vertices[model.faces]
         self._packed = pack_triangles(triangles)

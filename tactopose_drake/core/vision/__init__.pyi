@@ -14,8 +14,8 @@ from .depth_tracking import TrackedPose as TrackedPose
 from .depth_tracking import fit_pose as fit_pose
 from .occlusion import hidden_share as hidden_share
 from .rasterizer import Camera as Camera
+from .rasterizer import DrawnSurface as DrawnSurface
 from .rasterizer import Layer as Layer
-from .rasterizer import Surface as Surface
 from .rasterizer import render as render
 from .vision_model import VisionModel as VisionModel
 from .vision_model import measure_pose as measure_pose

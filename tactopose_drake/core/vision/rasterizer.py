@@ -69,7 +69,7 @@ class Camera:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Surface:
+class DrawnSurface:
     """Triangles to be drawn.
 
     Attributes:
@@ -106,7 +106,7 @@ class Layer:
         return covered
 
 
-def render(surface: Surface, camera: Camera) -> Layer:
+def render(surface: DrawnSurface, camera: Camera) -> Layer:
     """Draws a surface: nearest triangle per pixel, smooth normals, two lights that go with the camera."""
     R_CP, p_CP = camera.X_CP[:, :3], camera.X_CP[:, 3]
     p_C = surface.vertices @ R_CP.T + p_CP

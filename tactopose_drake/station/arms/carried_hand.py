@@ -43,7 +43,7 @@ class PlacedHand:
 
 
 @dataclass(frozen=True, eq=False)
-class Descent:
+class StraightDescent:
     """A straight way down of a point of the palm, with a direction of the palm looking down.
 
     Attributes:
@@ -156,7 +156,12 @@ class CarriedHand:
         )
 
     def descend(
-        self, q: FloatArray, hand: PlacedHand, descent: Descent, speeds: ArmSpeeds, generator: np.random.Generator
+        self,
+        q: FloatArray,
+        hand: PlacedHand,
+        descent: StraightDescent,
+        speeds: ArmSpeeds,
+        generator: np.random.Generator,
     ) -> WayDown | None:
         """How the arm goes; None if it cannot, or not without coming too low before the descent begins.
 
@@ -181,7 +186,7 @@ class CarriedHand:
         return None
 
     def _begins(
-        self, q: FloatArray, hand: PlacedHand, descent: Descent, generator: np.random.Generator
+        self, q: FloatArray, hand: PlacedHand, descent: StraightDescent, generator: np.random.Generator
     ) -> list[FloatArray]:
         """Positions where the straight way down may begin, shape (na,) each, rad: those nearest to the arm's first.
 
@@ -197,7 +202,7 @@ class CarriedHand:
                 begins.append(begin)
         return begins
 
-    def _way_down(self, begin: FloatArray, hand: PlacedHand, descent: Descent) -> FloatArray | None:
+    def _way_down(self, begin: FloatArray, hand: PlacedHand, descent: StraightDescent) -> FloatArray | None:
         """Positions along the straight way down, shape (n, na), rad; None if the arm cannot."""
         ways = [begin]
         for height in np.linspace(descent.highest, descent.lowest, _STEPS)[1:]:
@@ -207,7 +212,7 @@ class CarriedHand:
             ways.append(found)
         return np.array(ways)
 
-    def _raised(self, q: FloatArray, hand: PlacedHand, descent: Descent) -> FloatArray | None:
+    def _raised(self, q: FloatArray, hand: PlacedHand, descent: StraightDescent) -> FloatArray | None:
         """Positions that hold the hand as it is, but higher, shape (na,), rad; None if the arm cannot."""
         X_WF, rotate = self.flange(q), hand.X_FP.rotation()
         p_FQ, down_F = hand.X_FP.multiply(descent.p_PQ), rotate.multiply(descent.down_P)
@@ -223,7 +228,7 @@ class CarriedHand:
         )
         return self.reach(goal, q, [q])
 
-    def _is_clear(self, motion: PiecewisePolynomial, hand: PlacedHand, descent: Descent) -> bool:
+    def _is_clear(self, motion: PiecewisePolynomial, hand: PlacedHand, descent: StraightDescent) -> bool:
         """Whether the hand and what it holds stay high enough."""
         p_FH = hand.X_FP.multiply(np.vstack([hand.p_PH, descent.p_PE]).T)
         radius = np.append(hand.radius, 0.0)
@@ -237,7 +242,7 @@ class CarriedHand:
         return True
 
 
-def _goal(hand: PlacedHand, descent: Descent, height: float) -> AxisGoal:
+def _goal(hand: PlacedHand, descent: StraightDescent, height: float) -> AxisGoal:
     """The point at a height above where it goes down, the fingers level but for what the direction asks."""
     rotate = hand.X_FP.rotation()
     forward_P = _FORWARD_P - (_FORWARD_P @ descent.down_P) * descent.down_P

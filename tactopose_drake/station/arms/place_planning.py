@@ -12,7 +12,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.results import PoseEstimate
-from tactopose_drake.station.arms.carried_hand import ArmSpeeds, CarriedHand, Descent, PlacedHand
+from tactopose_drake.station.arms.carried_hand import ArmSpeeds, CarriedHand, PlacedHand, StraightDescent
 from tactopose_drake.station.arms.motion import AxisGoal
 from tactopose_drake.station.arms.table_leans import Lean, choose_lean, lean_ways
 
@@ -189,7 +189,7 @@ class PlacePlanner:
         params, tilt = self._params, float(-lean.n_P @ held.direction)
         reach = farthest * tilt + self._radius * float(np.sqrt(max(0.0, 1.0 - tilt**2)))
         floor = self._p_WTable[2] + 0.5 * params.table_clearance + self._radius
-        descent = Descent(
+        descent = StraightDescent(
             p_PQ=held.p_PQ,
             p_PE=held.point(farthest),
             down_P=-lean.n_P,
@@ -221,7 +221,7 @@ class PlacePlanner:
         """
         params, hand = self._params, self._hand.place(q_hand)
         farthest = held.end + _SIGMAS * held.sigma_end
-        descent = Descent(
+        descent = StraightDescent(
             p_PQ=held.p_PQ,
             p_PE=held.point(farthest),
             down_P=held.direction,

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tactopose_drake.core.calibration.shared_least_squares import SharedProblem
-from tactopose_drake.core.calibration.surface_residuals import Noise, Touches
+from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts
 from tactopose_drake.core.poses import make_poses, random_rotations, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import random_surface_points
@@ -32,14 +32,14 @@ class Shifted:
         self.p[self.is_first] += shift
         self.problem = SharedProblem(self.touch, [model.grid] * GRASPS, np.zeros((0, 3)), np.zeros(0))
 
-    def touch(self, unit: np.ndarray) -> Touches:
+    def touch(self, unit: np.ndarray) -> GraspContacts:
         p, J = self.p.copy(), np.zeros((len(self.p), 6, 3))
         p[self.is_first] -= SIGMA * unit
         J[self.is_first, :3] = -SIGMA * np.eye(3)
-        return Touches(self.grasp, p, self.n, J, np.ones(len(p), dtype=np.bool_))
+        return GraspContacts(self.grasp, p, self.n, J, np.ones(len(p), dtype=np.bool_))
 
-    def noise(self, position: float, normal: float) -> Noise:
-        return Noise(np.full(len(self.p), position), np.full(len(self.p), normal))
+    def noise(self, position: float, normal: float) -> ContactSigmas:
+        return ContactSigmas(np.full(len(self.p), position), np.full(len(self.p), normal))
 
 
 SHIFT = np.array([0.003, -0.002, 0.004])

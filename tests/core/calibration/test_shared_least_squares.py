@@ -5,7 +5,7 @@ import pytest
 
 from tactopose_drake.core.calibration.annealed_fit import ContactNoise, anneal
 from tactopose_drake.core.calibration.shared_least_squares import solve_shared
-from tactopose_drake.core.calibration.surface_residuals import Noise
+from tactopose_drake.core.calibration.surface_residuals import ContactSigmas
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tests.core.calibration.shifted_contacts import CONTACTS, GRASPS, SHIFT, SIGMA, Shifted
@@ -64,7 +64,7 @@ def test_the_noise_that_there_is_is_found(blob: ObjectModel) -> None:
     for seed in range(4):
         shifted = Shifted(blob, SHIFT, noise=0.0008, seed=seed)
         count = len(shifted.p)
-        noise = ContactNoise(Noise(np.zeros(count), np.zeros(count)), 0.0004, 0.02)
+        noise = ContactNoise(ContactSigmas(np.zeros(count), np.zeros(count)), 0.0004, 0.02)
         fit = anneal(shifted.problem, np.zeros(3), shifted.X_PO, noise, (0.004, 0.2))
         found.append(fit.noise.position)
         np.testing.assert_allclose(SIGMA * fit.solution.shared, SHIFT, atol=0.002)

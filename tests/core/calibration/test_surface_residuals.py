@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.calibration.surface_residuals import Noise, Touches, surface_rows
+from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts, surface_rows
 from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import random_surface_points
 
 
 @pytest.fixture
-def touched(blob: ObjectModel) -> tuple[np.ndarray, Touches]:
+def touched(blob: ObjectModel) -> tuple[np.ndarray, GraspContacts]:
     """Two poses, and six contacts near the surface."""
     generator = np.random.default_rng(4)
     X_PO = make_poses(random_rotations(generator, 2), 0.05 * generator.normal(size=(2, 3)))
@@ -19,10 +19,10 @@ def touched(blob: ObjectModel) -> tuple[np.ndarray, Touches]:
     grasp = np.array([0, 0, 0, 1, 1, 1])
     p = np.array([transform_points(X_PO[g], q[None])[0] for g, q in zip(grasp, p_O, strict=True)])
     n = np.einsum("nij,nj->ni", X_PO[grasp][:, :, :3] @ exp_so3(0.1 * generator.normal(size=(6, 3))), n_O)
-    return X_PO, Touches(grasp, p, n, np.tile(np.eye(6), (6, 1, 1)), np.ones(6, dtype=np.bool_))
+    return X_PO, GraspContacts(grasp, p, n, np.tile(np.eye(6), (6, 1, 1)), np.ones(6, dtype=np.bool_))
 
 
-NOISE = Noise(np.full(6, 1e-6), np.full(6, 0.1))
+NOISE = ContactSigmas(np.full(6, 1e-6), np.full(6, 0.1))
 
 
 def test_a_contact_on_the_surface_has_no_residual(blob: ObjectModel) -> None:
@@ -31,14 +31,14 @@ def test_a_contact_on_the_surface_has_no_residual(blob: ObjectModel) -> None:
     on = p_O - phi[:, None] * normal
     _, normal = blob.grid.distance_and_normal(on)
     X_PO = np.eye(3, 4)[None]
-    touches = Touches(np.zeros(20, dtype=np.int64), on, normal, np.zeros((20, 6, 0)), np.ones(20, dtype=np.bool_))
-    residual = surface_rows([blob.grid], X_PO, touches, Noise(np.full(20, 1.0), np.full(20, 1.0))).residual
+    touches = GraspContacts(np.zeros(20, dtype=np.int64), on, normal, np.zeros((20, 6, 0)), np.ones(20, dtype=np.bool_))
+    residual = surface_rows([blob.grid], X_PO, touches, ContactSigmas(np.full(20, 1.0), np.full(20, 1.0))).residual
     np.testing.assert_allclose(residual[:, 0], 0.0, atol=2e-5)
     np.testing.assert_allclose(residual[:, 1:], 0.0, atol=1e-12)
 
 
 def test_the_derivatives_by_contact_are_those_of_differences(
-    blob: ObjectModel, touched: tuple[np.ndarray, Touches]
+    blob: ObjectModel, touched: tuple[np.ndarray, GraspContacts]
 ) -> None:
     X_PO, touches = touched
     exact = surface_rows([blob.grid] * 2, X_PO, touches, NOISE).by_shared
@@ -57,7 +57,7 @@ def test_the_derivatives_by_contact_are_those_of_differences(
 
 
 def test_moving_the_object_is_moving_the_contact_the_other_way(
-    blob: ObjectModel, touched: tuple[np.ndarray, Touches]
+    blob: ObjectModel, touched: tuple[np.ndarray, GraspContacts]
 ) -> None:
     X_PO, touches = touched
     rows = surface_rows([blob.grid] * 2, X_PO, touches, NOISE)
@@ -71,7 +71,7 @@ def test_moving_the_object_is_moving_the_contact_the_other_way(
         np.testing.assert_allclose(by_object, -by_contact, atol=1e-6 * np.abs(by_contact).max())
 
 
-def test_the_frame_does_not_matter(blob: ObjectModel, touched: tuple[np.ndarray, Touches]) -> None:
+def test_the_frame_does_not_matter(blob: ObjectModel, touched: tuple[np.ndarray, GraspContacts]) -> None:
     X_PO, touches = touched
     X_QP = make_poses(random_rotations(np.random.default_rng(1), 1), np.array([[0.3, -0.1, 0.2]]))
     moved = touches._replace(p_PC=transform_points(X_QP[0], touches.p_PC), n_PC=touches.n_PC @ X_QP[0, :, :3].T)
@@ -81,7 +81,7 @@ def test_the_frame_does_not_matter(blob: ObjectModel, touched: tuple[np.ndarray,
     np.testing.assert_allclose(one, other, atol=1e-6 * np.abs(one).max())
 
 
-def test_what_is_no_contact_says_nothing(blob: ObjectModel, touched: tuple[np.ndarray, Touches]) -> None:
+def test_what_is_no_contact_says_nothing(blob: ObjectModel, touched: tuple[np.ndarray, GraspContacts]) -> None:
     X_PO, touches = touched
     valid = np.array([True, False, True, True, True, True])
     rows = surface_rows([blob.grid] * 2, X_PO, touches._replace(valid=valid), NOISE)

@@ -4,9 +4,9 @@ import trimesh
 
 from tactopose_drake.core.poses import make_poses, random_rotations
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.synthetic.rolling_touch import RollingTouch, TouchNoise
+from tactopose_drake.core.synthetic.rolling_touch import FingertipNoise, RollingTouch
 
-SILENT = TouchNoise(
+SILENT = FingertipNoise(
     position=0.0001,
     normal_deg=0.01,
     stable_position=1e-9,
@@ -60,7 +60,7 @@ def test_sliding_fingertips_hardly_move(ball: ObjectModel) -> None:
 
 
 def test_the_stable_part_of_the_error_stays(ball: ObjectModel) -> None:
-    noise = TouchNoise(position=1e-6, stable_position=0.001, normal_deg=1e-4, stable_normal_deg=3.0)
+    noise = FingertipNoise(position=1e-6, stable_position=0.001, normal_deg=1e-4, stable_normal_deg=3.0)
     touch = RollingTouch(ball, np.eye(3, 4), ball.samples.points[:5], np.random.default_rng(0), noise)
     errors = [touch.measure()[0].p_PC - touch.p_PC for _ in range(3)]
     np.testing.assert_allclose(errors[0], errors[1], atol=1e-5)

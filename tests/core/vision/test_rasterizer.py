@@ -1,21 +1,21 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.vision.rasterizer import Camera, Surface, render
+from tactopose_drake.core.vision.rasterizer import Camera, DrawnSurface, render
 
 UP = np.array([0.0, 0.0, 1.0])
 TOWARDS = np.array([0.0, -1.0, 0.0])  # the camera is at -y and sees x to the right, z upwards
 
 
-def square(y: float, half: float, colour: tuple[float, float, float]) -> Surface:
+def square(y: float, half: float, colour: tuple[float, float, float]) -> DrawnSurface:
     """A square across the line of sight, facing the camera."""
     vertices = np.array([[-half, y, -half], [half, y, -half], [half, y, half], [-half, y, half]])
     faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
-    return Surface(vertices, np.tile(TOWARDS, (4, 1)), faces, np.tile(colour, (4, 1)))
+    return DrawnSurface(vertices, np.tile(TOWARDS, (4, 1)), faces, np.tile(colour, (4, 1)))
 
 
-def both(a: Surface, b: Surface) -> Surface:
-    return Surface(
+def both(a: DrawnSurface, b: DrawnSurface) -> DrawnSurface:
+    return DrawnSurface(
         np.concatenate([a.vertices, b.vertices]),
         np.concatenate([a.normals, b.normals]),
         np.concatenate([a.faces, b.faces + np.int32(len(a.vertices))]),
@@ -23,7 +23,7 @@ def both(a: Surface, b: Surface) -> Surface:
     )
 
 
-def camera_for(surface: Surface, width: int = 100, height: int = 80) -> Camera:
+def camera_for(surface: DrawnSurface, width: int = 100, height: int = 80) -> Camera:
     return Camera.framing(surface.vertices, TOWARDS, UP, width, height)
 
 
@@ -31,7 +31,7 @@ RED, GREEN = square(0.0, 1.0, (1.0, 0.0, 0.0)), square(-1.0, 0.3, (0.0, 1.0, 0.0
 
 
 @pytest.mark.parametrize("order", [(RED, GREEN), (GREEN, RED)])
-def test_the_nearer_surface_hides_the_farther_whatever_their_order(order: tuple[Surface, Surface]) -> None:
+def test_the_nearer_surface_hides_the_farther_whatever_their_order(order: tuple[DrawnSurface, DrawnSurface]) -> None:
     layer = render(both(*order), camera_for(RED))
     centre, edge = layer.colour[40, 50], layer.colour[40, 20]
     assert centre[1] > centre[0]
@@ -47,7 +47,7 @@ def test_the_depth_is_the_distance_along_the_line_of_sight() -> None:
 
 def test_a_tilted_plane_has_the_depth_of_perspective() -> None:
     vertices = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, 1.0, 1.0], [-1.0, -1.0, 1.0]])
-    surface = Surface(vertices, np.tile(TOWARDS, (4, 1)), RED.faces, np.ones((4, 3)))
+    surface = DrawnSurface(vertices, np.tile(TOWARDS, (4, 1)), RED.faces, np.ones((4, 3)))
     camera = camera_for(surface)
     layer = render(surface, camera)
     row, column = 40, 35
@@ -80,7 +80,7 @@ def test_a_framed_cloud_fills_the_image_within_its_margin(direction, width: int,
 
 def test_up_is_up_and_right_is_right() -> None:
     layer = render(both(RED, square(-1.0, 0.3, (0, 1, 0))), camera_for(RED))
-    raised = both(RED, Surface(GREEN.vertices + np.array([0.5, 0, 0.5]), GREEN.normals, GREEN.faces, GREEN.colour))
+    raised = both(RED, DrawnSurface(GREEN.vertices + np.array([0.5, 0, 0.5]), GREEN.normals, GREEN.faces, GREEN.colour))
     moved = render(raised, camera_for(RED))
     green = [np.argwhere(image.colour[..., 1] > 0.3).mean(axis=0) for image in (layer, moved)]
     assert green[1][0] < green[0][0]  # a smaller row is higher up
@@ -89,10 +89,10 @@ def test_up_is_up_and_right_is_right() -> None:
 
 def test_what_is_behind_the_camera_is_not_drawn() -> None:
     camera = camera_for(RED)
-    behind = Surface(RED.vertices - 2 * camera.X_CP[2, 3] * UP[[0, 2, 1]], RED.normals, RED.faces, RED.colour)
+    behind = DrawnSurface(RED.vertices - 2 * camera.X_CP[2, 3] * UP[[0, 2, 1]], RED.normals, RED.faces, RED.colour)
     assert not render(behind, camera).covered.any()
 
 
 def test_a_surface_seen_from_its_inside_is_lit_like_its_outside() -> None:
-    inside = Surface(RED.vertices, -RED.normals, RED.faces, RED.colour)
+    inside = DrawnSurface(RED.vertices, -RED.normals, RED.faces, RED.colour)
     np.testing.assert_array_equal(render(inside, camera_for(RED)).colour, render(RED, camera_for(RED)).colour)
