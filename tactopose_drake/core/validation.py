@@ -1,8 +1,6 @@
 """Checks of input values, each with one clear error that names the value and what is allowed.
 
-Numbers are integers and floats of any width, Python's or numpy's, alone, in lists and tuples, or in arrays. All are
-taken as float64. Nothing else is a number: no boolean, no string of digits, no complex, decimal or fraction, no date,
-no object, and no masked entry of an array (whatever stands behind the mask).
+What counts as a number is told in `number_kinds`.
 """
 
 import contextlib
@@ -14,6 +12,8 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactopose_drake.core.number_kinds import as_numbers, entry_of
+from tactopose_drake.core.number_kinds import shown as shown
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 
 FloatArray = NDArray[np.float64]
@@ -31,7 +31,6 @@ Params = TypeVar("Params", bound=Checked)
 # Coordinates, m, and components of unit vectors count in steps of this: about 1e-9, and exact in binary.
 _STEP = 2.0**-30
 _LEAST, _MOST = np.nextafter(0.0, 1.0), np.finfo(np.float64).max
-_DEEPEST = 8
 _LONG = 1e3
 _UNIT_TOLERANCE = 1e-3
 
@@ -66,60 +65,20 @@ def finite_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -
 def _check_finite(name: str, array: FloatArray) -> None:
     if not np.isfinite(array).all():
         bad = np.argwhere(~np.isfinite(array))[0]
-        raise InvalidInputError(f"{_place(name, bad)}: is {array[tuple(bad)]}; allowed are finite numbers.")
+        raise InvalidInputError(f"{entry_of(name, bad)}: is {array[tuple(bad)]}; allowed are finite numbers.")
 
 
 def number_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -> FloatArray:
     """As `finite_array`, but NaN and infinite numbers may be among the entries."""
     if type(value) is np.ndarray and value.dtype.char == "d" and any(_fits(value.shape, shape) for shape in shapes):
         return np.array(value, dtype=np.float64, order="C")  # Nothing is wrong: some times as fast.
-    try:
-        _check_numbers(name, value)
-        array = np.asarray(value)
-        if array.dtype.kind == "O" and _are_large(value):
-            array = array.astype(np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        if isinstance(error, InvalidInputError):
-            raise
-        raise InvalidInputError(f"{name}: not an array of numbers ({error}).") from None
-    if array.dtype.kind not in "iuf":
-        raise InvalidInputError(f"{name}: not an array of numbers (it is of type {array.dtype}).")
+    array = as_numbers(name, value)
     if not any(_fits(array.shape, shape) for shape in shapes):
         wanted = [str(shape).replace("None", "n") for shape in shapes]
         allowed = f"is {wanted[0]}" if len(wanted) == 1 else f"are {' and '.join(wanted)}"
         raise InvalidInputError(f"{name}: has shape {array.shape}; allowed {allowed}.")
     with np.errstate(over="ignore"):  # What a wider float holds beyond float64 is infinite.
         return np.array(array, dtype=np.float64, order="C")
-
-
-def _check_numbers(name: str, value: object, depth: int = 0) -> None:
-    """Raises if there is anything but numbers in a value: numpy would turn some of it into numbers."""
-    if isinstance(value, np.ma.MaskedArray):
-        masked = np.argwhere(np.ma.getmaskarray(value))
-        if len(masked):
-            raise InvalidInputError(f"{_place(name, masked[0])}: is masked; allowed are finite numbers.")
-    elif isinstance(value, list | tuple):
-        if depth > _DEEPEST:
-            raise ValueError(f"lists in lists, more than {_DEEPEST} deep")
-        for i, entry in enumerate(value):
-            if type(entry) is not float:
-                _check_numbers(f"{name}[{i}]", entry, depth + 1)
-    elif value is None or isinstance(value, str | bytes | bytearray | bool | np.bool_):
-        raise TypeError(f"{name} is {shown(value)}")
-    elif isinstance(value, np.ndarray) and value.dtype.kind not in "iufO":
-        raise TypeError(f"{name} is of type {value.dtype}")
-
-
-def _are_large(value: object) -> bool:
-    """Whether a value that numpy keeps as objects is of Python's integers and floats alone."""
-    if isinstance(value, list | tuple):
-        return all(_are_large(entry) for entry in value)
-    return isinstance(value, int | float)
-
-
-def _place(name: str, index: Iterable[Any]) -> str:
-    inside = ", ".join(str(int(i)) for i in index)
-    return f"{name}[{inside}]" if inside else name
 
 
 def _fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
@@ -205,7 +164,7 @@ def limited(name: str, value: ArrayLike, *shapes: tuple[int | None, ...], most: 
         _check_finite(name, array)
         beyond = np.argwhere(np.abs(array) > most)[0]
         worst = array[tuple(beyond)]
-        raise InvalidInputError(f"{_place(name, beyond)}: is {worst:g}; allowed are numbers up to {most:g}.")
+        raise InvalidInputError(f"{entry_of(name, beyond)}: is {worst:g}; allowed are numbers up to {most:g}.")
     return array
 
 
@@ -283,12 +242,6 @@ def params_of(kind: type[Params], value: Params | None) -> Params:
     return params
 
 
-def shown(value: object) -> str:
-    """A value as messages show it: what it is, or its type where that is long."""
-    text = repr(value)
-    return text if len(text) < 80 else f"a {type(value).__name__}"
-
-
 def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
     """Returns rows of unit length, normalised exactly.
 
@@ -304,7 +257,7 @@ def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     if rows.size and worst.max() > _UNIT_TOLERANCE:
         index = np.unravel_index(int(worst.argmax()), worst.shape)
         raise InvalidInputError(
-            f"{_place(name, index)}: has length {length[index]:.6g}; allowed is 1 within {_UNIT_TOLERANCE:g}."
+            f"{entry_of(name, index)}: has length {length[index]:.6g}; allowed is 1 within {_UNIT_TOLERANCE:g}."
         )
     unit: FloatArray = rows / length[..., None]
     return unit

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 
-from tactopose_drake.core.sensing.patches import DEEPEST
+from tactopose_drake.core.sensing.pad_values import DEEPEST
 from tactopose_drake.core.sensing.tactile_array import TactileModel
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.errors import InvalidInputError

@@ -9,20 +9,17 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 
-from tactopose_drake.core.kernels.matrix_kernels import inverses
-from tactopose_drake.core.posterior.hypotheses import free_directions
 from tactopose_drake.core.posterior.plausibility import may_be_touched
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.statuses import STATUS_OF_BELIEF
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray, instance_of, params_of, positive_number
 from tactopose_drake.errors import PortTypeError
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
 from tactopose_drake.hand.collision import HandCollision
+from tactopose_drake.systems.belief_hypotheses import estimate_of
 from tactopose_drake.systems.belief_inputs import BeliefInputs, Reading, Remembered
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.collision_input import CollisionInput
@@ -270,31 +267,6 @@ class PoseBeliefEstimator(CollectableSystem):
 
     def _calc_belief(self, context: Context, output: AbstractValue) -> None:
         output.set_value(self._belief(context))
-
-
-def estimate_of(belief: PoseBelief, size: float, duration: float = 0.0) -> PoseEstimate | None:
-    """A belief's modes as hypotheses; None where there are none.
-
-    Args:
-        belief: the belief.
-        size: the object's, m; directions known to less than a tenth of it are free.
-        duration: what is given as the estimate's, s.
-    """
-    if not belief.has_pose:
-        return None
-    free = free_directions(inverses(belief.covariance)[0], size)
-    hypotheses = tuple(
-        PoseHypothesis(
-            RigidTransform(X_PO), -float(np.log(max(share, 1e-300))), float(share), covariance, rows, bool(ok)
-        )
-        for X_PO, share, covariance, rows, ok in zip(
-            belief.X_PO, belief.probability, belief.covariance, free, belief.explains_touch, strict=True
-        )
-    )
-    status = STATUS_OF_BELIEF[belief.status]
-    if status == "ok" and belief.probability[0] < DEFAULT_PARAMS.modes.answer_share:
-        status = "ambiguous"
-    return PoseEstimate(hypotheses, status, duration)
 
 
 def _pose(belief: PoseBelief) -> RigidTransform:

@@ -17,7 +17,7 @@ from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.touch_space import TouchSpace
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams
+from tactopose_drake.core.shape.symmetry_judge import SymmetryDetectionParams
 from tactopose_drake.core.validation import FloatArray
 
 

@@ -11,7 +11,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tactopose_drake.core.sensing.patches import DEEPEST, Patch, describe_patch
+from tactopose_drake.core.sensing.pad_values import DEEPEST
+from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.validation import FloatArray, number_array, pose_matrix, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
 

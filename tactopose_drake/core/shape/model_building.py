@@ -20,11 +20,8 @@ from tactopose_drake.core.shape.model_symmetries import misfits
 from tactopose_drake.core.shape.signed_distance import build_grid
 from tactopose_drake.core.shape.surface_samples import sample_surface
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
-from tactopose_drake.core.shape.symmetry_detection import (
-    SymmetryDetectionParams,
-    detect_near_symmetries,
-    detect_symmetries,
-)
+from tactopose_drake.core.shape.symmetry_detection import detect_near_symmetries, detect_symmetries
+from tactopose_drake.core.shape.symmetry_judge import SymmetryDetectionParams
 from tactopose_drake.errors import InvalidFileError
 
 # Formats whose geometry is all in the one file, so that the file's bytes identify it and need not be parsed again.

@@ -29,7 +29,7 @@ from tactopose_drake.core.shape.simple_bodies import SimpleBodies
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_sigmas, surfel_spacing
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, sampled_turns
-from tactopose_drake.core.shape.symmetry_detection import SymmetryDetectionParams
+from tactopose_drake.core.shape.symmetry_judge import SymmetryDetectionParams
 from tactopose_drake.core.shape.unevenness import Unevenness, find_unevenness
 from tactopose_drake.core.validation import FloatArray
 

@@ -8,11 +8,8 @@ from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples, sample_surface
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
-from tactopose_drake.core.shape.symmetry_detection import (
-    SymmetryDetectionParams,
-    detect_near_symmetries,
-    detect_symmetries,
-)
+from tactopose_drake.core.shape.symmetry_detection import detect_near_symmetries, detect_symmetries
+from tactopose_drake.core.shape.symmetry_judge import SymmetryDetectionParams
 from tests.core.meshes import arrays, ball, create, cube, joined, random_pose, scanned_can, shape_poor_in_symmetry
 
 Z = np.array([0.0, 0.0, 1.0])

@@ -1,0 +1,72 @@
+"""What counts as a number.
+
+Numbers are integers and floats of any width, Python's or numpy's, alone, in lists and tuples, or in arrays. All are
+taken as float64. Nothing else is a number: no boolean, no string of digits, no complex, decimal or fraction, no date,
+no object, and no masked entry of an array (whatever stands behind the mask).
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from tactopose_drake.errors import InvalidInputError
+
+_DEEPEST = 8  # lists in lists
+
+
+def as_numbers(name: str, value: object) -> np.ndarray[Any, Any]:
+    """Returns `value` as an array of integers or floats, of whatever width.
+
+    Raises:
+        InvalidInputError: if there is anything but numbers in it, or if it is ragged.
+    """
+    try:
+        _check_numbers(name, value)
+        array = np.asarray(value)
+        if array.dtype.kind == "O" and _are_large(value):
+            array = array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        if isinstance(error, InvalidInputError):
+            raise
+        raise InvalidInputError(f"{name}: not an array of numbers ({error}).") from None
+    if array.dtype.kind not in "iuf":
+        raise InvalidInputError(f"{name}: not an array of numbers (it is of type {array.dtype}).")
+    return array
+
+
+def _check_numbers(name: str, value: object, depth: int = 0) -> None:
+    """Raises if there is anything but numbers in a value: numpy would turn some of it into numbers."""
+    if isinstance(value, np.ma.MaskedArray):
+        masked = np.argwhere(np.ma.getmaskarray(value))
+        if len(masked):
+            raise InvalidInputError(f"{entry_of(name, masked[0])}: is masked; allowed are finite numbers.")
+    elif isinstance(value, list | tuple):
+        if depth > _DEEPEST:
+            raise ValueError(f"lists in lists, more than {_DEEPEST} deep")
+        for i, entry in enumerate(value):
+            if type(entry) is not float:
+                _check_numbers(f"{name}[{i}]", entry, depth + 1)
+    elif value is None or isinstance(value, str | bytes | bytearray | bool | np.bool_):
+        raise TypeError(f"{name} is {shown(value)}")
+    elif isinstance(value, np.ndarray) and value.dtype.kind not in "iufO":
+        raise TypeError(f"{name} is of type {value.dtype}")
+
+
+def _are_large(value: object) -> bool:
+    """Whether a value that numpy keeps as objects is of Python's integers and floats alone."""
+    if isinstance(value, list | tuple):
+        return all(_are_large(entry) for entry in value)
+    return isinstance(value, int | float)
+
+
+def entry_of(name: str, index: Iterable[Any]) -> str:
+    """What messages call an entry of an array."""
+    inside = ", ".join(str(int(i)) for i in index)
+    return f"{name}[{inside}]" if inside else name
+
+
+def shown(value: object) -> str:
+    """A value as messages show it: what it is, or its type where that is long."""
+    text = repr(value)
+    return text if len(text) < 80 else f"a {type(value).__name__}"

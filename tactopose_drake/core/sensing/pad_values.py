@@ -1,0 +1,80 @@
+"""What may be said of a pad: its cells, their pressures, and where it is, each checked with one clear error."""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tactopose_drake.core.validation import FloatArray, limited, number_array, points_near, positive_number
+from tactopose_drake.errors import InvalidInputError
+
+DEEPEST = 0.1
+"""No pad gives way so far, m: what is said to be pressed in further is in another unit."""
+
+_LARGEST = 1.0  # extent of a pad, m: one that is larger must be in millimetres
+_MOST_PRESSURE = 1e12  # Pa
+_MOST_MISPLACEMENT = 1e2  # of where a pad is, m^2 and rad^2
+_ROUNDING = 1e-9  # of a covariance's largest entry, and of the deepest press
+
+
+def checked_cells(value: ArrayLike) -> FloatArray:
+    """Checked cells (n, 3), m."""
+    p_PT = points_near("p_PT", value, (None, 3))
+    if len(p_PT) == 0:
+        raise InvalidInputError("p_PT: has no cells; a pad has at least 1.")
+    extent = float(np.ptp(p_PT, axis=0).max())
+    if extent > _LARGEST:
+        raise InvalidInputError(
+            f"p_PT: the cells are spread over {extent:g} m; allowed is {_LARGEST:g} m at most. Multiply by 0.001 what "
+            "is in millimetres."
+        )
+    return p_PT
+
+
+def check_depths(alpha: float, pressure: FloatArray, threshold: float) -> None:
+    """Raises InvalidInputError if a live cell, or the threshold, is deeper than any pad."""
+    if alpha * threshold > (1.0 + _ROUNDING) * DEEPEST:
+        raise InvalidInputError(
+            f"threshold: {threshold:g} Pa at alpha = {alpha:g} m/Pa are {alpha * threshold:g} m; allowed are depths up "
+            f"to {DEEPEST:g} m."
+        )
+    index = int(np.nanargmax(pressure))
+    if alpha * pressure[index] > (1.0 + _ROUNDING) * DEEPEST:
+        raise InvalidInputError(
+            f"pressure[{index}]: {pressure[index]:g} Pa at alpha = {alpha:g} m/Pa are {alpha * pressure[index]:g} m; "
+            f"allowed are depths up to {DEEPEST:g} m."
+        )
+
+
+def checked_range(threshold: float, saturation: float | None) -> tuple[float, float]:
+    """From which pressure, Pa, a cell is active, and the highest that it can tell, checked."""
+    least = positive_number("threshold", threshold, allow_zero=True)
+    limited("threshold", least, (), most=_MOST_PRESSURE)
+    most = math.inf if saturation is None else positive_number("saturation", saturation)
+    if most <= least:
+        raise InvalidInputError(f"saturation: is {most:g}; allowed are numbers > threshold = {least:g}.")
+    return least, most
+
+
+def checked_pressures(value: ArrayLike, count: int) -> FloatArray:
+    """Checked pressures (n,), NaN where dead."""
+    pressure = number_array("pressure", value, (count,))
+    dead = np.isnan(pressure)
+    limited("pressure", np.where(dead, 0.0, pressure), (count,), most=_MOST_PRESSURE)
+    if dead.all():
+        raise InvalidInputError("pressure: every cell is NaN; a pad has at least 1 live cell.")
+    if np.any(pressure < 0):
+        index = int(np.nanargmin(pressure))
+        raise InvalidInputError(f"pressure[{index}]: is {pressure[index]:g}; allowed are numbers >= 0, and NaN.")
+    return pressure
+
+
+def checked_covariance(value: ArrayLike) -> FloatArray:
+    """A checked covariance (6, 6)."""
+    covariance = limited("misplacement", value, (6, 6), most=_MOST_MISPLACEMENT)
+    rounding = _ROUNDING * np.abs(covariance).max()
+    if np.abs(covariance - covariance.T).max() > rounding or np.linalg.eigvalsh(covariance)[0] < -rounding:
+        raise InvalidInputError(
+            "misplacement: is no covariance; allowed are symmetric ones without negative eigenvalues."
+        )
+    return covariance
