@@ -56,8 +56,10 @@ class Finding:
 
 
 def fault(part: str, error: Exception) -> Finding:
-    """An error as what was found."""
-    return Finding(part, " ".join(str(error).split()).removesuffix("."), "fault")
+    """An error as what was found; what it says is of the part is said by that alone."""
+    kind, _, name = part.partition(" ")
+    text = " ".join(str(error).split()).removesuffix(".").removeprefix(f"{kind} {name!r}: ")
+    return Finding(part, text, "fault")
 
 
 def fingers_yaml(entries: Iterable[Entry]) -> str:

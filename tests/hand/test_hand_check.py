@@ -253,6 +253,12 @@ def test_wrong_joints_are_named_with_the_right_ones(tmp_path: Path) -> None:
     assert check_hand(write_gripper(tmp_path, yaml=wrong)).entries == (Entry("left", "joints", ("left_slide",)),)
 
 
+def test_a_fault_names_its_finger_once(tmp_path: Path) -> None:
+    wrong = YAML.replace("joints: [left_slide]", "joints: [right_slide]")
+    (fault,) = check_hand(write_gripper(tmp_path, yaml=wrong)).faults
+    assert f"{fault.part}: {fault.text}".startswith("finger left: joint 'left_slide' is none of its joints")
+
+
 def test_names_that_yaml_would_take_for_something_else_are_quoted() -> None:
     assert Entry("index", "joints", ("1", "off", "joint_1.0")).yaml == 'joints: ["1", "off", joint_1.0]'
     assert Entry("index", "weld", "3").yaml == 'weld: "3"'
