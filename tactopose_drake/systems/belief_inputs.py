@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -39,13 +40,11 @@ class Remembered:
 
     Attributes:
         prior: what vision said, as a measurement of then; None before the first.
-        points: what was touched, shape (k, 3), m.
-        points_time: since when, s.
+        points: where each finger or pad touched, shape (3,), m, and since when, s, by its name.
     """
 
     prior: PoseMeasurement | None = None
-    points: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
-    points_time: float = 0.0
+    points: Mapping[str, tuple[FloatArray, float]] = dataclasses.field(default_factory=dict)
 
     def __deepcopy__(self, memo: Any) -> Remembered:
         return self
@@ -89,7 +88,8 @@ class BeliefInputs:
             PortTypeError: if an input holds what it cannot, or neither contacts nor patches are connected.
         """
         now = context.get_time()
-        if before.points_time > now or (before.prior is not None and before.prior.time > now):
+        times = [time for _, time in before.points.values()] + ([] if before.prior is None else [before.prior.time])
+        if max(times, default=now) > now:
             before = Remembered()
         contacts, patches, sources = self._read_touch(context)
         untouched = eval_optional_input(self._untouched, context, HandGeometry)
@@ -101,12 +101,12 @@ class BeliefInputs:
             patches=patches,
             planes=eval_items(self._planes, context, PlaneContact),
         )
-        remarks, points = [], evidence.touch.p_PC
-        if np.array_equal(points, before.points):
-            if len(points) and now > before.points_time + _FROZEN:
-                remarks.append(f"the touch has been the same for {now - before.points_time:.1f} s")
-        else:
-            before = dataclasses.replace(before, points=points, points_time=now)
+        remarks: list[str] = []
+        points = _points_since(before.points, sources, evidence.touch.p_PC, now)
+        before = dataclasses.replace(before, points=points)
+        if frozen := {name: time for name, (_, time) in points.items() if now > time + _FROZEN}:
+            of = "" if len(frozen) == len(points) else f" of {', '.join(frozen)}"
+            remarks.append(f"the touch{of} has been the same for {now - max(frozen.values()):.1f} s")
         vision, before = self._read_vision(context, before)
         velocities = self._read_velocities(context, remarks)
         X_WP = self._read_palm(context, remarks)
@@ -187,3 +187,14 @@ class BeliefInputs:
             remarks.append("the palm's pose is not finite")
             return None
         return X_WP
+
+
+def _points_since(
+    before: Mapping[str, tuple[FloatArray, float]], sources: Sequence[str], p_PC: FloatArray, now: float
+) -> dict[str, tuple[FloatArray, float]]:
+    """Each source's point and since when it is there: since before where it has not moved at all, or else now."""
+    points = {}
+    for name, p in zip(sources, p_PC, strict=True):
+        last, time = before.get(name, (None, now))
+        points[name] = (p, time) if last is not None and np.array_equal(p, last) else (p, now)
+    return points

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.estimation.prior import PosePrior
@@ -81,3 +82,23 @@ def test_a_touch_that_never_changes_is_remarked(box: ObjectModel) -> None:
     assert run.until(0.4).status == "ok"
     assert "the touch has been the same for 0.8 s" in run.until(0.85).status
     assert np.trace(run.instants[-1].belief.covariance[0]) > np.trace(run.instants[5].belief.covariance[0])
+
+
+def test_a_finger_that_never_changes_is_remarked_by_its_name(box: ObjectModel) -> None:
+    random = np.random.default_rng(0)
+    frozen = touch(X_PO.GetAsMatrix34(), random)
+
+    def contacts(time: float) -> Contacts:
+        alive = touch(X_PO.GetAsMatrix34(), random)
+        p_PC = alive.p_PC.copy()
+        p_PC[1] = frozen.p_PC[1]
+        return alive.with_arrays(p_PC=p_PC)
+
+    run = Run(
+        PoseBeliefEstimator(box),
+        contacts=contacts,
+        fingers_in_contact=lambda time: FINGERS,
+        vision=begun(lambda time: None),
+    )
+    assert run.until(0.4).status == "ok"
+    assert run.until(0.85).status == f"ok: the touch of {FINGERS[1]} has been the same for 0.8 s"
