@@ -5,7 +5,7 @@ import dataclasses
 from pathlib import Path
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import positive_number
+from tactopose_drake.core.validation import LATEST, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.runs.device_run import check_devices, run_devices
 from tactopose_drake.runs.grasp_watch import GraspWatch
@@ -56,7 +56,7 @@ def run_scenario(
         DriverError: if a bus cannot be opened, or a device be tared.
     """
     scenario.validate()
-    duration = None if duration is None else positive_number("duration", duration)
+    duration = None if duration is None else positive_number("duration", duration, most=LATEST)
     for kind, run_messages, bus, recorder in _MESSAGES:
         if isinstance(scenario.senses, kind):
             if record is not None:

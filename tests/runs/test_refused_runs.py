@@ -139,3 +139,8 @@ def test_a_board_that_cannot_be_tared_is_named(folder: Path, monkeypatch: pytest
     with pytest.raises(DeviceTimeoutError, match="first: gave no sample"):
         run_scenario(scenario, duration=0.1)
     assert bus_threads() == set()
+
+
+def test_a_duration_beyond_all_clocks_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert tactopose("run", folder / "cube.scenario.yaml", "--duration", "1e99") == 2
+    assert "duration: is 1e+99; allowed are" in capsys.readouterr().err
