@@ -15,7 +15,7 @@ from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.runs.manifest import ESTIMATES, SIGNALS, Manifest, load_manifest
-from tactopose_drake.runs.scenario_replay import as_recorded, have_ended, logged_devices
+from tactopose_drake.runs.scenario_replay import as_recorded, have_ended, logged_devices, missing_signals
 from tactopose_drake.runs.simulation import BESIDE_DEVICES, sense_ports
 from tactopose_drake.runs.stepping import advance
 from tactopose_drake.station.hardware import make_hardware_station
@@ -55,6 +55,8 @@ def read_recording(folder: Path) -> RecordedRun:
     manifest = load_manifest(folder)
     signals, cut = read_signals(folder / SIGNALS)
     problems = [cut] if cut else []
+    if missing := missing_signals(signals, manifest.scenario):
+        problems.append(f"{folder / SIGNALS}: has no {', '.join(missing)}, which the run has recorded.")
     if isinstance(manifest.scenario.senses, CanSenses):
         played, ends = _play(folder, manifest, signals)
         signals, problems = signals | played, problems + ends

@@ -168,6 +168,16 @@ def logged_devices(folder: Path, manifest: Manifest) -> CanDevices | None:
 
 def _check_signals(signals: Mapping[str, Signal], scenario: Scenario, state: str) -> None:
     """Raises InvalidFileError if a signal is missing that the run had: without it, the estimate would be another."""
+    for name in missing_signals(signals, scenario):
+        raise InvalidFileError(f"{state} It has no {name}, which the run has recorded.")
+    for name, signal in signals.items():
+        kind = {"prior": PosePrior, "palm_pose": RigidTransform}.get(name, np.ndarray)
+        if not all(isinstance(value, kind) or (value is None and name == "prior") for value in signal.values):
+            raise InvalidFileError(f"{state} Its {name} has another kind of value; allowed is a {_KINDS[kind]}.")
+
+
+def missing_signals(signals: Mapping[str, Signal], scenario: Scenario) -> list[str]:
+    """The names of those that a run of the scenario has recorded, and that are not there."""
     senses, hand = scenario.senses, load_hand_config(scenario.hand)
     needed = []
     if not isinstance(senses, CanSenses):
@@ -179,13 +189,7 @@ def _check_signals(signals: Mapping[str, Signal], scenario: Scenario, state: str
         needed.append("palm_pose")
     if isinstance(senses, CanSenses) and (senses.prior or senses.simulated == SimulatedDevices()):
         needed.append("prior")
-    for name in needed:
-        if name not in signals:
-            raise InvalidFileError(f"{state} It has no {name}, which the run has recorded.")
-    for name, signal in signals.items():
-        kind = {"prior": PosePrior, "palm_pose": RigidTransform}.get(name, np.ndarray)
-        if not all(isinstance(value, kind) or (value is None and name == "prior") for value in signal.values):
-            raise InvalidFileError(f"{state} Its {name} has another kind of value; allowed is a {_KINDS[kind]}.")
+    return [name for name in needed if name not in signals]
 
 
 _KINDS: dict[type, str] = {PosePrior: "prior", RigidTransform: "pose", np.ndarray: "vector"}

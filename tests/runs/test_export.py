@@ -258,6 +258,15 @@ def test_a_recording_of_when_no_stamp_reaches_is_refused(
     assert tactopose("export", copy, "--format", "csv") == 0
 
 
+def test_signals_that_are_missing_are_said(simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    copy = Path(shutil.copytree(simulated, tmp_path / "copy"))
+    (copy / "signals.jsonl").write_text("")
+    assert tactopose("export", copy, "--format", "csv", "--out", tmp_path / "run.csv") == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "signals.jsonl: has no pressures_" in said
+    assert "joint_positions, which the run has recorded." in said
+
+
 def test_damaged_estimates_are_said_and_the_rest_is_exported(
     simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
