@@ -18,6 +18,10 @@ from tactopose_drake.systems.signals import Value
 _POSE = ("p_x_m", "p_y_m", "p_z_m", "q_w", "q_x", "q_y", "q_z")
 _WRENCH = ("m_x_Nm", "m_y_Nm", "m_z_Nm", "f_x_N", "f_y_N", "f_z_N")
 _OBJECT = (*_POSE, *(f"sigma_w_{axis}_rad" for axis in "xyz"), *(f"sigma_v_{axis}_m" for axis in "xyz"), "probability")
+_BEST = {
+    "hypotheses": "object",
+    "tracked_hypotheses": "tracked",
+}  # whose best one has columns, and what they are called
 
 # The time of a change, the column's group, and its numbers or texts.
 _Cells = tuple[float, str, Sequence[str]]
@@ -28,8 +32,8 @@ def write_csv(run: RecordedRun, path: Path) -> None:
 
     A cell is empty where its column has no new value then, and "nan" where there was no reading. Columns are called
     `<what>/<part>_<unit>`: `time_s`, `joint/<joint>_rad`, `wrench/<finger>/f_x_N`, `pressure/<pad>/<cell>_Pa`,
-    `prior/p_x_m`, `true/p_x_m`, of the best hypothesis `object/p_x_m`, `status`, and of
-    a run on devices `sense_status`.
+    `prior/p_x_m`, `true/p_x_m`, of the best hypothesis `object/p_x_m`, `status`, of a run on devices `sense_status`,
+    and of one that tracks `tracked/p_x_m` and `tracked_status`.
 
     Args:
         run: the recording.
@@ -41,7 +45,10 @@ def write_csv(run: RecordedRun, path: Path) -> None:
     columns: dict[str, tuple[str, ...]] = {}
     for name, signal in run.signals.items():
         columns[name] = _columns(name, run, signal.values)
-    columns |= {"estimates": tuple(f"object/{part}" for part in _OBJECT), **{text: (text,) for text in _texts(run)}}
+    for name, what in _BEST.items():
+        if any(name in line for line in run.estimates):
+            columns[name] = tuple(f"{what}/{part}" for part in _OBJECT)
+    columns |= {text: (text,) for text in _texts(run)}
     header = [column for group in columns.values() for column in group]
     start = dict(zip(columns, np.cumsum([0, *map(len, columns.values())]).tolist(), strict=False))
     with written_beside(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
@@ -60,7 +67,8 @@ def write_csv(run: RecordedRun, path: Path) -> None:
 
 def _texts(run: RecordedRun) -> list[str]:
     """The statuses that have columns."""
-    return ["status", *(["sense_status"] if any("sense_status" in line for line in run.estimates) else [])]
+    further = ("sense_status", "tracked_status")
+    return ["status", *(text for text in further if any(text in line for line in run.estimates))]
 
 
 def _columns(name: str, run: RecordedRun, values: Sequence[Value]) -> tuple[str, ...]:
@@ -90,10 +98,11 @@ def _changes(run: RecordedRun) -> Iterator[_Cells]:
         time = float(line["time"])
         for text in _texts(run):
             yield time, text, [str(line.get(text, ""))]
-        for best in (line["hypotheses"] or ())[:1]:
-            sigmas = np.sqrt(np.diag(np.array(best["covariance"])))
-            numbers = [*best["translation"], *best["quaternion_wxyz"], *sigmas.tolist(), best["probability"]]
-            yield time, "estimates", [repr(number) for number in numbers]
+        for name in _BEST:
+            for best in (line.get(name) or ())[:1]:
+                sigmas = np.sqrt(np.diag(np.array(best["covariance"])))
+                numbers = [*best["translation"], *best["quaternion_wxyz"], *sigmas.tolist(), best["probability"]]
+                yield time, name, [repr(number) for number in numbers]
 
 
 def _cells(value: Value) -> list[str]:

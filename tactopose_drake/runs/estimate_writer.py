@@ -9,14 +9,15 @@ from pydrake.systems.framework import Context, Diagram
 from tactopose_drake.estimation.files import hypotheses_data
 from tactopose_drake.systems.line_file import LineFile
 
-_TEXTS = ("status", "contact_status", "patch_status", "sense_status")
+_TEXTS = ("status", "contact_status", "patch_status", "sense_status", "tracked_status")
 
 
 class EstimateWriter:
     """Writes what a station says of the object's pose; a context manager.
 
     A line has `time` (s), the station's status ports, `fingers_in_contact`, and `hypotheses` as in result.json (null
-    before the first). It depends on what was measured alone: how long the search took is left out.
+    before the first); where the station tracks, `tracked_status` and `tracked_hypotheses` are those of the belief over
+    time. It depends on what was measured alone: how long the search took is left out.
 
     Attributes:
         file: the lines; it says whether they could be written.
@@ -46,6 +47,8 @@ def estimates_now(diagram: Diagram, context: Context) -> dict[str, Any]:
     line: dict[str, Any] = {"time": context.get_time()}
     line |= {name: diagram.GetOutputPort(name).Eval(context) for name in _TEXTS if diagram.HasOutputPort(name)}
     line["fingers_in_contact"] = list(diagram.GetOutputPort("fingers_in_contact").Eval(context))
-    estimate = diagram.GetOutputPort("hypotheses").Eval(context)
-    line["hypotheses"] = None if estimate is None else hypotheses_data(estimate)
+    for name in ("hypotheses", "tracked_hypotheses"):
+        if diagram.HasOutputPort(name):
+            estimate = diagram.GetOutputPort(name).Eval(context)
+            line[name] = None if estimate is None else hypotheses_data(estimate)
     return line

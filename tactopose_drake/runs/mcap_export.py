@@ -51,6 +51,7 @@ def write_mcap(run: RecordedRun, path: Path) -> None:
     | /true_pose | geometry_msgs/PoseStamped, of a simulation |
     | /palm_pose | geometry_msgs/PoseStamped, of the palm in the world, where an arm carries the hand |
     | /status, /sense_status | std_msgs/String |
+    | /tracked_object_pose, /tracked_hypotheses, /tracked_status | the same of the belief over time |
     | /tf | tf2_msgs/TFMessage: the hand's links and frames by the joints, and the object by the best hypothesis |
     | /scene | visualization_msgs/MarkerArray: the shapes of hand and object, in the frames of /tf |
 
@@ -134,19 +135,23 @@ def _messages(run: RecordedRun) -> Iterator[_Message]:
                 yield _Message(time, f"/{name}", "geometry_msgs/PoseStamped", stamped)
     for line in run.estimates:
         time = float(line["time"])
-        for text in ("status", "sense_status"):
+        for text in ("status", "sense_status", "tracked_status"):
             if text in line:
                 yield _Message(time, f"/{text}", "std_msgs/String", {"data": str(line[text])})
-        poses = [_recorded_pose(hypothesis) for hypothesis in line["hypotheses"] or ()]
-        if not poses:
-            continue
-        covariance = np.array(line["hypotheses"][0]["covariance"])
-        best = {"pose": ros_pose(poses[0]), "covariance": ros_covariance(covariance, poses[0].rotation().matrix())}
-        stamped = {"header": header(time, hand.palm), "pose": best}
-        yield _Message(time, "/object_pose", "geometry_msgs/PoseWithCovarianceStamped", stamped)
-        array = {"header": header(time, hand.palm), "poses": [ros_pose(X_PO) for X_PO in poses]}
-        yield _Message(time, "/hypotheses", "geometry_msgs/PoseArray", array)
-        yield _tf(time, [_transform(header(time, hand.palm), "object", poses[0])])
+        for prefix in ("", "tracked_"):
+            if hypotheses := line.get(f"{prefix}hypotheses"):
+                yield from _belief(time, prefix, header(time, hand.palm), hypotheses)
+
+
+def _belief(time: float, prefix: str, header: dict[str, Any], hypotheses: list[dict[str, Any]]) -> Iterator[_Message]:
+    """Messages of some hypotheses; `prefix` of their topics and of the object's frame."""
+    poses, covariance = [_recorded_pose(hypothesis) for hypothesis in hypotheses], np.array(hypotheses[0]["covariance"])
+    best = {"pose": ros_pose(poses[0]), "covariance": ros_covariance(covariance, poses[0].rotation().matrix())}
+    stamped = {"header": header, "pose": best}
+    yield _Message(time, f"/{prefix}object_pose", "geometry_msgs/PoseWithCovarianceStamped", stamped)
+    array = {"header": header, "poses": [ros_pose(X_PO) for X_PO in poses]}
+    yield _Message(time, f"/{prefix}hypotheses", "geometry_msgs/PoseArray", array)
+    yield _tf(time, [_transform(header, f"{prefix}object", poses[0])])
 
 
 class _Hand:

@@ -121,7 +121,7 @@ def _read_estimates(path: Path) -> tuple[tuple[dict[str, Any], ...], list[str]]:
 def _check_estimate(line: Any) -> None:
     """Raises one of several errors if a line is no estimate."""
     float(line["time"])
-    for hypothesis in line["hypotheses"] or ():
+    for hypothesis in (*(line["hypotheses"] or ()), *(line.get("tracked_hypotheses") or ())):
         for key, length in (("translation", 3), ("quaternion_wxyz", 4)):
             if [type(number) for number in hypothesis[key]] != [float] * length:
                 raise ValueError(key)
