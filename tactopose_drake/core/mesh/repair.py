@@ -88,7 +88,7 @@ def repair_mesh(raw: RawMesh, name: str) -> RepairedMesh:
 def _check(raw: RawMesh) -> float:
     """The size of a mesh that has faces, sound indices, finite vertices and the size of an object in metres."""
     if not len(raw.faces):
-        raise InvalidMeshError("has no faces.")
+        raise InvalidMeshError("has no faces: it is empty, cut short, or made of points alone.")
     bad = np.flatnonzero(np.any((raw.faces < 0) | (raw.faces >= len(raw.vertices)), axis=1))
     if len(bad):
         raise InvalidMeshError(

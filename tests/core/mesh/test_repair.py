@@ -133,7 +133,7 @@ def grid_of_cubes(side: int) -> trimesh.Trimesh:
 
 
 REFUSED = {
-    "empty": (trimesh.Trimesh(), "thing: has no faces"),
+    "empty": (trimesh.Trimesh(), "thing: has no faces: it is empty, cut short, or made of points alone"),
     "nan": (with_a_nan(), r"thing: vertex 3 is \[.*nan.*\]; allowed are finite numbers"),
     "index": (with_faces(CUBE, [[0, 1, 99]]), r"thing: face 0 is \[0, 1, 99\]; allowed are vertex numbers below 8"),
     "point": (trimesh.Trimesh(np.zeros((3, 3)), [[0, 1, 2]], process=False), "thing: is a single point"),
