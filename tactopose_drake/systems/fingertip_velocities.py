@@ -47,7 +47,7 @@ class FingertipVelocities(CollectableSystem):
             "tip_velocities",
             lambda: AbstractValue.Make(None),
             self._calc,
-            prerequisites_of_calc={self._kinematics.ticket(), self._positions.ticket(), self._velocities.ticket()},
+            prerequisites_of_calc={self._kinematics.ticket(), self._velocities.ticket()},
         )
 
     def _calc(self, context: Context, output: AbstractValue) -> None:

@@ -74,3 +74,11 @@ def test_compiled_retract_equals_the_plain_one(seed: int) -> None:
     out = np.empty_like(X)
     pose_kernels.retract(X, increments, out)
     np.testing.assert_allclose(out, poses.retract(X, increments), atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-6, 0.9e-3, 1.1e-3, 1.0, 3.0])
+def test_the_right_jacobian_turned_is_the_left_one(angle: float) -> None:
+    w = angle * np.array([0.36, -0.48, 0.8])
+    left = poses.exp_so3(w) @ poses.right_jacobian(w)
+    np.testing.assert_allclose(left, poses.right_jacobian(w).T, atol=1e-11)
+    np.testing.assert_allclose(left, poses.right_jacobian(-w), atol=1e-11)

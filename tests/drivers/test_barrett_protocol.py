@@ -47,6 +47,13 @@ def test_a_set_is_little_endian() -> None:
     assert protocol.encode_get(Property.TACTILE).hex() == "6a"
 
 
+def test_numbers_that_the_simulated_hand_takes_from_here_are_those_of_the_wire() -> None:
+    assert protocol.HAND_GROUP == 0x405
+    assert (protocol.ROLE_HAND, protocol.ROLE_MASK) == (5, 0b11111)
+    assert (protocol.ROLE_STRAIN, protocol.ROLE_TACTILE) == (1 << 11, 1 << 12)
+    assert protocol.TACTILE_FAILED == -2
+
+
 @given(int22, st.none() | int22)
 def test_positions_survive_the_wire(motor: int, joint: int | None) -> None:
     assert protocol.decode_position(protocol.encode_position(motor, joint)) == (motor, joint)

@@ -98,15 +98,6 @@ def check_any(frames: list[bytes]) -> None:
         assert valid(value)
 
 
-def test_units_are_those_of_the_si() -> None:
-    # A pound-force on an arm of a foot is 12 pound-force inches; a kilogram-force weighs 1000 gram-force.
-    assert TorqueUnit.POUND_FOOT.newton_meters == pytest.approx(ForceUnit.POUND.newtons * 0.3048)
-    assert TorqueUnit.POUND_INCH.newton_meters == pytest.approx(ForceUnit.POUND.newtons * 0.0254)
-    assert ForceUnit.POUND.newtons == pytest.approx(4.4482216)
-    assert ForceUnit.GRAM.newtons == pytest.approx(0.00980665)
-    assert TorqueUnit.KILOGRAM_CENTIMETER.newton_meters == pytest.approx(0.0980665)
-
-
 @pytest.mark.parametrize("bit", range(16))
 def test_what_a_status_bit_does(bit: int) -> None:
     harmless = {0, 8, 14}  # watchdog, configuration, CAN error: the manual does not call them critical
@@ -119,3 +110,28 @@ def test_a_good_status_has_nothing_to_say() -> None:
     assert not protocol.is_rejected(0)
     assert protocol.status_names(0) == []
     assert protocol.status_names(StatusBit.SUPPLY_LOW | StatusBit.CAN_ERROR) == ["supply low", "can error"]
+
+
+def test_units_are_those_of_the_si() -> None:
+    assert {unit.name: unit.newtons for unit in ForceUnit} == pytest.approx(
+        {
+            "POUND": 4.4482216,
+            "NEWTON": 1.0,
+            "KILOPOUND": 4448.2216,
+            "KILONEWTON": 1000.0,
+            "KILOGRAM": 9.80665,
+            "GRAM": 0.00980665,
+        },
+        rel=1e-7,
+    )
+    assert {unit.name: unit.newton_meters for unit in TorqueUnit} == pytest.approx(
+        {
+            "POUND_INCH": 0.11298483,
+            "POUND_FOOT": 1.3558179,
+            "NEWTON_METER": 1.0,
+            "NEWTON_MILLIMETER": 0.001,
+            "KILOGRAM_CENTIMETER": 0.0980665,
+            "KILONEWTON_METER": 1000.0,
+        },
+        rel=1e-7,
+    )

@@ -52,6 +52,21 @@ def test_a_soft_skin_is_pressed_in_where_a_finger_has_one() -> None:
     assert solutions["thumb"].deformation == 0.0
 
 
+def test_what_a_sensor_reads_without_a_touch_is_taken_off() -> None:
+    wrench, bias = push(np.array([0, 0, 0.029]), np.array([0, 0.1, -1.0])), np.array([0.002, 0, 0.001, 0.3, -0.2, 0.4])
+    solver = ContactSolver(SURFACES, biases={"thumb": bias})
+    context = solver.CreateDefaultContext()
+    solver.GetInputPort("wrench_first").FixValue(context, wrench)
+    solver.GetInputPort("wrench_thumb").FixValue(context, wrench + bias)
+    solutions, expected = (
+        solver.GetOutputPort("contact_solutions").Eval(context),
+        solve({"first": wrench, "thumb": wrench}),
+    )
+    for finger, solution in solutions.items():
+        assert solution.valid
+        np.testing.assert_allclose(solution.p_SC, expected[finger].p_SC, atol=1e-9)
+
+
 def test_a_finger_without_a_reading_is_invalid_and_says_so() -> None:
     good = push(np.array([0, 0, 0.029]), np.array([0, 0, -1.0]))
     solutions = solve({"first": np.full(6, np.nan), "thumb": good})
@@ -86,6 +101,7 @@ def test_a_force_below_the_threshold_is_no_contact() -> None:
     weak = push(np.array([0, 0, 0.029]), np.array([0, 0, -0.3]))
     assert not solve({"first": weak, "thumb": weak}, min_force=0.5)["first"].valid
     assert solve({"first": weak, "thumb": weak}, min_force=0.2)["first"].valid
+    assert solve({"first": weak, "thumb": weak}, min_force=0.0)["first"].valid
 
 
 def test_friction_beyond_the_coefficient_is_no_contact() -> None:

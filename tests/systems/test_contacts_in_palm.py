@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solve_contacts
 from tactopose_drake.core.surfaces import Sphere
-from tactopose_drake.errors import PortTypeError
+from tactopose_drake.errors import InvalidInputError, PortTypeError
 from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInPalmParams
 
 SURFACE = Sphere(radius=0.009, X_SF=RigidTransform([0, 0, 0.02]).GetAsMatrix34())
@@ -151,3 +151,10 @@ def test_a_solution_that_is_none_is_refused_by_the_name_of_the_port() -> None:
         PortTypeError, match=r"'contact_solutions' of .*: holds a dict with a int; allowed is a dict of"
     ):
         system.GetOutputPort("contacts").Eval(context)
+
+
+@pytest.mark.parametrize("values", [{"sigma_position": 0.0}, {"sigma_position": 1e3}, {"sigma_normal_deg": 0.0}])
+def test_a_bad_parameter_is_named(values: dict[str, float]) -> None:
+    (name,) = values
+    with pytest.raises(InvalidInputError, match=f"^ContactsInPalmParams.{name}: "):
+        ContactsInPalmParams(**values).validate()

@@ -44,3 +44,18 @@ def test_readings_that_are_not_finite_give_none(parts) -> None:  # type: ignore[
     system.GetInputPort("joint_positions").FixValue(context, np.zeros(plant.num_positions()))
     system.GetInputPort("joint_velocities").FixValue(context, v)
     assert system.GetOutputPort("tip_velocities").Eval(context) is None
+
+
+def test_what_was_known_is_not_shown_once_a_reading_is_lost(parts) -> None:  # type: ignore[no-untyped-def]
+    plant, hand = parts
+    system = FingertipVelocities(plant, hand.sensor_frames, hand.palm_frame)
+    context = system.CreateDefaultContext()
+    known = {"joint_positions": np.zeros(plant.num_positions()), "joint_velocities": np.ones(plant.num_velocities())}
+    for name, reading in known.items():
+        for port, value in known.items():
+            system.GetInputPort(port).FixValue(context, value)
+        assert system.GetOutputPort("tip_velocities").Eval(context) is not None
+        lost = reading.copy()
+        lost[-1] = np.nan
+        system.GetInputPort(name).FixValue(context, lost)
+        assert system.GetOutputPort("tip_velocities").Eval(context) is None

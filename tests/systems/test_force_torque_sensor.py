@@ -17,7 +17,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs, LogVectorOutput
 
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
-from tactopose_drake.errors import InvalidFileError, UnknownNameError
+from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.systems.force_torque_sensor import (
     ForceTorqueSensor,
     load_force_torque_model,
@@ -86,6 +86,11 @@ def test_there_is_no_reading_before_the_first_sample(finger) -> None:
     sensor_context = sensor.GetMyContextFromRoot(context)
     assert np.all(np.isnan(sensor.GetOutputPort("wrench").Eval(sensor_context)))
     assert sensor.GetOutputPort("status").Eval(sensor_context) == "no sample yet"
+
+
+def test_a_bad_model_is_refused(finger) -> None:
+    with pytest.raises(InvalidInputError, match=r"^ForceTorqueModel\.noise: holds -1"):
+        make_sensor(finger, ForceTorqueModel(noise=[-1.0] * 6))
 
 
 def test_an_overload_saturates_and_says_so(finger) -> None:

@@ -57,6 +57,10 @@ class Closing:
         context = self.controller.GetMyContextFromRoot(self.context)
         return bool(self.controller.GetOutputPort("holding").Eval(context)[0])
 
+    def status(self) -> str:
+        status: str = self.controller.GetOutputPort("status").Eval(self.controller.GetMyContextFromRoot(self.context))
+        return status
+
 
 def test_fingers_close_at_their_speed_and_the_spread_goes_where_it_is_told() -> None:
     hand = Closing(GripControllerParams(fixed=SPREAD, closing_speed=2.0))
@@ -79,8 +83,10 @@ def test_a_blocked_finger_pushes_with_the_stall_torque_and_the_hand_holds_when_a
     ].index("finger_3_proximal_joint")
     assert 0.75 < hand.torques()[index] < 1.3
     assert not hand.holding()
+    assert hand.status() == "closing: finger_1_proximal_joint, finger_2_proximal_joint"
     hand.simulator.AdvanceTo(1.4)  # the others come to their own limits
     assert hand.holding()
+    assert hand.status() == "holding"
 
 
 def test_the_commands_start_where_the_hand_is() -> None:

@@ -90,6 +90,14 @@ def test_the_untouched_are_the_fingertips_that_are_named(system: HandVolume, con
     assert np.all(np.any(within, axis=1))
 
 
+def test_the_untouched_follow_the_joints(system: HandVolume) -> None:
+    context = make_context(system, untouched=("thumb",))
+    before = system.GetOutputPort("untouched").Eval(context).p_PH
+    system.GetInputPort("joint_positions").FixValue(context, np.zeros(24))
+    after = system.GetOutputPort("untouched").Eval(context).p_PH
+    assert np.linalg.norm(after - before, axis=1).min() > 1e-3
+
+
 @pytest.mark.parametrize("untouched", [None, ()])
 def test_where_no_fingertip_is_untouched_there_is_nothing(system: HandVolume, untouched: object) -> None:
     assert system.GetOutputPort("untouched").Eval(make_context(system, untouched=untouched)) is None

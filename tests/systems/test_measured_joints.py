@@ -35,6 +35,14 @@ def test_a_joint_that_is_not_known_leaves_the_others(hand) -> None:
     assert {name for name in names(plant) if unknown[plant.GetJointByName(name).position_start()]} == lost
 
 
+def test_offsets_are_added_and_each_reading_counts() -> None:
+    system = MeasuredJoints(np.array([[0.0, 2.0], [-1.0, 0.0], [0.0, 1.0]]), np.array([0.5, 0.0, -0.25]))
+    context = system.CreateDefaultContext()
+    for measured, expected in (([1.0, 3.0], [6.5, -1.0, 2.75]), ([2.0, 4.0], [8.5, -2.0, 3.75])):
+        system.get_input_port().FixValue(context, measured)
+        np.testing.assert_array_equal(system.get_output_port().Eval(context), expected)
+
+
 def names(plant) -> list[str]:
     joints = (plant.get_joint(index) for index in plant.GetJointIndices())
     return [joint.name() for joint in joints if joint.num_positions() == 1]

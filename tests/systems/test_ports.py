@@ -5,7 +5,13 @@ from pydrake.systems.primitives import PassThrough
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.errors import InvalidInputError, PortTypeError
-from tactopose_drake.systems.ports import check_name_is_free, eval_input, eval_optional_input
+from tactopose_drake.systems.ports import (
+    check_name_is_free,
+    eval_input,
+    eval_items,
+    eval_named,
+    eval_optional_input,
+)
 
 
 class Reader(LeafSystem):
@@ -60,3 +66,20 @@ def test_a_name_is_free_until_a_system_has_it() -> None:
     ):
         with pytest.raises(InvalidInputError, match=message):
             check_name_is_free(builder, name)
+
+
+def test_items_of_another_kind_are_refused_by_the_name_of_the_port() -> None:
+    reader = Reader()
+    anything = reader.DeclareAbstractInputPort("anything", AbstractValue.Make(None))
+    context, message = reader.CreateDefaultContext(), "input port 'anything' of system 'reader': holds a {0} with a int"
+    assert eval_items(anything, context, str) == ()
+    anything.FixValue(context, AbstractValue.Make(("a", "b")))
+    assert eval_items(anything, context, str) == ("a", "b")
+    anything.FixValue(context, AbstractValue.Make(("a", 3)))
+    with pytest.raises(PortTypeError, match=message.format("tuple") + "; allowed is a tuple of str"):
+        eval_items(anything, context, str)
+    anything.FixValue(context, AbstractValue.Make({"first": "a"}))
+    assert eval_named(anything, context, str) == {"first": "a"}
+    anything.FixValue(context, AbstractValue.Make({"first": "a", "second": 3}))
+    with pytest.raises(PortTypeError, match=message.format("dict") + "; allowed is a dict of str"):
+        eval_named(anything, context, str)
