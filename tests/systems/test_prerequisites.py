@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, Diagram, OutputPort, System
+from pydrake.systems.framework import Context, Diagram, InputPort, OutputPort, System
 
 from tactopose_drake.runs.simulation import start_simulation
 from tactopose_drake.station.scenario import load_scenario
@@ -48,8 +48,25 @@ def shown(ports: list[OutputPort], root: Context) -> dict[str, Any]:
     return found
 
 
+def undeclared(port: OutputPort, root: Context, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Which inputs of its system a port reads, although Drake is not told that it changes with them."""
+    system, read, evaluate = port.get_system(), set(), InputPort.Eval
+
+    def watched(source: InputPort, context: Context) -> Any:
+        if source.get_system() is system:
+            read.add(int(source.get_index()))
+        return evaluate(source, context)
+
+    root.SetAllCacheEntriesOutOfDate()
+    with monkeypatch.context() as patch:
+        patch.setattr(InputPort, "Eval", watched)
+        port.Eval(system.GetMyContextFromRoot(root))
+    untold = [index for index in sorted(read) if not system.HasDirectFeedthrough(index, int(port.get_index()))]
+    return [f"{system.get_name()}: {port.get_name()} by {system.get_input_port(index).get_name()}" for index in untold]
+
+
 @pytest.mark.parametrize("name", ["shadow_like", "barrett_like"])
-def test_no_port_of_a_running_station_shows_what_was(name: str) -> None:
+def test_no_port_of_a_running_station_shows_what_was(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = load_scenario(name)
     scenario.planner.grasps = 2
     scenario.tracking = PoseTrackingParams()
@@ -66,3 +83,4 @@ def test_no_port_of_a_running_station_shows_what_was(name: str) -> None:
         assert [port for port in kept if kept[port] != fresh[port]] == []
         moved |= {port for port in fresh if fresh[port] != first[port]}
     assert len(moved) > 0.6 * len(ports)
+    assert [missing for port in ports for missing in undeclared(port, root, monkeypatch)] == []
