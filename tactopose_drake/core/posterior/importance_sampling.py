@@ -13,6 +13,8 @@ mixture weights). [CDG08] O. Cappe et al., Adaptive importance sampling in gener
 Truncated importance sampling, J. Comput. Graph. Stat. 17, 2008.
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
@@ -25,14 +27,88 @@ from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
 from tactopose_drake.core.posterior.importance_sampling_kernels import Draws, Weighed, find_nearest_images, weigh
 from tactopose_drake.core.posterior.joined_modes import Families
-from tactopose_drake.core.posterior.mode_cover import Cover, cover_modes, join_by_samples, tile_samples
+from tactopose_drake.core.posterior.mode_cover import Cover, cover_modes, join_modes, minima_between, tile_samples
 from tactopose_drake.core.posterior.mode_moments import Moments, toward_the_mean, weigh_moments
 from tactopose_drake.core.posterior.posterior import Posterior
-from tactopose_drake.core.posterior.student_t_mixture import Increments, StudentTMixture
+from tactopose_drake.core.posterior.student_t_mixture import Increments, StudentTMixture, find_increments
 from tactopose_drake.core.validation import FloatArray
 
 # Logarithm of the volume of the turns about one continuous axis, or about the three of a ball.
 _LOG_TURNS = {0: 0.0, 1: np.log(2.0 * np.pi), 3: np.log(8.0 * np.pi**2)}
+
+
+class Samples(NamedTuple):
+    """Samples of the posterior.
+
+    Attributes:
+        X_PO: poses, shape (B, 3, 4).
+        cost: their exact costs, shape (B,).
+        increments: from the sampled modes to them.
+        density: of the modes' proposals there, times the number of all samples, shape (B, g).
+        proposals: of which they are drawn, one a round.
+        weights: in the modes' shares, over the density exp(lowest - cost), shape (B, g).
+        weighed: what they say together.
+    """
+
+    X_PO: FloatArray
+    cost: FloatArray
+    increments: Increments
+    density: FloatArray
+    proposals: tuple[StudentTMixture, ...]
+    weights: FloatArray
+    weighed: Weighed
+
+    @property
+    def draws(self) -> Draws:
+        """They as they were drawn."""
+        return Draws(self.cost, self.density, np.concatenate([each.count for each in self.proposals]))
+
+    def with_room(self, most: int) -> Samples:
+        """The same as the first ones of arrays that so many fit into."""
+        count, g = self.weights.shape
+        room = Samples(
+            np.empty((most, 3, 4)),
+            np.empty(most),
+            Increments.empty(most, g),
+            np.zeros((most, g)),
+            self.proposals,
+            np.empty((most, g)),
+            self.weighed,
+        )
+        room.X_PO[:count], room.cost[:count], room.density[:count] = self.X_PO, self.cost, self.density
+        room.increments.u[:count], room.increments.volume[:count] = self.increments
+        return room
+
+    def first(self, count: int) -> Samples:
+        """So many of them, views."""
+        part = slice(count)
+        return Samples(
+            self.X_PO[part],
+            self.cost[part],
+            self.increments.part(part),
+            self.density[part],
+            self.proposals,
+            self.weights[part],
+            self.weighed,
+        )
+
+
+class Weighing(NamedTuple):
+    """How far modes are weighed: a step is a part of it that takes about as long as the others, see `weigh_on`.
+
+    Attributes:
+        modes: by Laplace's approximation; as the samples say once it is done.
+        cover: of those that are sampled; None once it is done, or where they cannot be.
+        families: which of the sampled modes are one; None as long as that has not been asked.
+        samples: of the first round; None before it.
+        X_between: minima between the modes, that the samples lead to, shape (n, 3, 4); None before these are needed.
+    """
+
+    modes: Modes
+    cover: Cover | None
+    families: Families | None = None
+    samples: Samples | None = None
+    X_between: FloatArray | None = None
 
 
 def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
@@ -40,15 +116,40 @@ def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
 
     Each is no narrower than the doubt of single contacts makes it, which few of the samples show.
     """
-    cover = cover_modes(modes, posterior, generator)
-    return widen_by_doubt(modes if cover is None else weigh_covered(modes, cover, posterior, generator), posterior)
+    weighing = begin_weighing(modes, posterior, generator)
+    while weighing.cover is not None:
+        weighing = weigh_on(weighing, posterior, generator)
+    return widen_by_doubt(weighing.modes, posterior)
 
 
-def weigh_covered(modes: Modes, cover: Cover, posterior: Posterior, generator: np.random.Generator) -> Modes:
-    """Draws samples of what covers the modes, and weighs the modes by them."""
-    close, worthy = cover.close, cover.worthy
-    increments, weights, weighed, families = _draw(cover, posterior, generator)
-    moments = weigh_moments(increments, weights)
+def begin_weighing(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Weighing:
+    """The first step: densities that cover the modes. Where they cannot be, Laplace's approximation has to do."""
+    return Weighing(modes, cover_modes(modes, posterior, generator))
+
+
+def weigh_on(weighing: Weighing, posterior: Posterior, generator: np.random.Generator) -> Weighing:
+    """The next step, of modes that are covered: what is one, samples, what these make one, and what they say."""
+    modes, cover, families, samples, X_between = weighing
+    assert cover is not None
+    if families is None:
+        return weighing._replace(families=join_modes(cover, posterior))
+    if samples is None:
+        samples = _first_round(cover, families, posterior, generator)
+        if samples.weighed.error > posterior.params.sampling.standard_error:
+            return weighing._replace(samples=samples)
+    elif X_between is None:  # Maybe minima between the modes have been missed.
+        return weighing._replace(X_between=minima_between(samples.X_PO, samples.weights, cover, posterior))
+    else:
+        families = join_modes(cover, posterior, X_between)
+        samples = _weighed_anew(samples, cover, families, posterior)
+    samples = _more_rounds(samples, cover, families, posterior, generator)
+    return Weighing(_as_sampled(modes, cover, families, samples, posterior), None)
+
+
+def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples, posterior: Posterior) -> Modes:
+    """The modes with the masses and moments of their samples."""
+    close, worthy, weights, weighed = cover.close, cover.worthy, samples.weights, samples.weighed
+    moments = weigh_moments(samples.increments.u, weights)
     if not (moments.effective_samples > 1.0).any():
         return modes  # One sample outweighs all others: they say less than Laplace's approximation.
     every = np.exp(cover.laplace + weighed.lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
@@ -61,52 +162,53 @@ def weigh_covered(modes: Modes, cover: Cover, posterior: Posterior, generator: n
     return copied(found, standard_error=weighed.error)
 
 
-class _Samples(NamedTuple):
-    """Samples' increments (B, g, 6) from the modes, their weights (B, g) in the modes' shares, what they say together.
+def _first_round(cover: Cover, families: Families, posterior: Posterior, generator: np.random.Generator) -> Samples:
+    """Samples of what covers the modes."""
+    proposal, g = cover.proposal, len(cover.X_PO)
+    X_PO = proposal.sample(generator)
+    increments, density = find_increments(cover.X_PO, X_PO), np.zeros((len(X_PO), g))
+    proposal.add_to(density, increments)
+    cost = _cost_of_one_image(X_PO, cover.X_PO, posterior)
+    nothing = Weighed(cover.lowest, 0.0, 0.0, 0.0)
+    drawn = Samples(X_PO, cost, increments, density, (proposal,), density, nothing)
+    return _weighed_anew(drawn, cover, families, posterior)
 
-    The weights are over the density exp(lowest - cost). `families` are those that the modes make.
+
+def _weighed_anew(samples: Samples, cover: Cover, families: Families, posterior: Posterior) -> Samples:
+    """The samples weighed by these families, in arrays of their own."""
+    params, weights = posterior.params.sampling, np.empty_like(samples.density)
+    limits = params.depth, params.truncation
+    weighed = weigh(samples.draws, cover.low, families.family, cover.lowest, *limits, weights)
+    return samples._replace(weights=weights, weighed=weighed)
+
+
+def _more_rounds(
+    samples: Samples, cover: Cover, families: Families, posterior: Posterior, generator: np.random.Generator
+) -> Samples:
+    """So many samples that the modes' probabilities are sure enough, or as many as are drawn at the most.
+
+    Those of further rounds are drawn about the ones before as their weights say [CDG08]; all are weighed by all
+    proposals together [CMMR12].
     """
-
-    increments: FloatArray
-    weights: FloatArray
-    weighed: Weighed
-    families: Families
-
-
-def _draw(cover: Cover, posterior: Posterior, generator: np.random.Generator) -> _Samples:
-    """Samples, so many that the modes' probabilities are sure enough, or as many as are drawn at the most.
-
-    Where those of one round are not enough, the next are drawn about them as their weights say [CDG08]; all are weighed
-    by all proposals together [CMMR12].
-    """
-    params, proposal, families = posterior.params.sampling, cover.proposal, cover.families
-    X_mode, g = families.X_PO, len(families.X_PO)
-    most = max(params.most_samples, int(proposal.count.sum()))
-    X_PO, cost, density, weights = np.empty((most, 3, 4)), np.empty(most), np.zeros((most, g)), np.empty((most, g))
-    increments, drawn = Increments.empty(most, g), 0
-    proposals: list[StudentTMixture] = []
+    params, room = posterior.params.sampling, samples
     while True:
-        proposals.append(proposal)
-        fresh = slice(drawn, drawn + int(proposal.count.sum()))
-        X_PO[fresh] = proposal.sample(generator)
-        to_fresh = increments.part(fresh).find(X_mode, X_PO[fresh])
-        for earlier in proposals[:-1]:
-            earlier.add_to(density[fresh], to_fresh)
-        drawn, all_drawn = fresh.stop, slice(fresh.stop)
-        proposal.add_to(density[all_drawn], increments.part(all_drawn))
-        cost[fresh] = _cost_of_one_image(X_PO[fresh], X_mode, posterior)
-        draws = Draws(cost[all_drawn], density[all_drawn], np.concatenate([each.count for each in proposals]))
-        limits = params.depth, params.truncation
-        weighed = weigh(draws, cover.low, families.family, cover.lowest, *limits, weights[all_drawn])
-        if len(proposals) == 1 and weighed.error > params.standard_error:
-            # Maybe minima between the modes have been missed.
-            families = join_by_samples(X_PO[all_drawn], weights[all_drawn], cover, posterior)
-            weighed = weigh(draws, cover.low, families.family, cover.lowest, *limits, weights[all_drawn])
+        drawn, weighed = len(samples.X_PO), samples.weighed
         sure = weighed.error <= params.standard_error and weighed.worth >= params.effective_samples
         count = max(params.round_of(cover.tiles), int(params.growth * drawn))
         if sure or weighed.worth == 0.0 or drawn + count > params.most_samples:
-            return _Samples(increments.u[all_drawn], weights[all_drawn], weighed, families)
-        proposal = tile_samples(X_PO[all_drawn], weights[all_drawn], cover, count, posterior)
+            return samples
+        if room is samples:
+            room = samples.with_room(params.most_samples)
+        proposal = tile_samples(samples.X_PO, samples.weights, cover, count, posterior)
+        fresh = slice(drawn, drawn + int(proposal.count.sum()))
+        room.X_PO[fresh] = proposal.sample(generator)
+        room.cost[fresh] = _cost_of_one_image(room.X_PO[fresh], cover.X_PO, posterior)
+        to_fresh = room.increments.part(fresh).find(cover.X_PO, room.X_PO[fresh])
+        for earlier in samples.proposals:
+            earlier.add_to(room.density[fresh], to_fresh)
+        samples = room.first(fresh.stop)._replace(proposals=(*samples.proposals, proposal))
+        proposal.add_to(samples.density, samples.increments)
+        samples = _weighed_anew(samples, cover, families, posterior)
 
 
 def _cost_of_one_image(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterior) -> FloatArray:

@@ -31,22 +31,22 @@ class Cover(NamedTuple):
         lowest: the lowest of their costs that is known.
         laplace: the logarithms of their masses by Laplace's approximation, but for what all have in common, shape (c,).
         worthy: which of these are sampled, shape (g,).
+        X_PO: the sampled modes' minima, shape (g, 3, 4).
         low: their lowest known costs, shape (g,).
         information: their information, that of Laplace's approximation, shape (g, 6, 6).
         tiles: the densities that a round of sampling is made of, but for one at each mode, and for the tails.
         proposal: those of the first round, over increments from the sampled modes.
-        families: which of the sampled modes are one.
     """
 
     close: NDArray[np.intp]
     lowest: float
     laplace: FloatArray
     worthy: NDArray[np.intp]
+    X_PO: FloatArray
     low: FloatArray
     information: FloatArray
     tiles: int
     proposal: StudentTMixture
-    families: Families
 
 
 def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Cover | None:
@@ -68,15 +68,14 @@ def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
     # Where rounding leaves no number, there are the fewest.
     tiles = round(min(params.most_tiles, max(params.fewest_tiles, wanted)))
     proposal = _tile(X_worthy, share, information, tiles, posterior, generator)
-    families = _find_families(X_worthy, posterior)
-    return Cover(close, float(least.min()), laplace, worthy, least[worthy], information, tiles, proposal, families)
+    return Cover(close, float(least.min()), laplace, worthy, X_worthy, least[worthy], information, tiles, proposal)
 
 
 def tile_samples(
     X_PO: FloatArray, weights: FloatArray, cover: Cover, samples: int, posterior: Posterior
 ) -> StudentTMixture:
     """Tiles for so many samples, about ones (B, 3, 4) as often as their weights (B, g) say."""
-    params, X_mode = posterior.params.sampling, cover.families.X_PO
+    params, X_mode = posterior.params.sampling, cover.X_PO
     index, owner, times = _resample(weights, cover.tiles)
     local = posterior.objective.normal_equations(X_PO[index]).hessian + posterior.held
     center, local, turns = in_chart(X_mode, owner, X_PO[index], local, posterior.turn_directions(X_PO[index]))
@@ -84,26 +83,26 @@ def tile_samples(
     return StudentTMixture(X_mode, owner, center, local, turns, count, params.freedom, params.farthest)
 
 
-def join_by_samples(X_PO: FloatArray, weights: FloatArray, cover: Cover, posterior: Posterior) -> Families:
-    """Which modes are one, also by way of minima that samples (B, 3, 4) of these weights (B, g) lead to."""
-    X_mode, params = cover.families.X_PO, posterior.params.moments
+def minima_between(X_PO: FloatArray, weights: FloatArray, cover: Cover, posterior: Posterior) -> FloatArray:
+    """Minima (n, 3, 4) between the sampled modes, that samples (B, 3, 4) of these weights (B, g) lead to."""
+    X_mode, params = cover.X_PO, posterior.params.moments
     X_found = _TO_THE_MINIMUM.refine(posterior.objective, X_PO[_resample(weights, params.led).sample]).X_PO
     every = np.concatenate([X_mode, X_found])
     found = posterior.objective.normal_equations(X_found).hessian + posterior.held
     information = np.concatenate([cover.information, found])
     apart = one_of_each(every, information, posterior.symmetry_poses, params.apart)
-    return _find_families(X_mode, posterior, every[apart[apart >= len(X_mode)][: params.most_between]])
+    return every[apart[apart >= len(X_mode)][: params.most_between]]
 
 
-def _find_families(X_mode: FloatArray, posterior: Posterior, between: FloatArray | None = None) -> Families:
-    """Which of the modes (g, 3, 4) are one, by themselves or by way of minima (n, 3, 4) between them."""
+def join_modes(cover: Cover, posterior: Posterior, X_between: FloatArray | None = None) -> Families:
+    """Which of the sampled modes are one, by themselves or by way of minima (n, 3, 4) between them."""
     return find_families(
-        X_mode,
+        cover.X_PO,
         posterior.objective,
         lambda X_PO: _to_the_floor(X_PO, posterior),
         posterior.symmetry_poses,
         posterior.size,
-        between,
+        X_between,
         posterior.params.moments,
     )
 

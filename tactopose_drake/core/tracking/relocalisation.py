@@ -25,8 +25,7 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.poses import compose, increments_between
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
-from tactopose_drake.core.posterior.importance_sampling import weigh_covered
-from tactopose_drake.core.posterior.mode_cover import Cover, cover_modes
+from tactopose_drake.core.posterior.importance_sampling import Weighing, begin_weighing, weigh_on
 from tactopose_drake.core.posterior.plausibility import explain_with_doubt, is_comfortable
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.searches.doubt import search_with_doubt
@@ -48,8 +47,12 @@ from tactopose_drake.core.validation import FloatArray
 
 _REFINEMENT = LevenbergMarquardt(max_iterations=20, tolerance=1e-2)
 
-Covered = tuple[Evidence, Modes, Cover | None]
-"""The touch of one slice, its modes, and what covers them, if anything can."""
+
+class TouchWeighing(NamedTuple):
+    """The touch of one slice, and how far its modes are weighed."""
+
+    evidence: Evidence
+    weighing: Weighing
 
 
 class SearchState(NamedTuple):
@@ -59,7 +62,7 @@ class SearchState(NamedTuple):
         X_PO: what the slices so far have found, as of the last of them, shape (n, 3, 4); None between two searches.
         is_settled: whether these are minima of all the evidence.
         minima: what the last search has found, as of that time, shape (m, 3, 4): modes led astray are found again.
-        covered: what the next slice weighs; None where that is something else.
+        weighing: of the modes, which the next slice goes on with; None where that does something else.
         weighed: what the posterior says of them; None before that.
         depths: how deep the object is in the hand at the likely ones of them, as far as that has been asked, m.
         X_PP: the motion of the object in P since then, which acts from the left, shape (3, 4).
@@ -71,7 +74,7 @@ class SearchState(NamedTuple):
     X_PO: FloatArray | None = None
     is_settled: bool = False
     minima: FloatArray = np.empty((0, 3, 4))
-    covered: Covered | None = None
+    weighing: TouchWeighing | None = None
     weighed: WeighedModes | None = None
     depths: tuple[float, ...] = ()
     X_PP: FloatArray = np.eye(3, 4)
@@ -125,10 +128,9 @@ def _next_slice(
     model: ObjectModel, params: PoseTrackerParams, touch: Touch, modes: TrackedModes, search: SearchState
 ) -> tuple[SearchState, WeighedModes | None]:
     """Likewise; no poses are left in what a search has come to when it ends."""
-    if search.covered is not None:  # What covers the modes is as of the last slice.
+    if search.weighing is not None:  # It is as of the slice that began it.
         generator = np.random.default_rng([params.seed, search.searches, 1])
-        weighed = _weigh_covered(model, params.relocalisation, search.covered, generator)
-        return search._replace(covered=None, weighed=weighed), None
+        return _weigh_on(model, params.relocalisation, search, search.weighing, generator), None
     search = search.as_of_now()
     if search.weighed is not None:
         return _clear_of_the_hand(model, params.relocalisation, touch, search, search.weighed)
@@ -138,7 +140,7 @@ def _next_slice(
         near = dataclasses.replace(evidence, prior=None) if search.searches % 2 else evidence
         return search._replace(X_PO=_propose_poses(model, settings, near, generator)), None
     if search.is_settled:
-        return search._replace(covered=_cover_poses(model, settings, evidence, search.X_PO, generator)), None
+        return search._replace(weighing=_begin_weighing(model, settings, evidence, search.X_PO, generator)), None
     X_PO = np.concatenate([modes.X_PO, search.minima, search.X_PO])
     X_PO = _settle_poses(model, settings, evidence, X_PO) if len(X_PO) else X_PO
     search = search._replace(X_PO=X_PO, is_settled=True, minima=X_PO[: params.mixture.max_modes])
@@ -148,14 +150,16 @@ def _next_slice(
 def _clear_of_the_hand(
     model: ObjectModel, params: RelocalisationParams, touch: Touch, search: SearchState, weighed: WeighedModes
 ) -> tuple[SearchState, WeighedModes | None]:
-    """A slice in which it is asked how deep one of several likely modes is in the hand; after them the end."""
-    asked, likely = len(search.depths), weighed.likely(params)
+    """A slice in which it is asked how deep a few of several likely modes are in the hand; the last one is the end."""
+    depths, likely = search.depths, weighed.likely(params)
     if touch.depth_in_hand is None:
         return search.ended(), weighed
-    if asked == len(likely):
-        return search.ended(), weighed.clear(model, touch.evidence.hand, params, np.array(search.depths))
-    (depth,) = touch.depth_in_hand(weighed.modes.mixture.X_PO[likely[asked : asked + 1]]).tolist()
-    return search._replace(depths=(*search.depths, depth)), None
+    next_ones = likely[len(depths) : len(depths) + params.checked_at_once]
+    if len(next_ones):
+        depths = (*depths, *touch.depth_in_hand(weighed.modes.mixture.X_PO[next_ones]).tolist())
+    if len(depths) < len(likely):
+        return search._replace(depths=depths), None
+    return search.ended(), weighed.clear(model, touch.evidence.hand, params, np.array(depths))
 
 
 def _propose_poses(
@@ -194,34 +198,47 @@ def _settle_poses(model: ObjectModel, params: RelocalisationParams, evidence: Ev
     return X_PO[explain_with_doubt(model, evidence, judgement, X_PO, params.posterior.plausibility)]
 
 
-def _cover_poses(
+def _begin_weighing(
     model: ObjectModel,
     params: RelocalisationParams,
     evidence: Evidence,
     X_PO: FloatArray,
     generator: np.random.Generator,
-) -> Covered:
-    """Covers the posterior's modes at minima (m, 3, 4) of the evidence, at least one; see `cover_modes`."""
+) -> TouchWeighing:
+    """Begins to weigh the posterior's modes at minima (m, 3, 4) of the evidence, at least one."""
     problem = make_problem(model, evidence)
     each = np.zeros(len(X_PO), dtype=np.intp)
     minima = SearchResult(X_PO, problem.doubted(problem.objective).cost(X_PO), each, each == 0)
     modes = _distinct(model, params, problem, minima)
-    return evidence, modes, cover_modes(modes, make_posterior(model, evidence, problem, params.posterior), generator)
+    posterior = make_posterior(model, evidence, problem, params.posterior)
+    return TouchWeighing(evidence, begin_weighing(modes, posterior, generator))
 
 
-def _weigh_covered(
-    model: ObjectModel, params: RelocalisationParams, covered: Covered, generator: np.random.Generator
-) -> WeighedModes:
-    """What the posterior says of the modes; by Laplace's approximation where nothing covers them."""
-    evidence, modes, cover = covered
+def _weigh_on(
+    model: ObjectModel,
+    params: RelocalisationParams,
+    search: SearchState,
+    touch: TouchWeighing,
+    generator: np.random.Generator,
+) -> SearchState:
+    """The next step of weighing; after the last what the posterior says of the modes.
+
+    That is by Laplace's approximation where nothing covers them.
+    """
+    evidence, weighing = touch
     problem = make_problem(model, evidence)
-    if cover is not None:
-        modes = weigh_covered(modes, cover, make_posterior(model, evidence, problem, params.posterior), generator)
+    if weighing.cover is not None:
+        posterior = make_posterior(model, evidence, problem, params.posterior)
+        weighing = weigh_on(weighing, posterior, generator)
+    if weighing.cover is not None:
+        return search._replace(weighing=touch._replace(weighing=weighing))
+    modes = weighing.modes
     if problem.mixture is None:
-        return WeighedModes(modes, np.zeros(0), 1.0)
+        return search._replace(weighing=None, weighed=WeighedModes(modes, np.zeros(0), 1.0))
     judgement, weights = problem.mixture.judge(modes.mixture.X_PO), modes.mixture.weights
     log_inlier = weights @ np.log(np.maximum(judgement.inlier_probability, LEAST_INLIER))
-    return WeighedModes(modes, np.exp(log_inlier), float(weights @ judgement.noise_scale))
+    weighed = WeighedModes(modes, np.exp(log_inlier), float(weights @ judgement.noise_scale))
+    return search._replace(weighing=None, weighed=weighed)
 
 
 def _distinct(model: ObjectModel, params: RelocalisationParams, problem: PoseProblem, found: SearchResult) -> Modes:

@@ -106,11 +106,15 @@ def test_a_mode_that_is_surer_than_the_touch_does_not_keep_its_pose(
     assert np.array_equal(after.covariance[0], narrow.covariance[0]) == stays
 
 
-def test_a_search_is_made_of_five_slices_while_there_is_a_mode_to_keep_up(box: ObjectModel) -> None:
+def test_a_search_is_made_of_slices_while_there_is_a_mode_to_keep_up(box: ObjectModel) -> None:
     touched, state = touch_of(touch(X_PO, np.random.default_rng(1))), SearchState()
-    for is_last in (False, False, False, False, True):
+    slices, weighed = 0, None
+    while weighed is None:
+        assert state.searches == 0
         state, weighed = search_on(box, PARAMS, touched, modes_at(X_PO), state)
-        assert (weighed is not None) == is_last
+        slices += 1
+    # Poses are proposed, settled, covered, joined, sampled, joined by way of minima that samples lead to, and checked.
+    assert slices in (6, 8)
     assert (state.X_PO is None, state.searches) == (True, 1)
     _, weighed = search_on(box, PARAMS, touched, TrackedModes.empty(6), SearchState())
     assert weighed is not None
@@ -140,18 +144,20 @@ def test_what_is_found_meanwhile_moves_with_the_object() -> None:
         np.testing.assert_allclose(X[0], compose(motion.pose, compose(motion.pose, X_PO)), atol=1e-15)
 
 
-def test_what_covers_the_modes_is_weighed_as_of_its_time_and_moved_with_the_object_then(box: ObjectModel) -> None:
+def test_modes_are_weighed_as_of_the_time_that_this_began_and_moved_with_the_object_then(box: ObjectModel) -> None:
     touched, state = touch_of(touch(X_PO, np.random.default_rng(1))), SearchState()
-    while state.covered is None:
+    while state.weighing is None:
         state, _ = search_on(box, PARAMS, touched, modes_at(X_PO), state)
     rests: SearchState = pickle.loads(pickle.dumps(state))  # As a belief that is kept on disk.
-    for motion in (Motion(np.array([0.1, -0.2, 0.3, 0.01, 0.02, -0.01]), np.zeros((6, 6))),) * 2:
+    motion, X_PP = Motion(np.array([0.1, -0.2, 0.3, 0.01, 0.02, -0.01]), np.zeros((6, 6))), np.eye(3, 4)
+    at_rest, moved = None, None
+    while moved is None:
+        assert at_rest is None
         rests, at_rest = search_on(box, PARAMS, touched, modes_at(X_PO), rests)
         state, moved = search_on(box, PARAMS, touched, modes_at(X_PO), state.moved(motion))
+        X_PP = motion.of_poses(X_PP)
     assert at_rest is not None
-    assert moved is not None
-    expected = compose(motion.pose, compose(motion.pose, at_rest.modes.mixture.X_PO))
-    np.testing.assert_allclose(moved.modes.mixture.X_PO, expected, atol=1e-12)
+    np.testing.assert_allclose(moved.modes.mixture.X_PO, compose(X_PP, at_rest.modes.mixture.X_PO), atol=1e-12)
     np.testing.assert_array_equal(moved.modes.mixture.weights, at_rest.modes.mixture.weights)
 
 
@@ -221,7 +227,7 @@ def test_a_mode_that_may_slide_out_of_the_hand_is_not_dropped(box: ObjectModel) 
     assert wide.modes.mixture.weights[1] > 0.2
 
 
-def test_a_slice_asks_of_one_mode_how_deep_it_is_and_of_a_single_one_nothing(box: ObjectModel) -> None:
+def test_a_slice_asks_of_few_modes_how_deep_they_are_and_of_a_single_one_nothing(box: ObjectModel) -> None:
     asked: list[int] = []
 
     def depth(X: np.ndarray) -> np.ndarray:
@@ -229,14 +235,13 @@ def test_a_slice_asks_of_one_mode_how_deep_it_is_and_of_a_single_one_nothing(box
         return np.zeros(len(X))
 
     touched = touch_of(touch(X_PO, np.random.default_rng(1)))._replace(depth_in_hand=depth)
-    for count, slices in ((1, 1), (3, 4)):
+    for count, expected in ((1, []), (3, [2, 1])):
         asked.clear()
-        state, weighed, n = SearchState(weighed=weighed_modes(*(1e-3,) * count)), None, 0
+        state, weighed, slices = SearchState(weighed=weighed_modes(*(1e-3,) * count)), None, 0
         while weighed is None:
             state, weighed = search_on(box, PARAMS, touched, modes_at(X_PO), state)
-            n += 1
-        assert n == slices
-        assert asked == [1] * (slices - 1)
+            slices += 1
+        assert (asked, slices) == (expected, max(len(expected), 1))
         assert state.depths == ()
     # Of joints that are not known any more, nothing is concluded from what was asked before.
     state, _ = search_on(box, PARAMS, touched, modes_at(X_PO), SearchState(weighed=weighed_modes(1e-3, 1e-3, 1e-3)))
