@@ -34,7 +34,7 @@ from tactopose_drake.core.objectives import SurfaceContact
 from tactopose_drake.core.posterior import ModeParams, free_directions
 from tactopose_drake.hand import Hand, add_hand, load_hand_config
 from tactopose_drake.resources import model_path
-from tactopose_drake.systems import AddPoseEstimation, AddPoseTracking, PoseEstimationParams
+from tactopose_drake.systems import AddPoseEstimation, AddPoseTracking, CollectableSystem, PoseEstimationParams
 
 Array = NDArray[np.float64]
 PERIOD, DURATION, SETTLED = 0.02, 1.5, 0.5  # s
@@ -42,7 +42,7 @@ RIGHT, WRONG = (0.010, 10.0), (0.020, 20.0)  # m, deg
 FIST = np.radians([0, 0] + 3 * [0, 63, 68] + [0, 0, 63, 68] + [10, 30, 0, 20, 50])
 
 
-class Sensor(drake.LeafSystem):
+class Sensor(CollectableSystem):
     """An ideal force-torque sensor, which gives the reaction at a weld."""
 
     def __init__(self, weld: drake.WeldJoint) -> None:
