@@ -150,13 +150,13 @@ def _next_slice(
 def _clear_of_the_hand(
     model: ObjectModel, params: RelocalisationParams, touch: Touch, search: SearchState, weighed: WeighedModes
 ) -> tuple[SearchState, WeighedModes | None]:
-    """A slice in which it is asked how deep a few of several likely modes are in the hand; the last one is the end."""
+    """A slice in which it is asked how deep one of several likely modes is in the hand; the last one is the end."""
     depths, likely = search.depths, weighed.likely(params)
     if touch.depth_in_hand is None:
         return search.ended(), weighed
-    next_ones = likely[len(depths) : len(depths) + params.checked_at_once]
-    if len(next_ones):
-        depths = (*depths, *touch.depth_in_hand(weighed.modes.mixture.X_PO[next_ones]).tolist())
+    if len(likely):
+        X_next = weighed.modes.mixture.X_PO[likely[len(depths), None]]
+        depths = (*depths, *touch.depth_in_hand(X_next).tolist())
     if len(depths) < len(likely):
         return search._replace(depths=depths), None
     return search.ended(), weighed.clear(model, touch.evidence.hand, params, np.array(depths))

@@ -148,7 +148,6 @@ class RelocalisationParams:
     least_share: float = 0.5  # of a mean over searches, that is by the last one
     # Of the mass of the best mode; how deep the object would reach into the hand is not asked of less.
     least_checked_share: float = 0.05
-    checked_at_once: int = 2  # of these so many are asked of in a slice
     allowed_depth: float = 0.0015  # m, by which it may: fingertips give way where they touch
     depth_sigma: float = 0.001  # to which the hand's surface is known, m, where the evidence does not say it
     least_gain: float = 1.0  # of the cost, for which what is found takes the place of the filter's mode that it is
