@@ -25,7 +25,7 @@ from tactopose_drake.core.statuses import BeliefStatus
 from tactopose_drake.core.tracking.frame import PoseMeasurement, SeemingErrors
 from tactopose_drake.core.tracking.keyframes import Keyframe
 from tactopose_drake.core.tracking.motion_prediction import MotionHistory
-from tactopose_drake.core.tracking.relocalisation import SearchState
+from tactopose_drake.core.tracking.sliced_search import SearchState
 from tactopose_drake.core.tracking.slip_by_forces import ForceTest
 from tactopose_drake.core.tracking.slip_by_motion import RigidityTest
 from tactopose_drake.core.tracking.slip_by_surface import SlipTest

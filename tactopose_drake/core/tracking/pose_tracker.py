@@ -36,7 +36,8 @@ from tactopose_drake.core.tracking.motion_prediction import (
     predict_modes,
 )
 from tactopose_drake.core.tracking.pose_belief import Explanation, PoseBelief, summarise
-from tactopose_drake.core.tracking.relocalisation import relocalise, search_on
+from tactopose_drake.core.tracking.relocalisation import relocalise
+from tactopose_drake.core.tracking.sliced_search import search_on
 from tactopose_drake.core.tracking.slip_by_forces import detect_by_forces
 from tactopose_drake.core.tracking.slip_by_motion import detect_by_motion
 from tactopose_drake.core.tracking.slip_by_surface import PoseChange, SlipTest, detect_slip

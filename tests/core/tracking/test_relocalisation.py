@@ -12,13 +12,14 @@ from tactopose_drake.core.poses import compose, increments_between, make_poses, 
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking import relocalisation
+from tactopose_drake.core.tracking import sliced_search
 from tactopose_drake.core.tracking.contact_errors import follow_doubt
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, make_window
 from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
-from tactopose_drake.core.tracking.relocalisation import SearchState, relocalise, search_on
+from tactopose_drake.core.tracking.relocalisation import relocalise
+from tactopose_drake.core.tracking.sliced_search import SearchState, search_on
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.weighed_modes import WeighedModes
@@ -126,7 +127,7 @@ def test_what_a_search_has_found_starts_the_next_however_little_is_proposed(
     touched, modes, state = touch_of(touch(X_PO, np.random.default_rng(1))), TrackedModes.empty(6), SearchState()
     while not state.searches:
         state, _ = search_on(box, PARAMS, touched, modes, state)
-    monkeypatch.setattr(relocalisation, "_propose_poses", lambda *_: np.empty((0, 3, 4)))
+    monkeypatch.setattr(sliced_search, "_propose_poses", lambda *_: np.empty((0, 3, 4)))
     astray = modes_at(ELSEWHERE)
     for start in (state._replace(minima=np.empty((0, 3, 4))), state):
         again, weighed = start, None
