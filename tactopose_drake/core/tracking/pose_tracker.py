@@ -217,7 +217,10 @@ class PoseTracker:
         is_urgent = slips or is_outlier or not explained or time < unsettled_time + params.settling_time
         if slips or is_outlier or is_new:
             belief = copied(belief, search=belief.search._replace(agreeing=0))
-        belief = self._search(belief, frame, reading, duration, is_urgent=is_urgent)
+        # By when a touch has settled a search has begun to look at it, however rare frames are. And what the best mode
+        # does not explain is worth more of a frame's time than that mode.
+        slices = None if duration >= params.settling_time else 1 if explained else 2
+        belief = self._search(belief, frame, reading, is_urgent=is_urgent, slices=slices)
         modes, test = belief.modes, belief.slip_test
         if len(modes):
             modes = modes.pruned(params.mixture)
@@ -232,9 +235,9 @@ class PoseTracker:
         )
 
     def _search(
-        self, belief: PoseBelief, frame: Frame, reading: ContactReading, duration: float, *, is_urgent: bool
+        self, belief: PoseBelief, frame: Frame, reading: ContactReading, *, is_urgent: bool, slices: int | None
     ) -> PoseBelief:
-        """The belief after another slice of the search, where one is due; after all of them, where frames are rare."""
+        """The belief after so many more slices of the search, or all of them, where one is due."""
         params, search = self._params, belief.search
         if search.X_PO is None:
             settings = params.relocalisation
@@ -245,9 +248,7 @@ class PoseTracker:
         touch = Touch(
             frame.evidence, reading, make_window(belief.keyframes, params.window), belief.standing, frame.depth_in_hand
         )
-        # By when a touch has settled a search has begun to look at it, however rare frames are.
-        at_once = duration >= params.settling_time
-        search, weighed = search_on(self._model, params, touch, belief.modes, search, at_once=at_once)
+        search, weighed = search_on(self._model, params, touch, belief.modes, search, slices=slices)
         belief = copied(belief, search=search)
         if weighed is None:
             return belief

@@ -94,11 +94,11 @@ def search_on(
     modes: TrackedModes,
     search: SearchState,
     *,
-    at_once: bool = False,
+    slices: int | None = 1,
 ) -> tuple[SearchState, WeighedModes | None]:
-    """The next slice, and what the posterior says where that is to be put to use.
+    """The next slices, and what the posterior says where that is to be put to use.
 
-    Where the filter has no mode, there is none to keep up meanwhile: all slices are one.
+    Where the filter has no mode, there is none to keep up meanwhile: all are taken.
 
     Args:
         model: the object.
@@ -106,11 +106,13 @@ def search_on(
         touch: of now.
         modes: the filter's.
         search: how far it is.
-        at_once: whether all slices are one in any case.
+        slices: how many are taken, up to the search's end; None: all.
     """
+    taken, most = 0, slices if len(modes) else None
     while True:
         search, weighed = _next_slice(model, params, touch, modes, search)
-        if (len(modes) and not at_once) or search.X_PO is None:
+        taken += 1
+        if search.X_PO is None or taken == most:
             return search, weighed
 
 

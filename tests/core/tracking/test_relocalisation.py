@@ -117,6 +117,12 @@ def test_a_search_is_made_of_slices_while_there_is_a_mode_to_keep_up(box: Object
     # Poses are proposed, settled, covered, joined, sampled, joined by way of minima that samples lead to, and checked.
     assert slices in (6, 8)
     assert (state.X_PO is None, state.searches) == (True, 1)
+    twice, by_two = SearchState(), 0
+    while not twice.searches:
+        twice, weighed = search_on(box, PARAMS, touched, modes_at(X_PO), twice, slices=2)
+        by_two += 1
+    assert by_two == slices // 2
+    assert search_on(box, PARAMS, touched, modes_at(X_PO), SearchState(), slices=None)[1] is not None
     _, weighed = search_on(box, PARAMS, touched, TrackedModes.empty(6), SearchState())
     assert weighed is not None
 
