@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from pydrake.common.value import AbstractValue
 from pydrake.geometry import Box
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
@@ -12,7 +13,8 @@ from pydrake.systems.primitives import AddRandomInputs
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel
-from tactopose_drake.systems.depth_camera import AddDepthCamera, depth_of, image_of
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.systems.depth_camera import AddDepthCamera, DepthNoise, depth_of, image_of
 from tactopose_drake.systems.random_sources import seed_random_sources
 from tests.core.vision.seen_scenes import NO_HAND, depth_of_scene
 
@@ -63,6 +65,25 @@ def test_its_noise_is_as_told_and_by_the_seed(exact: np.ndarray) -> None:
     assert 0.6 < np.std(off) < 1.2
     np.testing.assert_array_equal(see(1.43e-3, seed=3), noisy)
     assert not np.array_equal(see(1.43e-3, seed=4), noisy)
+
+
+def test_an_image_changes_with_what_is_seen_and_with_its_noise() -> None:
+    system = DepthNoise(DepthCameraModel(width=50, height=40, depth_noise=0.01))
+    context = system.CreateDefaultContext()
+    images = []
+    for depth, number in ((1.0, 0.5), (1.0, 0.6), (2.0, 0.6)):
+        image = AbstractValue.Make(image_of(np.full((40, 50), depth)))
+        system.GetInputPort("exact_depth").FixValue(context, image)
+        system.GetInputPort("noise").FixValue(context, np.full(8, number))
+        images.append(depth_of(system.GetOutputPort("depth_image").Eval(context)))
+    assert not np.array_equal(images[0], images[1])
+    assert np.median(images[1]) == pytest.approx(1.0, abs=0.02)
+    assert np.median(images[2]) == pytest.approx(2.0, abs=0.08)
+
+
+def test_a_camera_that_cannot_be_is_refused() -> None:
+    with pytest.raises(InvalidInputError, match=r"DepthCameraModel\.depth_noise: is -1"):
+        DepthNoise(DepthCameraModel(depth_noise=-1.0))
 
 
 def test_an_image_keeps_its_depths() -> None:

@@ -108,7 +108,11 @@ def noisy_depth(depth: FloatArray, camera: DepthCameraModel, generator: np.rando
         depth: shape (height, width), m.
         camera: size and noise.
         generator: of the noise.
+
+    Raises:
+        InvalidInputError: if the image is not as large as the camera's.
     """
+    _check_size(depth, camera)
     row, column = np.mgrid[: camera.height, : camera.width] + 0.5
     weights = generator.normal(size=3)  # errors in common: a random plane over the image
     common = weights[0] + weights[1] * (row / camera.height - 0.5) + weights[2] * (column / camera.width - 0.5)
@@ -137,16 +141,20 @@ def take_picture(
     Raises:
         InvalidInputError: if the image is not as large as the camera's.
     """
-    if depth.shape != (camera.height, camera.width):
-        raise InvalidInputError(
-            f"depth: has the shape {depth.shape}; allowed is the camera's, ({camera.height}, {camera.width})."
-        )
+    _check_size(depth, camera)
     seen = np.isfinite(depth) & (depth > 0.0)
     measured = np.where(seen, depth, np.inf).astype(np.float64)
     hand = maximum_filter(inverse_depths(hand_vertices, hand_faces, camera.at_origin), size=3)
     finite = np.where(seen, measured, 0.0)
     behind = hand * (finite + _margin(finite, camera)) >= 1.0
     return DepthPicture(measured, seen & (hand > 0.0) & behind, camera)
+
+
+def _check_size(depth: FloatArray, camera: DepthCameraModel) -> None:
+    if depth.shape != (camera.height, camera.width):
+        raise InvalidInputError(
+            f"depth: has the shape {depth.shape}; allowed is the camera's, ({camera.height}, {camera.width})."
+        )
 
 
 def expected_picture(object_model: ObjectModel, X_CO: FloatArray, picture: DepthPicture) -> DepthPicture:
