@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,9 +16,11 @@ from tactopose_drake.hand.calibration_report import calibration_of
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
+from tactopose_drake.hand.hand_errors import HandErrors
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.kinematics import HandKinematics
 from tests.hand.calibrated_shadow import SOFT, WrongHand
+from tests.hand.grippers import write_gripper
 
 NONE = {
     "encoder_offset_deg": 0.0,
@@ -149,6 +152,45 @@ def test_the_defaults_give_a_contact_that_a_good_hand_has() -> None:
         contacts = Contacts(p_PC[None], n_PC[None], covariance=said[None])
         assert 0.0003 < float(np.asarray(contacts.sigma_position)[0]) < 0.004
         assert math.radians(0.5) < float(np.asarray(contacts.sigma_normal)[0]) < math.radians(6.0)
+
+
+def test_a_finger_that_slides_is_off_by_a_millimetre_a_degree_or_by_what_its_calibration_left(tmp_path: Path) -> None:
+    plant, hand = make_hand_plant(load_hand_config(write_gripper(tmp_path)))
+    told = HandUncertainty(**NONE | {"encoder_offset_deg": 2.0})
+    joints, gains = encoder_gains(plant, hand)
+    assert joints == ("left_slide", "right_slide")
+    np.testing.assert_allclose(gains * offset_sigmas(plant, hand, told), 0.002 * np.eye(2))
+    errors = HandErrors.of(plant, hand, told)
+    np.testing.assert_allclose(errors.sigma[errors.free], 0.002)
+    covariance = np.diag(np.where(errors.sigma > 0.0, 0.0004**2, 0.0))
+    found = calibration_of(errors, np.zeros(len(covariance)), covariance, 0.0)
+    found.noise.position = found.noise.normal_deg = found.noise.moment = found.noise.force = 1e-9
+    calibrated = dataclasses.replace(hand, calibration=found)
+    np.testing.assert_allclose(gains * offset_sigmas(plant, calibrated, told), 0.0004 * np.eye(2))
+    kinematics = HandKinematics(plant, hand.palm_frame)
+    X_PS, solution = kinematics.poses(hand.sensor_frames)["left"], touch(hand, "left")[1]
+    for each, sigma in ((hand, 0.002), (calibrated, 0.0004)):
+        uncertainty = ContactUncertainty(plant, each, told)
+        assert uncertainty.surface_sigma(kinematics) == pytest.approx(sigma / math.sqrt(3.0))
+        said = uncertainty.covariance("left", solution, X_PS, kinematics)
+        np.testing.assert_allclose(said, np.diag([sigma**2, 0.0, 0.0, 0.0, 0.0, 0.0]), atol=1e-11)
+
+
+def test_a_sensor_that_is_turned_swings_the_contact_about_its_origin() -> None:
+    told = HandUncertainty(**NONE | {"mounting_deg": 1.0})
+    wrong = WrongHand(0, told)
+    plant, hand = wrong.plant, wrong.hand
+    known = np.diag(np.square(wrong.errors.sigma))
+    found = calibration_of(wrong.errors, np.zeros(len(known)), known, 0.0)
+    found.noise.position = found.noise.normal_deg = found.noise.moment = found.noise.force = 1e-9
+    kinematics, finger = HandKinematics(plant, hand.palm_frame), hand.fingers[0]
+    X_PS, solution = kinematics.poses(hand.sensor_frames)[finger], touch(hand, finger)[1]
+    turns_P = math.radians(1.0) * X_PS.rotation().matrix().T  # about each axis of S, in rows
+    swings = np.column_stack([np.cross(turns_P, X_PS.rotation() @ solution.p_SC), turns_P])
+    expected = swings.T @ swings
+    for each in (hand, dataclasses.replace(hand, calibration=found)):
+        said = ContactUncertainty(plant, each, told).covariance(finger, solution, X_PS, kinematics)
+        np.testing.assert_allclose(said, expected, atol=1e-5 * np.trace(expected))
 
 
 @pytest.mark.parametrize("name", list(NONE))

@@ -153,8 +153,8 @@ def fill_hand_covariance(
     for i in range(3):
         out[i, i] += errors.place + errors.turn * square
         out[3 + i, 3 + i] += errors.turn
-        out[3 + i, (i + 1) % 3] += errors.turn * a[(i + 2) % 3]
-        out[3 + i, (i + 2) % 3] -= errors.turn * a[(i + 1) % 3]
+        out[3 + i, (i + 1) % 3] -= errors.turn * a[(i + 2) % 3]
+        out[3 + i, (i + 2) % 3] += errors.turn * a[(i + 1) % 3]
         for k in range(i + 1):
             out[i, k] += errors.radius * m[i] * m[k] - errors.turn * a[i] * a[k]
     transform(R, by_point, turned, rotation)
