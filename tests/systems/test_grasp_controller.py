@@ -2,12 +2,14 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from tactopose_drake.core.grasping.grasp_law import ClosingMotion
+from tactopose_drake.core.grasping.grasp_law import ClosingMotion, GraspLaw
+from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.systems.grasp_controller import GraspController, GraspControllerParams
+from tests.hand.grippers import write_gripper
 
 SET_FORCE = 2.0
 PARAMS = GraspControllerParams(closing_time=1.0)
@@ -186,6 +188,35 @@ def test_the_wrist_is_held_stiffly(hand_plant):
     state[position(bench.plant, "WRJ1")] = 0.01
     bench.set_state(state)
     assert bench.torque("WRJ1") == pytest.approx(-PARAMS.other_stiffness * 0.01)
+
+
+def test_the_fingers_open_as_quickly_as_they_close(hand_plant):
+    bench = Bench(hand_plant)
+    bench.run(0.9)
+    before = bench.torque("FFJ3")
+    bench.controller.GetInputPort("open").FixValue(bench.context, [1.0])
+    bench.run(12 * PARAMS.period)
+    change = 12 * PARAMS.period * GraspLaw().push_rate * 0.02  # of the commanded position
+    assert before - bench.torque("FFJ3") == pytest.approx(PARAMS.finger_stiffness * change)
+
+
+def test_a_finger_is_called_slack_below_its_share_of_the_set_force(hand_plant):
+    bench = Bench(hand_plant)
+    bench.set_forces(SET_FORCE, SET_FORCE)
+    bench.run(0.2)
+    slack = GraspLaw().slack_share * SET_FORCE
+    bench.set_forces(0.99 * slack, 1.01 * slack)
+    assert bench.status() == "holding; not carrying: first"
+
+
+def test_joints_that_slide_have_the_springs_of_ones_that_turn_on_an_arm(tmp_path):
+    plant, hand = make_hand_plant(load_hand_config(write_gripper(tmp_path)))
+    controller = GraspController(plant, hand, {}, np.array([0.01, 0.02]), PARAMS)
+    context = controller.CreateDefaultContext()
+    controller.GetInputPort("hand_state").FixValue(context, [0.0, 0.0, 0.3, 0.4])
+    torques = controller.GetOutputPort("actuation").Eval(context)
+    spring, damper = PARAMS.finger_stiffness / SLIDING_ARM**2, PARAMS.finger_damping / SLIDING_ARM**2
+    np.testing.assert_allclose(torques, [spring * 0.01 - damper * 0.3, spring * 0.02 - damper * 0.4])
 
 
 def test_bad_arguments_are_named(hand_plant):

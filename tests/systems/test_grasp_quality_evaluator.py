@@ -78,6 +78,8 @@ def test_outputs_are_held_between_periods(box: ObjectModel) -> None:
     contacts = system.GetInputPort("contacts")
     contacts.FixValue(context, AbstractValue.Make(Contacts(P_OC)))
     assert system.GetOutputPort("quality").Eval(context) is None
+    for name, value in (("radius", 0.0), ("volume", 0.0), ("force_closure", 0.0), ("probability", np.nan)):
+        np.testing.assert_array_equal(system.GetOutputPort(name).Eval(context), [value], name)
     simulator.AdvanceTo(0.05)
     held = system.GetOutputPort("radius").Eval(context)[0]
     contacts.FixValue(context, AbstractValue.Make(Contacts(P_OC[:2])))
@@ -129,6 +131,7 @@ def test_the_display_draws_green_forces_and_red_torques(box: ObjectModel) -> Non
 def test_impossible_parameters_and_inputs_are_refused(box: ObjectModel) -> None:
     with pytest.raises(InvalidInputError, match=r"GraspQualityParams\.friction: is -1"):
         GraspQualityEvaluator(box, GraspQualityParams(friction=-1.0))
+    GraspQualityParams(friction=0.0).validate()
     with pytest.raises(InvalidInputError, match=r"GraspQualityParams\.edges: is 2; allowed are integers >= 3"):
         GraspQualityEvaluator(box, GraspQualityParams(edges=2))
     with pytest.raises(InvalidInputError, match=r"GraspQualityParams\.samples: is 2\.5; allowed are integers >= 1"):

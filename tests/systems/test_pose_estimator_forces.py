@@ -71,6 +71,8 @@ def test_gravity_is_the_worlds_in_the_palm(box: ObjectModel) -> None:
     balanced = best(bench)
     np.testing.assert_allclose(balanced, expected(box, balance=ForceBalance(gravity)), atol=1e-12)
     assert not np.allclose(balanced, alone, atol=1e-6)
+    bench.fix(palm_pose=RigidTransform(X_WP.rotation(), [np.nan, 0.0, 0.0]))
+    np.testing.assert_array_equal(best(bench), alone)
 
 
 def test_balance_is_left_out_where_a_force_is_missing(box: ObjectModel) -> None:
