@@ -86,6 +86,17 @@ def test_a_camera_that_cannot_be_is_refused() -> None:
         DepthNoise(DepthCameraModel(depth_noise=-1.0))
 
 
+def test_an_image_of_another_size_is_refused() -> None:
+    system = DepthNoise(DepthCameraModel(width=50, height=40))
+    context = system.CreateDefaultContext()
+    system.GetInputPort("exact_depth").FixValue(context, AbstractValue.Make(image_of(np.ones((50, 40)))))
+    system.GetInputPort("noise").FixValue(context, np.zeros(8))
+    with pytest.raises(
+        InvalidInputError, match=r"depth: has the shape \(50, 40\); allowed is the camera's, \(40, 50\)"
+    ):
+        system.GetOutputPort("depth_image").Eval(context)
+
+
 def test_an_image_keeps_its_depths() -> None:
     depth = np.array([[0.5, np.inf, 1.25], [np.inf, 2.0, 0.75]])
     np.testing.assert_array_equal(depth_of(image_of(depth)), depth)
