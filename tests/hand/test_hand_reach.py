@@ -111,10 +111,9 @@ def test_joints_without_limits_are_told_as_the_check_tells_them(tmp_path: Path, 
     model.write_text(re.sub("<limit.*?/>", limit, model.read_text(), count=1))
     with pytest.raises(InvalidInputError) as told:
         make_hand_reach(load_hand_config(path), ReachParams())
-    assert re.search(
-        "'left': joint limits: left_slide .*; planned grasps need finite ones that differ", str(told.value)
-    )
-    assert [fault.text for fault in check_hand(path).faults] == [str(told.value).removesuffix(".")]
+    (fault,) = check_hand(path).faults
+    assert re.fullmatch("joint limits: left_slide .*; planned grasps need finite ones that differ", fault.text)
+    assert (fault.part, str(told.value)) == ("finger left", f"finger 'left': {fault.text}.")
 
 
 def test_fingertips_touch_with_their_straight_parts_where_round_ends_hold_nothing(tmp_path: Path) -> None:
