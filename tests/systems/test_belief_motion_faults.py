@@ -42,6 +42,15 @@ def test_velocities_that_are_not_known_are_named(box: ObjectModel) -> None:
     run.assert_never_a_silent_guess(still)
 
 
+def test_one_fingertip_beyond_all_reason_is_named(box: ObjectModel) -> None:
+    def tips(time: float) -> dict[str, np.ndarray]:
+        return dict.fromkeys(FINGERS, np.zeros(6)) | ({FINGERS[2]: np.full(6, -2e4)} if time > 0.1 else {})
+
+    run = Run(PoseBeliefEstimator(box), vision=begun(lambda time: None), tip_velocities=tips, **touched(still))
+    assert run.until(0.1).status == "ok"
+    assert run.until(0.15).status == "ok: the fingertips' velocities are beyond all reason"
+
+
 @pytest.mark.parametrize("silent", [True, False])
 def test_an_untouched_object_rests_in_the_world_but_not_when_no_sensor_says_so(box: ObjectModel, silent: bool) -> None:
     def palm(time: float) -> RigidTransform:
