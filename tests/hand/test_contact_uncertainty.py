@@ -193,6 +193,14 @@ def test_a_sensor_that_is_turned_swings_the_contact_about_its_origin() -> None:
         np.testing.assert_allclose(said, expected, atol=1e-5 * np.trace(expected))
 
 
+def test_a_bias_drifts_over_a_span_by_as_much_as_it_may_be() -> None:
+    plant, hand = make_hand_plant(load_hand_config("shadow_like"))
+    errors = HandErrors.of(plant, hand, HandUncertainty(sensor_force=0.1, sensor_moment=0.002), span=50.0)
+    expected = np.repeat([0.002 / 50.0, 0.1 / 50.0], 3)
+    for finger in errors.fingers:
+        np.testing.assert_allclose(errors.sigma[errors.place(finger, "drift")], expected)
+
+
 @pytest.mark.parametrize("name", list(NONE))
 def test_an_uncertainty_below_zero_is_refused(name: str) -> None:
     plant, hand = make_hand_plant(load_hand_config("shadow_like"))
