@@ -70,11 +70,12 @@ def test_its_noise_is_as_told_and_by_the_seed(exact: np.ndarray) -> None:
 def test_an_image_changes_with_what_is_seen_and_with_its_noise() -> None:
     system = DepthNoise(DepthCameraModel(width=50, height=40, depth_noise=0.01))
     context = system.CreateDefaultContext()
+    near, far = (AbstractValue.Make(image_of(np.full((40, 50), depth))) for depth in (1.0, 2.0))
+    system.GetInputPort("exact_depth").FixValue(context, near)
     images = []
-    for depth, number in ((1.0, 0.5), (1.0, 0.6), (2.0, 0.6)):
-        image = AbstractValue.Make(image_of(np.full((40, 50), depth)))
-        system.GetInputPort("exact_depth").FixValue(context, image)
-        system.GetInputPort("noise").FixValue(context, np.full(8, number))
+    # Each time one input alone changes.
+    for name, value in (("noise", np.full(8, 0.5)), ("noise", np.full(8, 0.6)), ("exact_depth", far)):
+        system.GetInputPort(name).FixValue(context, value)
         images.append(depth_of(system.GetOutputPort("depth_image").Eval(context)))
     assert not np.array_equal(images[0], images[1])
     assert np.median(images[1]) == pytest.approx(1.0, abs=0.02)
