@@ -7,11 +7,13 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_complete
 from numbers import Integral
 from typing import Any
 
+import numpy as np
+
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernel_library import make_kernels_ready
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import instance_of, shown
+from tactopose_drake.core.validation import instance_of, shown, whole_number
 from tactopose_drake.errors import InvalidInputError, TactoposeError
 from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.estimation.pickling import Sealed
@@ -21,6 +23,8 @@ from tactopose_drake.estimation.results import PoseEstimate
 # So many touches of one object go to a worker at a time: to a thread few, to another process, which needs a copy of the
 # model each time, many.
 _TO_A_THREAD, _TO_A_PROCESS = 8, 250
+# What users call a type.
+_CALLED: dict[type, str] = {GaussianPrior: "PosePrior", Integral: "integer"}
 
 
 def estimate_poses(
@@ -59,10 +63,18 @@ def estimate_poses(
         raise InvalidInputError("prior: of many touches it is `priors=`, one PosePrior or one for each touch.")
     if executor is not None:
         instance_of("executor", executor, Executor)
+    if on_progress is not None:
+        instance_of("on_progress", on_progress, Callable)  # type: ignore[arg-type]
     contacts = list(contacts)
     of = _each("models", models, ObjectModel, len(contacts))
-    before = _each("priors", priors, GaussianPrior, len(contacts))
+    before = [None] * len(contacts) if priors is None else _each("priors", priors, GaussianPrior, len(contacts))
     seeds = _each("seed", seed, Integral, len(contacts))
+    for i in range(len(contacts)):
+        instance_of(f"contacts[{i}]", contacts[i], Contacts)
+        instance_of(f"models[{i}]", of[i], ObjectModel)
+        if before[i] is not None and not isinstance(before[i], GaussianPrior):
+            instance_of(f"priors[{i}]", before[i], PosePrior)
+        seeds[i] = whole_number(f"seed[{i}]", seeds[i], least=0)
     make_kernels_ready()  # Threads that meet a type for the first time at once may each get their own from numba.
     estimates: dict[int, PoseEstimate] = {}
     with contextlib.ExitStack() as stack:
@@ -87,16 +99,15 @@ def estimate_poses(
 
 def _each(name: str, value: Any, kind: type, count: int) -> list[Any]:
     """One for each touch, of those that were given or of the one."""
-    if value is None or isinstance(value, kind):
+    if isinstance(value, kind):
         return [value] * count
+    if isinstance(value, np.ndarray) and value.ndim:
+        value = list(value)
     if not isinstance(value, Sequence) or len(value) != count:
         is_list = isinstance(value, Sequence) and not isinstance(value, str)
         given = f"are {len(value)}" if is_list else f"is {shown(value)}"
-        allowed = "PosePrior" if kind is GaussianPrior else kind.__name__
+        allowed = _CALLED.get(kind, kind.__name__)
         raise InvalidInputError(f"{name}: {given}; allowed are one {allowed}, or one for each touch, {count}.")
-    for i, one in enumerate(value):
-        if one is not None:
-            instance_of(f"{name}[{i}]", one, kind)
     return list(value)
 
 

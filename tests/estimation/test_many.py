@@ -118,7 +118,7 @@ def test_numbers_that_do_not_agree_are_refused(box: tp.ObjectModel) -> None:
         tp.estimate_poses(box, [], prior=None)
     with pytest.raises(InvalidInputError, match="priors: are 2; allowed are one PosePrior"):
         tp.estimate_poses(box, contacts, priors=priors[:2])
-    with pytest.raises(InvalidInputError, match=r"seed\[1\]: is a str; allowed is an Integral"):
+    with pytest.raises(InvalidInputError, match=r"seed\[1\]: is '1'; allowed are integers >= 0"):
         tp.estimate_poses(box, contacts, seed=[0, "1", 2])  # type: ignore[list-item]
 
 
@@ -134,3 +134,27 @@ def test_numpys_integers_are_seeds(box: tp.ObjectModel) -> None:
     contacts, _ = touches([box] * 2)
     (by_numpy, _), (plain, _) = (tp.estimate_poses(box, contacts, seed=seed) for seed in (np.int64(7), 7))
     assert by_numpy == dataclasses.replace(plain, duration=by_numpy.duration)
+
+
+def test_what_cannot_be_is_named_before_any_work(box: tp.ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    contacts, _ = touches([box] * 3)
+    monkeypatch.setattr(many, "make_kernels_ready", lambda: pytest.fail("work has begun"))
+    for arguments, message in (
+        ({"contacts": [*contacts, "touch"]}, r"contacts\[3\]: is a str; allowed is a Contacts"),
+        ({"models": None}, "models: is None; allowed are one ObjectModel"),
+        ({"models": [box, None, box]}, r"models\[1\]: is a NoneType; allowed is an ObjectModel"),
+        ({"seed": None}, "seed: is None; allowed are one integer, or one for each touch, 3"),
+        ({"seed": np.arange(2)}, "seed: are 2; allowed are one integer"),
+        ({"seed": [0, 1, "2"]}, r"seed\[2\]: is '2'; allowed are integers >= 0"),
+        ({"seed": -1}, r"seed\[0\]: is -1; allowed are integers >= 0"),
+        ({"priors": [None, 0.1, None]}, r"priors\[1\]: is a float; allowed is a PosePrior"),
+        ({"on_progress": 3}, "on_progress: is a int; allowed is a Callable"),
+    ):
+        with pytest.raises(InvalidInputError, match=message):
+            tp.estimate_poses(**({"models": box, "contacts": contacts} | arguments))  # type: ignore[arg-type]
+
+
+def test_seeds_may_be_an_array(box: tp.ObjectModel) -> None:
+    contacts, _ = touches([box] * 2)
+    found = tp.estimate_poses(box, contacts, seed=np.array([3, 4]))
+    assert [bits(one) for one in found] == [bits(one) for one in tp.estimate_poses(box, contacts, seed=[3, 4])]
