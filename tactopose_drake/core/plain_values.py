@@ -30,6 +30,13 @@ class PlainValue:
     def __hash__(self) -> int:
         return hash(tuple((name, _hashable(value)) for name, value in _fields(self).items()))
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # Copies, and those in other processes, are read-only too: kernels may round otherwise for writable arrays.
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+        self.__dict__.update(state)
+
     def to_dict(self) -> dict[str, Any]:
         """The fields by name, as JSON and YAML take them: arrays as lists, poses as their rows, m and rad as here.
 

@@ -80,6 +80,16 @@ def test_values_are_equal_by_what_is_in_them(make) -> None:
     assert one is not None
 
 
+@pytest.mark.parametrize("make", MAKERS)
+@pytest.mark.parametrize("again", [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))])
+def test_copies_are_read_only_as_what_they_are_of(make, again) -> None:
+    value = again(make(1))
+    for part in getattr(value, "hypotheses", (value,)):
+        arrays = [array for array in vars(part).values() if isinstance(array, np.ndarray)]
+        assert arrays
+        assert not any(array.flags.writeable for array in arrays)
+
+
 def test_a_difference_in_any_field_is_one() -> None:
     one = estimate(0).best
     for name, value in (

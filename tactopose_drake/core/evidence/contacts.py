@@ -103,13 +103,6 @@ class Contacts(PlainValue):
                 value.setflags(write=False)
             object.__setattr__(self, name, value)
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # Copies, and those in other processes, are read-only too: kernels may round otherwise for writable arrays.
-        for value in state.values():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
-        self.__dict__.update(state)
-
     def __len__(self) -> int:
         return len(self.p_PC)
 
