@@ -27,7 +27,7 @@ from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
 from tactopose_drake.core.searches.doubt import search_with_doubt
 from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
-from tactopose_drake.core.searches.search import Search, SearchResult, StopSignal
+from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.free_spin import turn_alike
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -42,6 +42,8 @@ from tactopose_drake.estimation.shape_errors import log_dilution, with_shape_err
 
 # Contacts that are farther apart than a hand reaches, m, and than this many sizes of the object, are not in metres.
 _WIDEST_HAND, _WIDEST_TOUCH = 1.0, 30.0
+# Beyond so many times the reach of touch and surface no pose is of interest; within it none is changed.
+_REACHES = 2.0
 # The same samples weigh the modes whatever the search's seed is: what is believed of them hangs on the touch alone.
 _SAMPLES_SEED = 0
 
@@ -87,7 +89,8 @@ def estimate_pose(
             contacts of the object that are displaced, flipped, have any normal, or tell nothing: see `SCEPTICAL`. 0
             takes every contact as told; all their noise may be larger than told then too, as rarely as a good hand's.
         planes: known planes of the world, in the palm frame, that the held object touches with its lowest point over
-            each; a table that it was set upon says how far it has slid in the hand.
+            each; a table that it was set upon says how far it has slid in the hand. They are believed as told: the
+            status does not ask whether the pose is at them.
 
     Raises:
         TooFewContactsError: no contact, and no patch that is felt.
@@ -246,6 +249,8 @@ def _modes_of(
 ) -> Modes:
     """What a search has found, as modes of contacts that may be false, up to images (s, 3, 4); so many at the most."""
     X_PO = found.X_PO
+    if evidence.prior is None:
+        X_PO = _brought_back(X_PO, problem.space)
     if evidence.prior is None and model.continuous_symmetries:
         X_PO = turn_alike(X_PO, X_PO[0], model.symmetries, model.symmetry_poses)
     cost, _, hessian = problem.doubted(problem.determining).normal_equations(X_PO)
@@ -259,6 +264,14 @@ def _modes_of(
         images,
         model.size,
         limit,
+    )
+
+
+def _brought_back(X_PO: FloatArray, space: PoseSpace) -> FloatArray:
+    """Poses (n, 3, 4), those that no contact holds and that have gone anywhere no farther off than twice the reach."""
+    center, reach = space.center[:, 3], _REACHES * space.reach[1]
+    return np.concatenate(
+        [X_PO[:, :, :3], X_PO[:, :, 3:].clip((center - reach)[:, None], (center + reach)[:, None])], 2
     )
 
 

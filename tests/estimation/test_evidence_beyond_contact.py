@@ -160,3 +160,14 @@ def test_a_table_tells_how_far_a_rod_has_slid() -> None:
     lower = tp.PlaneContact(table.p_PQ - [0.0, 0.0, 0.03], table.n_P, 0.0005)
     moved = tp.estimate_pose(rod, contacts, planes=[lower]).best.X_PO.translation()
     assert moved[2] == pytest.approx(slid - 0.03, abs=0.0015)
+
+
+@pytest.mark.parametrize("height", [0.2, 0.5, 5.0])
+def test_a_plane_that_nothing_can_reach_leaves_no_pose_far_away(can: tp.ObjectModel, height: float) -> None:
+    # Without contacts, all of which are then false, nothing holds the pose along the plane.
+    contacts = touch_surface(can, np.eye(3, 4), 5, np.random.default_rng(0))
+    estimate = tp.estimate_pose(can, contacts, planes=[tp.PlaneContact([0.0, 0.0, height], [0.0, 0.0, 1.0])])
+    assert estimate.status == "no_solution"
+    for hypothesis in estimate:
+        assert np.linalg.norm(hypothesis.X_PO.translation()) < 1.0
+        assert np.sqrt(np.diag(hypothesis.covariance)).max() < 10.0
