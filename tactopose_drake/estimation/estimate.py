@@ -22,7 +22,7 @@ from tactopose_drake.core.posterior.alike_modes import indistinct_images, join_a
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.importance_sampling import weigh_modes
 from tactopose_drake.core.posterior.moved_origin import has_far_origin, prior_of_middle
-from tactopose_drake.core.posterior.plausibility import explain_with_doubt
+from tactopose_drake.core.posterior.plausibility import explain_with_doubt, lies_on_planes
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
 from tactopose_drake.core.searches.doubt import search_with_doubt
@@ -89,8 +89,8 @@ def estimate_pose(
             contacts of the object that are displaced, flipped, have any normal, or tell nothing: see `SCEPTICAL`. 0
             takes every contact as told; all their noise may be larger than told then too, as rarely as a good hand's.
         planes: known planes of the world, in the palm frame, that the held object touches with its lowest point over
-            each; a table that it was set upon says how far it has slid in the hand. They are believed as told: the
-            status does not ask whether the pose is at them.
+            each; a table that it was set upon says how far it has slid in the hand. A pose that
+            is not at them explains no touch.
 
     Raises:
         TooFewContactsError: no contact, and no patch that is felt.
@@ -225,7 +225,8 @@ def _judge(
     """What the contacts say of the modes, and which of those explain the touch."""
     X_PO = modes.mixture.X_PO
     judged = None if problem.mixture is None else problem.mixture.judge(X_PO)
-    return judged, explain_with_doubt(model, evidence, judged, X_PO, params.plausibility)
+    explained = explain_with_doubt(model, evidence, judged, X_PO, params.plausibility)
+    return judged, explained & lies_on_planes(model, evidence, X_PO, params.plausibility)
 
 
 class _Deadline:

@@ -8,7 +8,7 @@ import trimesh
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, transform_points
-from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tactopose_drake.core.synthetic import touch_surface, touch_with_pads
 from tests.core.balanced_forces import balanced_forces
 from tests.displaced_poses import random_pose
 
@@ -160,6 +160,16 @@ def test_a_table_tells_how_far_a_rod_has_slid() -> None:
     lower = tp.PlaneContact(table.p_PQ - [0.0, 0.0, 0.03], table.n_P, 0.0005)
     moved = tp.estimate_pose(rod, contacts, planes=[lower]).best.X_PO.translation()
     assert moved[2] == pytest.approx(slid - 0.03, abs=0.0015)
+
+
+def test_a_pose_that_pads_keep_off_a_plane_explains_no_touch(can: tp.ObjectModel) -> None:
+    X_PO, lowest = np.eye(3, 4), np.array([0.0, 0.0, can.vertices[:, 2].min()])
+    pads = touch_with_pads(can, X_PO, 3, np.random.default_rng(0))
+    prior = tp.PosePrior(X_PO, sigma_translation=0.002, sigma_rotation=0.05)
+    for off, status in ((0.0, "ok"), (0.015, "no_solution")):
+        table = tp.PlaneContact(lowest - [0.0, 0.0, off], [0.0, 0.0, 1.0])
+        estimate = tp.estimate_pose(can, tp.Contacts.empty(), patches=pads, prior=prior, planes=[table])
+        assert estimate.status == status
 
 
 @pytest.mark.parametrize("height", [0.2, 0.5, 5.0])

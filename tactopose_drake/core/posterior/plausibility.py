@@ -10,6 +10,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.contact_mixture import Judgement
 from tactopose_drake.core.objectives.patch_contact import PatchContact
+from tactopose_drake.core.objectives.plane_support import PlaneSupport
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
 from tactopose_drake.core.posterior.chi_square import chi_square_limit
@@ -97,6 +98,16 @@ def explain_with_doubt(
     count = len(evidence.contacts) + len(evidence.felt)
     allowed = most_false_contacts(count, _false_share(evidence.outlier_probability), params.usual_false_contacts)
     return np.asarray(explained & (false <= allowed))
+
+
+def lies_on_planes(
+    model: ObjectModel, evidence: Evidence, X_PO: FloatArray, params: PlausibilityParams = DEFAULT_PARAMS.plausibility
+) -> NDArray[np.bool_]:
+    """At which of the poses (B, 3, 4) the object touches the planes that it is said to, but for their noise."""
+    if not evidence.planes:
+        return np.ones(len(X_PO), dtype=np.bool_)
+    limit = _limit(len(evidence.planes), params.least_contact_chance)
+    return np.asarray(PlaneSupport(model, evidence.planes).cost(X_PO) <= limit)
 
 
 @functools.cache

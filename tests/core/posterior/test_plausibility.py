@@ -7,10 +7,12 @@ from scipy.stats import binom
 from tactopose_drake.core.evidence.contact_doubt import ContactKinds
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.poses import compose, exp_so3
 from tactopose_drake.core.posterior.plausibility import (
     explain_touch,
     is_comfortable,
+    lies_on_planes,
     may_be_touched,
     most_false_contacts,
 )
@@ -39,6 +41,17 @@ def test_it_may_not_be_metres_away_unless_it_is_known_to_metres_only() -> None:
     assert may_be_touched(box, away, np.diag(np.repeat([1e-12, 0.4**2], 3)), contacts)
     one_near = Contacts(np.concatenate([contacts.p_PC, contacts.p_PC[:1] + off]))
     assert may_be_touched(box, away, EXACT, one_near), "one contact within reach is enough"
+
+
+def test_a_pose_lies_on_a_plane_but_for_its_noise() -> None:
+    box, contacts = make_box(), touch(np.eye(3, 4), np.random.default_rng(0))
+    lowest = np.array([0.0, 0.0, box.vertices[:, 2].min()])
+    X_PO = np.tile(np.eye(3, 4), (5, 1, 1))
+    X_PO[:, 2, 3] = 0.001 * np.array([-3.4, -3.2, 0.0, 3.2, 3.4])  # Beyond 3.29 lies one in a thousand.
+    table = PlaneContact(lowest, np.array([0.0, 0.0, 1.0]), 0.001)
+    expected = [False, True, True, True, False]
+    assert lies_on_planes(box, Evidence(contacts=contacts, planes=(table,)), X_PO).tolist() == expected
+    assert lies_on_planes(box, Evidence(contacts=contacts), X_PO).all()
 
 
 def test_the_answer_moves_with_the_frame() -> None:
