@@ -35,6 +35,10 @@ def check_joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
                 better = (Entry(finger.name, "joints", order),) if order else ()
                 yield Finding(part, fault(part, error).text, "fault", better)
             continue
+        if idle := [name for name in finger.joints if name not in order]:
+            text = f"its joints have {', '.join(idle)}, by which its sensor frame {finger.sensor_frame!r} does not move"
+            yield Finding(part, f"{text}; they are {', '.join(order)}", "fault", (Entry(finger.name, "joints", order),))
+            continue
         if list(order) == finger.joints:
             path = joints_towards(plant, hand, hand.sensor_frames[finger.name])
             yield Finding(part, f"its joints lead from the palm outwards: {', '.join(path)}")

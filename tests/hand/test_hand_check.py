@@ -253,6 +253,18 @@ def test_wrong_joints_are_named_with_the_right_ones(tmp_path: Path) -> None:
     assert check_hand(write_gripper(tmp_path, yaml=wrong)).entries == (Entry("left", "joints", ("left_slide",)),)
 
 
+def test_a_joint_that_does_not_move_its_finger_is_a_fault_with_the_right_ones(tmp_path: Path) -> None:
+    more = YAML.replace("joints: [left_slide]", "joints: [left_slide, right_slide]")
+    check = check_hand(write_gripper(tmp_path, yaml=more))
+    (fault,) = check.faults
+    assert (fault.part, fault.text) == (
+        "finger left",
+        "its joints have right_slide, by which its sensor frame 'left_tip' does not move; they are left_slide",
+    )
+    assert fingers_yaml(check.entries) == "- name: left\n  joints: [left_slide]"
+    assert not any("rad" in text for _, text in verdicts(check, "finger left"))
+
+
 def test_a_fault_names_its_finger_once(tmp_path: Path) -> None:
     wrong = YAML.replace("joints: [left_slide]", "joints: [right_slide]")
     (fault,) = check_hand(write_gripper(tmp_path, yaml=wrong)).faults
