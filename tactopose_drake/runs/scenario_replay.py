@@ -58,7 +58,8 @@ def replay(
     """Plays a recording to its end.
 
     The CAN logs go through the drivers in virtual time, so what comes out depends on the recording and the scenario
-    alone, to the last bit, however fast it is played. A time limit of the search is lifted for the same reason.
+    alone, to the last bit, however fast it is played. A time limit of the search is lifted for the same reason, and a belief over time that a
+    thread of its own computed (`live`) is computed when it is due.
 
     Args:
         folder: of the recording.
@@ -135,13 +136,14 @@ def _make_station(
 
 
 def as_recorded(scenario: Scenario, manifest: Manifest) -> Scenario:
-    """The scenario with the recording's senses, and without a time limit."""
+    """The scenario with the recording's senses, without a time limit, and with a belief that no thread computes."""
     estimator = dataclasses.replace(scenario.estimation.estimator, max_duration=None)
     estimation = dataclasses.replace(scenario.estimation, estimator=estimator)
     senses = manifest.scenario.senses
     if isinstance(senses, CanSenses):  # What came from files then is among the signals.
         senses = dataclasses.replace(senses, joints=JointPort(), prior="", palm="")
-    played = dataclasses.replace(scenario, senses=senses, estimation=estimation)
+    tracking = None if scenario.tracking is None else dataclasses.replace(scenario.tracking, live=False)
+    played = dataclasses.replace(scenario, senses=senses, estimation=estimation, tracking=tracking)
     played.validate()
     return played
 

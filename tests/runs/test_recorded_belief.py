@@ -4,20 +4,41 @@ from pathlib import Path
 
 import numpy as np
 
+from tactopose_drake.runs.estimate_writer import estimates_now
+from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.runs.stepping import RunView
-from tactopose_drake.station.scenario import load_scenario
+from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tests.cli.test_cli import run as tactopose
 from tests.runs.test_export import messages, rows
 
 
-def test_the_belief_over_time_is_recorded_and_exported(tmp_path: Path) -> None:
-    folder = tmp_path / "tracked"
+def tracking_scenario(*, live: bool) -> Scenario:
     scenario = load_scenario("barrett_like")
     scenario.estimation.use_hand_volume = scenario.estimation.check_collisions = False
     scenario.estimation.estimator.period = 0.02
-    scenario.tracking = PoseTrackingParams(use_hand_volume=False, check_collisions=False)
+    scenario.tracking = PoseTrackingParams(use_hand_volume=False, check_collisions=False, live=live)
+    return scenario
+
+
+def test_replays_of_a_live_belief_give_the_same_bits(tmp_path: Path) -> None:
+    folder = tmp_path / "tracked"
+    scenario = tracking_scenario(live=True)
+    run_scenario(scenario, duration=0.4, record=folder)
+    lines = []
+    for _ in range(2):
+        beliefs: list[dict] = []
+        replay(folder, scenario, observer=lambda view, to=beliefs: to.append(estimates_now(view.diagram, view.context)))
+        lines.append(beliefs)
+    assert lines[0] == lines[1]
+    assert any(line["tracked_hypotheses"] for line in lines[0])
+    assert not any("old" in line["tracked_status"] for line in lines[0])
+
+
+def test_the_belief_over_time_is_recorded_and_exported(tmp_path: Path) -> None:
+    folder = tmp_path / "tracked"
+    scenario = tracking_scenario(live=False)
     beliefs = []
 
     def see(view: RunView) -> None:
