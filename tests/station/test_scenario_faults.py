@@ -2,13 +2,18 @@ import re
 from pathlib import Path
 
 import pytest
+from pydrake.common.yaml import yaml_dump_typed
 from pydrake.geometry import Box, Role
 
+from tactopose_drake.core.calibration.offset_refinement import OffsetRefinementParams
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.resources import model_path, resource_root
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.simulated import make_station
+from tactopose_drake.station.simulated_errors import SimulatedErrors
+from tactopose_drake.systems.pose_tracking import PoseTrackingParams
+from tactopose_drake.systems.touch_exploration import TouchExplorationParams
 from tests.cli.test_cli import run as tactopose
 
 FAULTS = {
@@ -162,3 +167,16 @@ def test_an_object_with_joints_is_told_before_any_work(tmp_path: Path) -> None:
     with pytest.raises(InvalidInputError, match=r"pair.sdf: has joints; allowed is one free body"):
         run_scenario(load_scenario(tmp_path / "pair.scenario.yaml"), tell=told.append)
     assert told == []
+
+
+def test_every_key_of_every_part_can_be_given(tmp_path: Path) -> None:
+    scenario = Scenario(
+        errors=SimulatedErrors(),
+        tracking=PoseTrackingParams(refinement=OffsetRefinementParams(period=0.1)),
+        exploration=TouchExplorationParams(),
+    )
+    text = yaml_dump_typed(scenario)
+    assert "least_noise_share" in text
+    path = tmp_path / "all.scenario.yaml"
+    path.write_text(text)
+    assert yaml_dump_typed(load_scenario(path)) == text

@@ -9,10 +9,9 @@ no offset is ever known better than to a least standard deviation, and a touch t
 says nothing.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
+from typing import Self
 
 import numpy as np
 
@@ -63,7 +62,7 @@ class JointOffsets:
     touches: int = 0
 
     @classmethod
-    def of_sigma(cls, sigma: FloatArray) -> JointOffsets:
+    def of_sigma(cls, sigma: FloatArray) -> Self:
         """Nothing found yet; standard deviations (k,), rad."""
         return cls(np.zeros(len(sigma)), np.diag(np.square(sigma)))
 
