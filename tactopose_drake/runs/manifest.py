@@ -36,6 +36,8 @@ class Manifest:
 
     def validate(self) -> None:
         """Raises InvalidInputError if it does not say all that its devices need."""
+        if not self.versions:  # They follow on the scenario, of which less would be read than there was.
+            raise InvalidInputError("Manifest.versions: are not there: the file is cut off; allowed is a whole one.")
         senses = self.scenario.senses
         if isinstance(senses, RecordedSenses):
             raise InvalidInputError("Manifest.scenario.senses: are !RecordedSenses; allowed are others.")

@@ -95,11 +95,15 @@ def replay(
         simulator.Initialize()
         tell("playing")
         until = min(math.inf if duration is None else duration, last if cut or devices is None else math.inf)
+        is_part = bool(cut) or (duration is not None and duration < last)
         buses = [] if devices is None else list(devices.buses.values())
         at_end = functools.partial(have_ended, buses)
 
         def compare_and_show(view: RunView) -> None:
-            if is_compared and not at_end():  # What comes after the end of a log is not compared.
+            is_between = (
+                is_part and view.context.get_time() >= until
+            )  # Where a part ends, the run may have no estimate.
+            if is_compared and not is_between and not at_end():  # What comes after the end of a log is not compared.
                 comparison.compare(view)
             observer(view)
 

@@ -18,7 +18,8 @@ from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
-from tactopose_drake.runs.manifest import SIGNALS, load_manifest, save_manifest
+from tactopose_drake.runs.estimate_writer import EstimateWriter
+from tactopose_drake.runs.manifest import ESTIMATES, SIGNALS, load_manifest, save_manifest
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.senses import CanBus, CanSenses, ForceTorqueBoard
@@ -57,6 +58,21 @@ def test_the_recording_plays_as_it_is(recording: Path, scenario: Scenario) -> No
     assert played.view.context.get_time() == 0.3
 
 
+def test_a_part_that_ends_between_two_estimates_is_like_the_run(
+    recording: Path, scenario: Scenario, tmp_path: Path
+) -> None:
+    copy = Path(shutil.copytree(recording, tmp_path / "copy"))
+    with EstimateWriter(copy / ESTIMATES) as writer:
+        replay(recording, scenario, observer=lambda view: writer.write(view.diagram, view.context))
+    played = replay(copy, scenario, duration=0.25)
+    assert (played.view.context.get_time(), played.difference) == (0.25, "")
+    signals = copy / SIGNALS
+    edit(lambda lines: [line for line in lines if line["time"] <= 0.2])(copy)
+    signals.write_text(signals.read_text().replace('"time": 0.2', '"time": 0.15') + '{"time"')
+    played = replay(copy, scenario)
+    assert (played.view.context.get_time(), played.whole, played.difference) == (0.15, False, "")
+
+
 def test_a_replay_is_freed(recording: Path, scenario: Scenario) -> None:
     played = replay(recording, scenario, duration=0.1)
     diagram = weakref.ref(played.view.diagram)
@@ -79,13 +95,17 @@ def edit(change: Callable[[list[dict]], object]) -> Callable[[Path], None]:
     return damage
 
 
-def replaced(file: str, old: str, new: str) -> Callable[[Path], None]:
+def edit_text(file: str, change: Callable[[str], str]) -> Callable[[Path], None]:
     def damage(folder: Path) -> None:
         text = (folder / file).read_text()
-        assert old in text
-        (folder / file).write_text(text.replace(old, new, 1))
+        assert change(text) != text
+        (folder / file).write_text(change(text))
 
     return damage
+
+
+def replaced(file: str, old: str, new: str) -> Callable[[Path], None]:
+    return edit_text(file, lambda text: text.replace(old, new, 1))
 
 
 def without(name: str) -> Callable[[Path], None]:
@@ -99,6 +119,10 @@ def of(lines: list[dict], name: str) -> dict:
 DAMAGES = {
     "start nan": (replaced("manifest.yaml", "start: 0.0", "start: .nan"), "start: is '.nan'; allowed are finite"),
     "start early": (replaced("manifest.yaml", "start: 0.0", "start: -3600"), "start: is -3600; allowed are numbers >="),
+    "half a manifest": (
+        edit_text("manifest.yaml", lambda text: text.partition("versions:")[0]),
+        "Manifest.versions: are not there: the file is cut off",
+    ),
     "bus": (replaced("manifest.yaml", "buses: {}", "buses: {left: signals.jsonl}"), "buses: are of left; allowed are"),
     "bias": (replaced("manifest.yaml", "biases: {}", "biases: {toe: [1]}"), "biases: are of toe; allowed are"),
     "shuffled": (edit(lambda lines: lines[::-1]), "is no signal (its time is"),
