@@ -58,8 +58,8 @@ def replay(
     """Plays a recording to its end.
 
     The CAN logs go through the drivers in virtual time, so what comes out depends on the recording and the scenario
-    alone, to the last bit, however fast it is played. A time limit of the search is lifted for the same reason, and a belief over time that a
-    thread of its own computed (`live`) is computed when it is due.
+    alone, to the last bit, however fast it is played. A time limit of the search is lifted for the same reason, and a
+    belief over time that a thread of its own computed (`live`) is computed when it is due.
 
     Args:
         folder: of the recording.
