@@ -100,9 +100,8 @@ def replay(
         at_end = functools.partial(have_ended, buses)
 
         def compare_and_show(view: RunView) -> None:
-            is_between = (
-                is_part and view.context.get_time() >= until
-            )  # Where a part ends, the run may have no estimate.
+            # Where a part ends, the run may have no estimate.
+            is_between = is_part and view.context.get_time() >= until
             if is_compared and not is_between and not at_end():  # What comes after the end of a log is not compared.
                 comparison.compare(view)
             observer(view)
