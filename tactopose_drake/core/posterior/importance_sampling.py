@@ -63,35 +63,6 @@ class Samples(NamedTuple):
         """They as they were drawn."""
         return Draws(self.cost, self.density, np.concatenate([each.count for each in self.proposals]))
 
-    def with_room(self, most: int) -> Samples:
-        """The same as the first ones of arrays that so many fit into."""
-        count, g = self.weights.shape
-        room = Samples(
-            np.empty((most, 3, 4)),
-            np.empty(most),
-            Increments.empty(most, g),
-            np.zeros((most, g)),
-            self.proposals,
-            np.empty((most, g)),
-            self.weighed,
-        )
-        room.X_PO[:count], room.cost[:count], room.density[:count] = self.X_PO, self.cost, self.density
-        room.increments.u[:count], room.increments.volume[:count] = self.increments
-        return room
-
-    def first(self, count: int) -> Samples:
-        """So many of them, views."""
-        part = slice(count)
-        return Samples(
-            self.X_PO[part],
-            self.cost[part],
-            self.increments.part(part),
-            self.density[part],
-            self.proposals,
-            self.weights[part],
-            self.weighed,
-        )
-
 
 class Weighing(NamedTuple):
     """How far modes are weighed: a step is a part of it that takes about as long as the others, see `weigh_on`.
@@ -100,8 +71,9 @@ class Weighing(NamedTuple):
         modes: by Laplace's approximation; as the samples say once it is done.
         cover: of those that are sampled; None once it is done, or where they cannot be.
         families: which of the sampled modes are one; None as long as that has not been asked.
-        samples: of the first round; None before it.
+        samples: so far; None before the first round.
         X_between: minima between the modes, that the samples lead to, shape (n, 3, 4); None before these are needed.
+        is_joined: whether all that the samples lead to has been asked which modes are one.
     """
 
     modes: Modes
@@ -109,6 +81,7 @@ class Weighing(NamedTuple):
     families: Families | None = None
     samples: Samples | None = None
     X_between: FloatArray | None = None
+    is_joined: bool = False
 
 
 def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
@@ -128,21 +101,23 @@ def begin_weighing(modes: Modes, posterior: Posterior, generator: np.random.Gene
 
 
 def weigh_on(weighing: Weighing, posterior: Posterior, generator: np.random.Generator) -> Weighing:
-    """The next step, of modes that are covered: what is one, samples, what these make one, and what they say."""
-    modes, cover, families, samples, X_between = weighing
+    """The next step, of modes that are covered: what is one, samples, what these make one, and further rounds."""
+    modes, cover, families, samples, X_between, is_joined = weighing
     assert cover is not None
     if families is None:
         return weighing._replace(families=join_modes(cover, posterior))
     if samples is None:
         samples = _first_round(cover, families, posterior, generator)
-        if samples.weighed.error > posterior.params.sampling.standard_error:
-            return weighing._replace(samples=samples)
+        is_joined = samples.weighed.error <= posterior.params.sampling.standard_error
+    elif is_joined:
+        samples = _next_round(samples, cover, families, posterior, generator)
     elif X_between is None:  # Maybe minima between the modes have been missed.
-        return weighing._replace(X_between=minima_between(samples.X_PO, samples.weights, cover, posterior))
+        X_between = minima_between(samples.X_PO, samples.weights, cover, posterior)
     else:
-        families = join_modes(cover, posterior, X_between)
+        families, is_joined = join_modes(cover, posterior, X_between), True
         samples = _weighed_anew(samples, cover, families, posterior)
-    samples = _more_rounds(samples, cover, families, posterior, generator)
+    if not is_joined or _next_count(samples, cover, posterior):
+        return Weighing(modes, cover, families, samples, X_between, is_joined)
     return Weighing(_as_sampled(modes, cover, families, samples, posterior), None)
 
 
@@ -182,33 +157,37 @@ def _weighed_anew(samples: Samples, cover: Cover, families: Families, posterior:
     return samples._replace(weights=weights, weighed=weighed)
 
 
-def _more_rounds(
+def _next_count(samples: Samples, cover: Cover, posterior: Posterior) -> int:
+    """How many samples the next round has: none where the modes' probabilities are sure enough, or all are drawn."""
+    params, drawn, weighed = posterior.params.sampling, len(samples.X_PO), samples.weighed
+    sure = weighed.error <= params.standard_error and weighed.worth >= params.effective_samples
+    count = max(params.round_of(cover.tiles), int(params.growth * drawn))
+    return 0 if sure or weighed.worth == 0.0 or drawn + count > params.most_samples else count
+
+
+def _next_round(
     samples: Samples, cover: Cover, families: Families, posterior: Posterior, generator: np.random.Generator
 ) -> Samples:
-    """So many samples that the modes' probabilities are sure enough, or as many as are drawn at the most.
+    """The samples and those of another round.
 
-    Those of further rounds are drawn about the ones before as their weights say [CDG08]; all are weighed by all
-    proposals together [CMMR12].
+    These are drawn about the ones before as their weights say [CDG08]; all are weighed by all proposals together
+    [CMMR12].
     """
-    params, room = posterior.params.sampling, samples
-    while True:
-        drawn, weighed = len(samples.X_PO), samples.weighed
-        sure = weighed.error <= params.standard_error and weighed.worth >= params.effective_samples
-        count = max(params.round_of(cover.tiles), int(params.growth * drawn))
-        if sure or weighed.worth == 0.0 or drawn + count > params.most_samples:
-            return samples
-        if room is samples:
-            room = samples.with_room(params.most_samples)
-        proposal = tile_samples(samples.X_PO, samples.weights, cover, count, posterior)
-        fresh = slice(drawn, drawn + int(proposal.count.sum()))
-        room.X_PO[fresh] = proposal.sample(generator)
-        room.cost[fresh] = _cost_of_one_image(room.X_PO[fresh], cover.X_PO, posterior)
-        to_fresh = room.increments.part(fresh).find(cover.X_PO, room.X_PO[fresh])
-        for earlier in samples.proposals:
-            earlier.add_to(room.density[fresh], to_fresh)
-        samples = room.first(fresh.stop)._replace(proposals=(*samples.proposals, proposal))
-        proposal.add_to(samples.density, samples.increments)
-        samples = _weighed_anew(samples, cover, families, posterior)
+    proposal = tile_samples(samples.X_PO, samples.weights, cover, _next_count(samples, cover, posterior), posterior)
+    X_PO = proposal.sample(generator)
+    increments, density = find_increments(cover.X_PO, X_PO), np.zeros((len(X_PO), len(cover.X_PO)))
+    for earlier in samples.proposals:
+        earlier.add_to(density, increments)
+    cost = _cost_of_one_image(X_PO, cover.X_PO, posterior)
+    joined = samples._replace(
+        X_PO=np.concatenate([samples.X_PO, X_PO]),
+        cost=np.concatenate([samples.cost, cost]),
+        increments=Increments(*map(np.concatenate, zip(samples.increments, increments, strict=True))),
+        density=np.concatenate([samples.density, density]),
+        proposals=(*samples.proposals, proposal),
+    )
+    proposal.add_to(joined.density, joined.increments)
+    return _weighed_anew(joined, cover, families, posterior)
 
 
 def _cost_of_one_image(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterior) -> FloatArray:

@@ -29,7 +29,7 @@ _LANES = 256
 
 
 class Components(NamedTuple):
-    """The components of a mixture, sorted by group; see `prepare`.
+    """The components of a mixture, sorted by group.
 
     Attributes:
         first: the first component of each group, and behind the last one's, shape (g + 1,).
@@ -39,8 +39,20 @@ class Components(NamedTuple):
         scale: the densities' constants, times how many samples are drawn of each, shape (n,).
     """
 
-    first: OutLongs1
+    first: Longs1
     center: Floats2
+    information: Floats3
+    reach: Floats1
+    scale: Floats1
+
+
+class Preparation(NamedTuple):
+    """Where `prepare` writes what is left to know of components, with the meanings that they have there.
+
+    On entry `first` and `reach` are zero, and the information is whole.
+    """
+
+    first: OutLongs1
     information: OutFloats3
     reach: OutFloats1
     scale: OutFloats1
@@ -48,13 +60,19 @@ class Components(NamedTuple):
 
 @kernel
 def prepare(
-    group: Longs1, turns: Floats3, count: Longs1, constant: float, farthest: float, components: Components
+    group: Longs1,
+    turns: Floats3,
+    center: Floats2,
+    count: Longs1,
+    constant: float,
+    farthest: float,
+    preparation: Preparation,
 ) -> None:
-    """Fills what is left to know of components: `first` and `reach` are zero, and the information whole, on entry.
+    """Fills in what is left to know of components.
 
     Beyond a squared Mahalanobis distance a pose does not belong to a component.
     """
-    first, center, information, reach, scale = components
+    first, information, reach, scale = preparation
     L, covariance, image = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
     for j in range(group.shape[0]):
         logarithm = cholesky(information[j], L)

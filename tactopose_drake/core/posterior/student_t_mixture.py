@@ -31,24 +31,13 @@ class Increments(NamedTuple):
     u: FloatArray
     volume: FloatArray
 
-    @classmethod
-    def empty(cls, count: int, groups: int) -> Increments:
-        """Space for those to so many poses."""
-        return cls(np.empty((count, groups, 6)), np.empty((count, groups)))
-
-    def part(self, index: slice) -> Increments:
-        """Those to some of the poses, a view."""
-        return Increments(self.u[index], self.volume[index])
-
-    def find(self, X_group: FloatArray, X_PO: FloatArray) -> Increments:
-        """Itself, filled with the increments from poses (g, 3, 4) to poses (B, 3, 4)."""
-        student_t_kernels.find_increments(X_group, X_PO, *self)
-        return self
-
 
 def find_increments(X_group: FloatArray, X_PO: FloatArray) -> Increments:
     """The increments from poses (g, 3, 4) to poses (B, 3, 4)."""
-    return Increments.empty(len(X_PO), len(X_group)).find(X_group, X_PO)
+    shape = len(X_PO), len(X_group)
+    increments = Increments(np.empty((*shape, 6)), np.empty(shape))
+    student_t_kernels.find_increments(X_group, X_PO, *increments)
+    return increments
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,15 +91,12 @@ class StudentTMixture:
         g, n, freedom = len(self.X_PO), 6 - self.turns.shape[2], self.freedom
         power = 0.5 * (freedom + n)
         constant = math.lgamma(power) - math.lgamma(0.5 * freedom) - 0.5 * n * math.log(math.pi * freedom)
-        components = student_t_kernels.Components(
-            np.zeros(g + 1, dtype=np.intp),
-            read_only(self.center),
-            self.information.copy(),
-            np.zeros(g),
-            np.empty(len(self.group)),
+        prepared = student_t_kernels.Preparation(
+            np.zeros(g + 1, dtype=np.intp), self.information.copy(), np.zeros(g), np.empty(len(self.group))
         )
-        student_t_kernels.prepare(self.group, self.turns, self.count, constant, self.farthest, components)
-        return components
+        student_t_kernels.prepare(self.group, self.turns, self.center, self.count, constant, self.farthest, prepared)
+        first, information, reach, scale = map(read_only, prepared)
+        return student_t_kernels.Components(first, read_only(self.center), information, reach, scale)
 
 
 def draw(

@@ -121,7 +121,9 @@ def _next_slice(
 ) -> tuple[SearchState, WeighedModes | None]:
     """Likewise; no poses are left in what a search has come to when it ends."""
     if search.weighing is not None:  # It is as of the slice that began it.
-        generator = np.random.default_rng([params.seed, search.searches, 1])
+        drawn = search.weighing.weighing.samples
+        rounds = 0 if drawn is None else len(drawn.proposals)
+        generator = np.random.default_rng([params.seed, search.searches, 1 + rounds])
         return _weigh_on(model, params.relocalisation, search, search.weighing, generator), None
     search = search.as_of_now()
     if search.weighed is not None:
