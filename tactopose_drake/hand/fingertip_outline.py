@@ -16,7 +16,7 @@ from tactopose_drake.core.surfaces.surface_fitting import fit_surface, residual
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.hull_vertices import hull_vertices
 from tactopose_drake.hand.hand_in_plant import Hand
-from tactopose_drake.hand.shape_depth import shape_depth
+from tactopose_drake.hand.shape_depth import convex_shape
 
 _POINTS = 600
 _DIRECTIONS = random_directions(np.random.default_rng(0), 1000)
@@ -118,9 +118,9 @@ def _outside(outline: FloatArray, outwards: FloatArray, others: list[tuple[Rigid
     points, faces = trimesh.sample.sample_surface(hull, _POINTS, seed=0)
     seen = hull.face_normals[faces] @ outwards > -_BACK
     for X_SG, shape in others:
-        depth = shape_depth(shape)
-        if depth is not None:
-            seen &= np.array([depth.at(p) < _WITHIN for p in X_SG.inverse().multiply(points.T).T])
+        other = convex_shape(shape)
+        if other is not None:
+            seen &= other.depths(X_SG.inverse().multiply(points.T).T) < _WITHIN
     outside: FloatArray = np.asarray(points)[seen]
     return outside
 

@@ -53,8 +53,6 @@ class SearchState(NamedTuple):
         is_settled: whether these are minima of all the evidence.
         minima: what the last search has found, as of that time, shape (m, 3, 4): modes led astray are found again.
         weighing: of the modes, which the next slice goes on with; None where that does something else.
-        weighed: what the posterior says of them; None before that.
-        depths: how deep the object is in the hand at the likely ones of them, as far as that has been asked, m.
         X_PP: the motion of the object in P since then, which acts from the left, shape (3, 4).
         searches: how many there were.
         agreeing: how many of them since something happened that makes what they said before worthless.
@@ -65,8 +63,6 @@ class SearchState(NamedTuple):
     is_settled: bool = False
     minima: FloatArray = np.empty((0, 3, 4))
     weighing: TouchWeighing | None = None
-    weighed: WeighedModes | None = None
-    depths: tuple[float, ...] = ()
     X_PP: FloatArray = np.eye(3, 4)
     searches: int = 0
     agreeing: int = 0
@@ -79,12 +75,11 @@ class SearchState(NamedTuple):
     def as_of_now(self) -> SearchState:
         """The same with its poses as they are after the motion."""
         X_PO = None if self.X_PO is None else compose(self.X_PP, self.X_PO)
-        weighed = None if self.weighed is None else self.weighed.moved(self.X_PP)
-        return self._replace(X_PO=X_PO, minima=compose(self.X_PP, self.minima), weighed=weighed, X_PP=np.eye(3, 4))
+        return self._replace(X_PO=X_PO, minima=compose(self.X_PP, self.minima), X_PP=np.eye(3, 4))
 
     def ended(self) -> SearchState:
         """That before the next search."""
-        return self._replace(X_PO=None, is_settled=False, weighed=None, depths=(), searches=self.searches + 1)
+        return self._replace(X_PO=None, is_settled=False, weighing=None, searches=self.searches + 1)
 
 
 def search_on(
@@ -124,10 +119,12 @@ def _next_slice(
         drawn = search.weighing.weighing.samples
         rounds = 0 if drawn is None else len(drawn.proposals)
         generator = np.random.default_rng([params.seed, search.searches, 1 + rounds])
-        return _weigh_on(model, params.relocalisation, search, search.weighing, generator), None
+        weighed = _weigh_on(model, params.relocalisation, search.weighing, generator)
+        if isinstance(weighed, TouchWeighing):
+            return search._replace(weighing=weighed), None
+        weighed, search = weighed.moved(search.X_PP), search.as_of_now()
+        return search.ended(), _clear_of_the_hand(model, params.relocalisation, touch, weighed)
     search = search.as_of_now()
-    if search.weighed is not None:
-        return _clear_of_the_hand(model, params.relocalisation, touch, search, search.weighed)
     evidence, settings = touch.averaged(params), params.relocalisation
     generator = np.random.default_rng([params.seed, search.searches])
     if search.X_PO is None:
@@ -142,18 +139,14 @@ def _next_slice(
 
 
 def _clear_of_the_hand(
-    model: ObjectModel, params: RelocalisationParams, touch: Touch, search: SearchState, weighed: WeighedModes
-) -> tuple[SearchState, WeighedModes | None]:
-    """A slice in which it is asked how deep one of several likely modes is in the hand; the last one is the end."""
-    depths, likely = search.depths, weighed.likely(params)
-    if touch.depth_in_hand is None:
-        return search.ended(), weighed
-    if len(likely):
-        X_next = weighed.modes.mixture.X_PO[likely[len(depths), None]]
-        depths = (*depths, *touch.depth_in_hand(X_next).tolist())
-    if len(depths) < len(likely):
-        return search._replace(depths=depths), None
-    return search.ended(), weighed.clear(model, touch.evidence.hand, params, np.array(depths))
+    model: ObjectModel, params: RelocalisationParams, touch: Touch, weighed: WeighedModes
+) -> WeighedModes:
+    """The same where several likely modes count by how deep the object is in the hand at each."""
+    likely = weighed.likely(params)
+    if touch.depth_in_hand is None or not len(likely):
+        return weighed
+    depth = touch.depth_in_hand(np.ascontiguousarray(weighed.modes.mixture.X_PO[likely]))
+    return weighed.clear(model, touch.evidence.hand, params, depth)
 
 
 def _propose_poses(
@@ -209,12 +202,8 @@ def _begin_weighing(
 
 
 def _weigh_on(
-    model: ObjectModel,
-    params: RelocalisationParams,
-    search: SearchState,
-    touch: TouchWeighing,
-    generator: np.random.Generator,
-) -> SearchState:
+    model: ObjectModel, params: RelocalisationParams, touch: TouchWeighing, generator: np.random.Generator
+) -> TouchWeighing | WeighedModes:
     """The next step of weighing; after the last what the posterior says of the modes.
 
     That is by Laplace's approximation where nothing covers them.
@@ -225,14 +214,13 @@ def _weigh_on(
         posterior = make_posterior(model, evidence, problem, params.posterior)
         weighing = weigh_on(weighing, posterior, generator)
     if weighing.cover is not None:
-        return search._replace(weighing=touch._replace(weighing=weighing))
+        return touch._replace(weighing=weighing)
     modes = weighing.modes
     if problem.mixture is None:
-        return search._replace(weighing=None, weighed=WeighedModes(modes, np.zeros(0), 1.0))
+        return WeighedModes(modes, np.zeros(0), 1.0)
     judgement, weights = problem.mixture.judge(modes.mixture.X_PO), modes.mixture.weights
     log_inlier = weights @ np.log(np.maximum(judgement.inlier_probability, LEAST_INLIER))
-    weighed = WeighedModes(modes, np.exp(log_inlier), float(weights @ judgement.noise_scale))
-    return search._replace(weighing=None, weighed=weighed)
+    return WeighedModes(modes, np.exp(log_inlier), float(weights @ judgement.noise_scale))
 
 
 def _distinct(model: ObjectModel, params: RelocalisationParams, problem: PoseProblem, found: SearchResult) -> Modes:

@@ -145,7 +145,8 @@ class RelocalisationParams:
     found: int = 12  # poses that it ends with, at the most
     joined: int = 8  # of these, of which it is asked which are minima of one valley, at the most: ways are many
     samples: int = 96  # by which these are weighed at the least, in a round
-    most_samples: int = 480  # and at the most, in several
+    most_samples: int = 768  # and at the most, in several,
+    standard_error: float = 0.03  # until no mode's probability is less sure: some searches are the mean's
     least_share: float = 0.5  # of a mean over searches, that is by the last one
     # Of the mass of the best mode; how deep the object would reach into the hand is not asked of less.
     least_checked_share: float = 0.05
@@ -156,7 +157,8 @@ class RelocalisationParams:
     @property
     def posterior(self) -> PosteriorParams:
         """Of the posterior of which so many samples are drawn; its noise may be any, for the belief learns that."""
-        sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, samples=self.samples, most_samples=self.most_samples)
+        rounds = {name: getattr(self, name) for name in ("samples", "most_samples", "standard_error")}
+        sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, **rounds)
         moments = dataclasses.replace(DEFAULT_PARAMS.moments, most_joined=self.joined)
         plausibility = dataclasses.replace(DEFAULT_PARAMS.plausibility, most_noise=math.inf)
         return dataclasses.replace(DEFAULT_PARAMS, sampling=sampling, moments=moments, plausibility=plausibility)

@@ -56,8 +56,6 @@ class WeighedModes(NamedTuple):
             params: what may be, and what is assumed of the surface.
             depth: of the object in the hand at the likely modes, shape (n,), m.
         """
-        if not len(depth):
-            return self
         mixture, likely = self.modes.mixture, self.likely(params)
         variance = np.full(len(likely), params.depth_sigma**2)
         if hand is not None:

@@ -114,8 +114,8 @@ def test_a_search_is_made_of_slices_while_there_is_a_mode_to_keep_up(box: Object
         assert state.searches == 0
         state, weighed = search_on(box, PARAMS, touched, modes_at(X_PO), state)
         slices += 1
-    # Poses are proposed, settled, covered, joined, sampled, joined by way of minima that samples lead to, and checked.
-    assert slices in (6, 8)
+    # Poses are proposed, settled, covered, joined, sampled, joined by way of what samples lead to, and sampled on.
+    assert 5 <= slices <= 14
     assert (state.X_PO is None, state.searches) == (True, 1)
     twice, by_two = SearchState(), 0
     while not twice.searches:
@@ -234,27 +234,44 @@ def test_a_mode_that_may_slide_out_of_the_hand_is_not_dropped(box: ObjectModel) 
     assert wide.modes.mixture.weights[1] > 0.2
 
 
-def test_a_slice_asks_of_one_mode_how_deep_it_is_and_of_a_single_one_nothing(box: ObjectModel) -> None:
+def test_of_several_likely_modes_it_is_asked_once_how_deep_they_are_and_of_a_single_one_never(box: ObjectModel) -> None:
     asked: list[int] = []
 
     def depth(X: np.ndarray) -> np.ndarray:
         asked.append(len(X))
         return np.zeros(len(X))
 
-    touched = touch_of(touch(X_PO, np.random.default_rng(1)))._replace(depth_in_hand=depth)
-    for count, expected in ((1, []), (3, [1, 1, 1])):
+    # Told that it has no symmetries, a box may lie in four ways, of which vision knows one.
+    seen = PoseMeasurement(0.0, X_PO, 1e-4 * np.eye(6))
+    for standing, expected in ((None, [4]), (seen, [])):
         asked.clear()
-        state, weighed, slices = SearchState(weighed=weighed_modes(*(1e-3,) * count)), None, 0
+        touched = touch_of(touch(X_PO, np.random.default_rng(1)), standing)._replace(depth_in_hand=depth)
+        state, weighed = SearchState(searches=1), None
         while weighed is None:
             state, weighed = search_on(box, PARAMS, touched, modes_at(X_PO), state)
-            slices += 1
-        assert (asked, slices) == (expected, max(len(expected), 1))
-        assert state.depths == ()
-    # Of joints that are not known any more, nothing is concluded from what was asked before.
-    state, _ = search_on(box, PARAMS, touched, modes_at(X_PO), SearchState(weighed=weighed_modes(1e-3, 1e-3, 1e-3)))
-    _, left = search_on(box, PARAMS, touched._replace(depth_in_hand=None), modes_at(X_PO), state)
-    assert left is not None
-    assert np.allclose(left.modes.mixture.weights, 1.0 / 3.0)
+        assert asked == expected
+        assert state.X_PO is None
+        assert state.weighing is None
+
+
+def test_further_rounds_of_samples_make_searches_agree(box: ObjectModel) -> None:
+    touched, spread = touch_of(touch(X_PO, np.random.default_rng(1))), []
+    for most in (PARAMS.relocalisation.samples, PARAMS.relocalisation.most_samples):
+        params = dataclasses.replace(
+            PARAMS, relocalisation=dataclasses.replace(PARAMS.relocalisation, most_samples=most)
+        )
+        errors, slices = [], []
+        for searches in range(6):
+            state, weighed, taken = SearchState(searches=searches), None, 0
+            while weighed is None:
+                state, weighed = search_on(box, params, touched, modes_at(X_PO), state)
+                taken += 1
+            errors.append(weighed.modes.standard_error)
+            slices.append(taken)
+        spread.append((np.mean(errors), np.mean(slices)))
+    (few, fast), (many, slow) = spread
+    assert many < 0.7 * few
+    assert slow > fast
 
 
 def test_the_belief_drops_flips_that_lie_in_the_hand(box: ObjectModel) -> None:

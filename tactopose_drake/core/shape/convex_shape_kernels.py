@@ -1,0 +1,229 @@
+"""The compiled loops of depths in convex shapes; see `convex_shapes.py`."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.compilation import inlined, kernel, part
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats4, Longs1, OutFloats1, OutFloats2, OutLongs1
+
+_BISECTIONS = 60  # which bring the parameter of the nearest point of an ellipsoid to the last digits
+_LEVELS = 200  # that a triangle is halved, and that a tree has, at the most
+
+
+class Shapes(NamedTuple):
+    """Convex shapes, each in its own frame G: the depth of a point is the least that one of its parts says.
+
+    Attributes:
+        radius: of a ball, of what is round about the z axis, m; infinite where nothing is, shape (s,).
+        half_length: of that part of this axis from which the radius is measured, m, shape (s,).
+        semi_axes: of an ellipsoid, m; zero where there is none, shape (s, 3).
+        first: the first plane of each shape, and behind the last one's, shape (s + 1,).
+        planes: outward normals n and offsets d of half-spaces n^T p <= d, m, shape (n, 4).
+    """
+
+    radius: Floats1
+    half_length: Floats1
+    semi_axes: Floats2
+    first: Longs1
+    planes: Floats2
+
+
+class Tree(NamedTuple):
+    """A complete binary tree of spheres about triangles, children of node i at 2 i + 1 and 2 i + 2.
+
+    Attributes:
+        spheres: centers and radii, shape (2 m - 1, 4), m; the last m nodes are leaves.
+        triangles: of leaf i those from k i to k i + k - 1, each of three points, shape (k m, 9), m.
+    """
+
+    spheres: Floats2
+    triangles: Floats2
+
+
+@part
+def _in_ellipsoid(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
+    """The depth of a point in an ellipsoid, and how it rises.
+
+    The nearest point q of the surface is that with p - q along the normal: q_i = a_i^2 p_i / (t + a_i^2), where t makes
+    it a point of the surface. Of all such t the largest is the nearest point's; at an axis' end, where p_i = 0 of the
+    smallest a_i, what is missing of q lies along that.
+    """
+    least, size = min(a, b, c), np.sqrt((a * x) ** 2 + (b * y) ** 2 + (c * z) ** 2)
+    square = least * least
+    low, high = -square, size - square
+    for _ in range(_BISECTIONS):
+        t = 0.5 * (low + high)
+        if not low < t < high:
+            break
+        over = (a * x / (t + a * a)) ** 2 + (b * y / (t + b * b)) ** 2 + (c * z / (t + c * c)) ** 2
+        if over > 1.0:
+            low = t
+        else:
+            high = t
+    qx, qy, qz = a * a * x / (high + a * a), b * b * y / (high + b * b), c * c * z / (high + c * c)
+    missing = max(0.0, 1.0 - (qx / a) ** 2 - (qy / b) ** 2 - (qz / c) ** 2)
+    if missing > 0.0:
+        along = least * np.sqrt(missing)
+        if a == least:
+            qx += np.copysign(along, x)
+        elif b == least:
+            qy += np.copysign(along, y)
+        else:
+            qz += np.copysign(along, z)
+    nx, ny, nz = qx / (a * a), qy / (b * b), qz / (c * c)
+    norm = np.sqrt(nx * nx + ny * ny + nz * nz)
+    nx, ny, nz = nx / norm, ny / norm, nz / norm
+    return nx * (qx - x) + ny * (qy - y) + nz * (qz - z), -nx, -ny, -nz
+
+
+@inlined
+def _round_depth(shapes, s, x, y, z):
+    """The depth of a point by what is round, and how it rises; infinite where nothing is."""
+    if shapes.semi_axes[s, 0] > 0.0:
+        return _in_ellipsoid(shapes.semi_axes[s, 0], shapes.semi_axes[s, 1], shapes.semi_axes[s, 2], x, y, z)
+    height = np.copysign(max(0.0, abs(z) - shapes.half_length[s]), z)
+    distance = np.sqrt(x * x + y * y + height * height)
+    scale = -1.0 / distance if distance > 0.0 else 0.0
+    return shapes.radius[s] - distance, x * scale, y * scale, height * scale
+
+
+@inlined
+def _depth(shapes, s, x, y, z):
+    """The depth of a point below the surface of a shape; negative outside, m."""
+    depth = _round_depth(shapes, s, x, y, z)[0]
+    planes = shapes.planes
+    for i in range(shapes.first[s], shapes.first[s + 1]):
+        depth = min(depth, planes[i, 3] - planes[i, 0] * x - planes[i, 1] * y - planes[i, 2] * z)
+    return depth
+
+
+@inlined
+def _most_in_triangle(shapes, s, t, x, y, z):
+    """An upper bound of the depth over a triangle t (9,) whose middle is x, y, z.
+
+    Depths are concave: they lie below each tangent.
+    """
+    value, gx, gy, gz = _round_depth(shapes, s, x, y, z)
+    rise = -np.inf
+    for k in range(3):
+        rise = max(rise, gx * (t[3 * k] - x) + gy * (t[3 * k + 1] - y) + gz * (t[3 * k + 2] - z))
+    most = value + rise
+    for i in range(shapes.first[s], shapes.first[s + 1]):
+        n = shapes.planes[i]
+        least = np.inf
+        for k in range(3):
+            least = min(least, n[0] * t[3 * k] + n[1] * t[3 * k + 1] + n[2] * t[3 * k + 2])
+        most = min(most, n[3] - least)
+    return most
+
+
+@part
+def _deepest_in_triangle(shapes: Shapes, s: int, best: float, tolerance: float, todo: OutFloats2) -> float:
+    """The greatest depth of points of the triangle that is the first in `todo` (n, 9), or `best`, if that is greater.
+
+    Parts that cannot be deeper are left out, others are halved across their longest side.
+    """
+    for k in range(3):
+        best = max(best, _depth(shapes, s, todo[0, 3 * k], todo[0, 3 * k + 1], todo[0, 3 * k + 2]))
+    count = 1
+    while count > 0:
+        count -= 1
+        t = todo[count]
+        x, y, z = (t[0] + t[3] + t[6]) / 3.0, (t[1] + t[4] + t[7]) / 3.0, (t[2] + t[5] + t[8]) / 3.0
+        best = max(best, _depth(shapes, s, x, y, z))
+        if _most_in_triangle(shapes, s, t, x, y, z) <= best + tolerance or count + 2 > todo.shape[0]:
+            continue
+        longest, corner = -1.0, 0
+        for k in range(3):
+            a, b = 3 * k, 3 * ((k + 1) % 3)
+            length = (t[a] - t[b]) ** 2 + (t[a + 1] - t[b + 1]) ** 2 + (t[a + 2] - t[b + 2]) ** 2
+            if length > longest:
+                longest, corner = length, k
+        a, b = 3 * corner, 3 * ((corner + 1) % 3)
+        for i in range(9):
+            todo[count + 1, i] = t[i]
+        for i in range(3):
+            middle = 0.5 * (t[a + i] + t[b + i])
+            todo[count + 1, a + i] = middle
+            t[b + i] = middle
+        best = max(best, _depth(shapes, s, t[b], t[b + 1], t[b + 2]))
+        count += 2
+    return best
+
+
+@part
+def _deepest_in_shape(
+    tree: Tree, shapes: Shapes, s: int, X: Floats2, best: float, tolerance: float, enough: float
+) -> float:
+    """The greatest depth of the mesh, whose pose in the shape's frame is X (3, 4), in a shape, or `best`."""
+    spheres, triangles = tree
+    leaves = (spheres.shape[0] + 1) // 2
+    each = triangles.shape[0] // leaves
+    nodes, bounds, todo = np.empty(_LEVELS, dtype=np.int64), np.empty(_LEVELS), np.empty((_LEVELS, 9))
+    nodes[0], bounds[0], count = 0, np.inf, 1
+    while count > 0 and best <= enough:
+        count -= 1
+        node = nodes[count]
+        if bounds[count] <= best + tolerance:
+            continue
+        if node >= leaves - 1:
+            for k in range((node - leaves + 1) * each, (node - leaves + 2) * each):
+                for j in range(3):
+                    a = triangles[k, 3 * j : 3 * j + 3]
+                    for i in range(3):
+                        todo[0, 3 * j + i] = X[i, 0] * a[0] + X[i, 1] * a[1] + X[i, 2] * a[2] + X[i, 3]
+                best = _deepest_in_triangle(shapes, s, best, tolerance, todo)
+            continue
+        for child in range(2 * node + 1, 2 * node + 3):
+            a = spheres[child]
+            x = X[0, 0] * a[0] + X[0, 1] * a[1] + X[0, 2] * a[2] + X[0, 3]
+            y = X[1, 0] * a[0] + X[1, 1] * a[1] + X[1, 2] * a[2] + X[1, 3]
+            z = X[2, 0] * a[0] + X[2, 1] * a[1] + X[2, 2] * a[2] + X[2, 3]
+            bound = _depth(shapes, s, x, y, z) + a[3]
+            if bound > best + tolerance:
+                nodes[count], bounds[count] = child, bound
+                count += 1
+        if count > 1 and nodes[count - 2] == 2 * node + 1 and bounds[count - 2] > bounds[count - 1]:
+            nodes[count - 2], nodes[count - 1] = nodes[count - 1], nodes[count - 2]
+            bounds[count - 2], bounds[count - 1] = bounds[count - 1], bounds[count - 2]
+    return best
+
+
+@kernel
+def find_deepest(
+    tree: Tree,
+    shapes: Shapes,
+    X_GO: Floats4,
+    tolerance: float,
+    enough: float,
+    depth: OutFloats1,
+    deepest: OutLongs1,
+) -> None:
+    """The greatest depths of a mesh in shapes, where those (b,) given on entry are less, and in which shapes, (b,).
+
+    Depths are short by no more than the tolerance, m; beyond `enough`, m, of a pose no greater one is looked for.
+
+    Args:
+        tree: of the mesh.
+        shapes: s of them.
+        X_GO: poses of the mesh in the shapes' frames, shape (b, s, 3, 4).
+        tolerance: see above.
+        enough: see above.
+        depth: see above.
+        deepest: see above.
+    """
+    for b in range(depth.shape[0]):
+        for s in range(shapes.radius.shape[0]):
+            if depth[b] > enough:
+                break
+            found = _deepest_in_shape(tree, shapes, s, X_GO[b, s], depth[b], tolerance, enough)
+            if found > depth[b]:
+                depth[b], deepest[b] = found, s
+
+
+@kernel
+def find_depths(shapes: Shapes, p_GQ: Floats2, depth: OutFloats1) -> None:
+    """The depths (n,) of points (n, 3) in the first of the shapes, m."""
+    for i in range(p_GQ.shape[0]):
+        depth[i] = _depth(shapes, 0, p_GQ[i, 0], p_GQ[i, 1], p_GQ[i, 2])

@@ -1,0 +1,127 @@
+"""Convex shapes, and how deep points and meshes are in them.
+
+The depth of a point below the surface of a convex shape is a concave function of the point that nowhere changes faster
+than the point moves. So over a sphere it is no greater than at the middle, and the radius more, and over a triangle no
+greater than any tangent: with both the deepest point of a mesh is found by branch and bound, over a tree of spheres and
+then over parts of triangles.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.shape import convex_shape_kernels
+from tactopose_drake.core.shape.convex_shape_kernels import Shapes, Tree
+from tactopose_drake.core.validation import FloatArray
+
+_LEAF = 4  # triangles, about
+_BITS = 10  # of each coordinate in a Morton code
+
+_NO_PLANES = np.zeros((0, 4))
+
+
+@dataclass(frozen=True, eq=False)
+class ConvexShape:
+    """A convex shape in its own frame G.
+
+    Attributes:
+        shapes: it alone, as kernels read it.
+        deepest: a point of the greatest depth, or of a hull one well inside, shape (3,), m.
+    """
+
+    shapes: Shapes
+    deepest: FloatArray
+
+    @classmethod
+    def capsule(cls, radius: float, length: float) -> ConvexShape:
+        """About the z axis, of that length without its ends, m; a ball if that is zero."""
+        return cls._make(radius=radius, half_length=0.5 * length)
+
+    @classmethod
+    def cylinder(cls, radius: float, length: float) -> ConvexShape:
+        """About the z axis, m."""
+        ends = np.array([[0.0, 0.0, 1.0, 0.5 * length], [0.0, 0.0, -1.0, 0.5 * length]])
+        return cls._make(radius=radius, half_length=math.inf, planes=ends)
+
+    @classmethod
+    def ellipsoid(cls, semi_axes: FloatArray) -> ConvexShape:
+        """Of semi-axes (3,), m."""
+        return cls._make(semi_axes=semi_axes)
+
+    @classmethod
+    def box(cls, size: FloatArray) -> ConvexShape:
+        """About the origin, of side lengths (3,), m."""
+        normals = np.concatenate([np.eye(3), -np.eye(3)])
+        return cls._make(planes=np.column_stack([normals, np.tile(0.5 * size, 2)]))
+
+    @classmethod
+    def hull(cls, normals: FloatArray, offsets: FloatArray, inside: FloatArray) -> ConvexShape:
+        """What is behind all planes of outward normals (n, 3) and offsets (n,), m; `inside` (3,) is a point well so."""
+        return cls._make(planes=np.column_stack([normals, offsets]), deepest=inside)
+
+    @classmethod
+    def _make(
+        cls,
+        *,
+        radius: float = math.inf,
+        half_length: float = 0.0,
+        semi_axes: FloatArray | None = None,
+        planes: FloatArray = _NO_PLANES,
+        deepest: FloatArray | None = None,
+    ) -> ConvexShape:
+        """Of its parts; see `Shapes`."""
+        axes = np.zeros(3) if semi_axes is None else semi_axes
+        numbers = np.array([radius]), np.array([half_length]), np.array([axes]), np.array([0, len(planes)]), planes
+        return cls(Shapes(*map(read_only, numbers)), np.zeros(3) if deepest is None else deepest)
+
+    def depths(self, p_GQ: FloatArray) -> FloatArray:
+        """How deep points (n, 3), m, are below its surface, shape (n,), m; negative outside."""
+        depth = np.empty(len(p_GQ))
+        convex_shape_kernels.find_depths(self.shapes, np.ascontiguousarray(p_GQ, dtype=np.float64), depth)
+        return depth
+
+
+def join_shapes(shapes: Sequence[ConvexShape]) -> Shapes:
+    """All of them, at least one, as kernels read them."""
+    each = [shape.shapes for shape in shapes]
+    first = np.cumsum([0, *(len(one.planes) for one in each)])
+    radius, half_length, semi_axes, _, planes = map(np.concatenate, zip(*each, strict=True))
+    return Shapes(*map(read_only, (radius, half_length, semi_axes, first, planes)))
+
+
+def build_tree(vertices: FloatArray, faces: np.ndarray) -> Tree:
+    """A tree of the triangles of a mesh, of vertices (v, 3), m, and faces (f, 3).
+
+    They are sorted along a curve that fills space [M66], so that those of a leaf, and of each node, are close together.
+
+    Source: [M66] G. Morton, A computer oriented geodetic data base, IBM, 1966.
+    """
+    triangles = vertices[faces]
+    order = np.argsort(_morton_codes(triangles.mean(axis=1)), kind="stable")
+    leaves = 1 << max(0, math.ceil(math.log2(len(faces) / _LEAF)))
+    count = leaves * math.ceil(len(faces) / leaves)
+    sorted_ones = triangles[order[np.arange(count) * len(faces) // count]]
+    spheres = [np.zeros((0, 4))]
+    for level in range(leaves.bit_length()):
+        points = sorted_ones.reshape(1 << level, -1, 3)
+        center = 0.5 * (points.min(axis=1) + points.max(axis=1))
+        radius = np.linalg.norm(points - center[:, None], axis=2).max(axis=1)
+        spheres.append(np.column_stack([center, radius]))
+    return Tree(read_only(np.concatenate(spheres)), read_only(sorted_ones.reshape(count, 9)))
+
+
+def _morton_codes(points: FloatArray) -> np.ndarray:
+    """Of points (n, 3): the bits of their coordinates within their bounds, one of each in turn, shape (n,)."""
+    low = points.min(axis=0)
+    size = max(float(np.ptp(points, axis=0).max()), 1e-300)
+    cells = np.minimum((points - low) / size * (1 << _BITS), (1 << _BITS) - 1).astype(np.int64)
+    codes = np.zeros(len(points), dtype=np.int64)
+    for bit in range(_BITS):
+        for axis in range(3):
+            codes |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return codes
