@@ -1,7 +1,5 @@
 from .coarse_field import CoarseField as CoarseField
 from .convex_shapes import ConvexShape as ConvexShape
-from .convex_shapes import Shapes as Shapes
-from .convex_shapes import Tree as Tree
 from .convex_shapes import build_tree as build_tree
 from .convex_shapes import join_shapes as join_shapes
 from .distance_transform import pack_triangles as pack_triangles
