@@ -1,15 +1,18 @@
 """What a file that Drake simulates says of one body: its collision shapes as one mesh, its mass and mass centre."""
 
+import warnings
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import trimesh
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraphInspector, Shape, Sphere
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 
-from tactopose_drake.core.mesh.loading import load_mesh
+from tactopose_drake.core.mesh.loading import RawMesh, load_mesh
 from tactopose_drake.core.mesh.primitives import box_mesh, capsule_mesh, cylinder_mesh, sphere_mesh
+from tactopose_drake.core.mesh.repair import MeshRepairWarning, repair_mesh
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.hull_vertices import hull_vertices
@@ -36,6 +39,11 @@ def read_body(path: Path) -> SimulatedBody:
 
     Raises:
         InvalidFileError: if the file cannot be read, or holds more than one body or no shape with an inside.
+        InvalidMeshError: if a mesh beside other shapes cannot be repaired.
+        MeshUnitsError: if such a mesh has not the size of an object in metres.
+
+    Warns:
+        MeshRepairWarning: once for each repair of a mesh beside other shapes; a shape alone is as the file has it.
     """
     with passing_builder() as builder:
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
@@ -79,7 +87,19 @@ def _union(path: Path, plant: MultibodyPlant, inspector: SceneGraphInspector, bo
         meshes.append(mesh)
     if not meshes:
         raise InvalidFileError(f"{path}: has no collision shape.")
-    return meshes[0] if len(meshes) == 1 else trimesh.boolean.union(meshes, engine="manifold")
+    if len(meshes) == 1:
+        return meshes[0]
+    return trimesh.boolean.union([_closed(path, mesh) for mesh in meshes], engine="manifold")
+
+
+def _closed(path: Path, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The surface of a volume, as which shapes can be united; in some files no face shares its vertices with others."""
+    if mesh.is_volume:
+        return mesh
+    repaired = repair_mesh(RawMesh(mesh.vertices, mesh.faces), str(path))
+    for repair in repaired.repairs:
+        warnings.warn(f"{path.stem}: {repair}.", MeshRepairWarning, stacklevel=2)
+    return trimesh.Trimesh(repaired.vertices, repaired.faces, process=False)
 
 
 def _mesh(path: Path, shape: Shape) -> trimesh.Trimesh:
@@ -98,6 +118,8 @@ def _mesh(path: Path, shape: Shape) -> trimesh.Trimesh:
         of_hull: trimesh.Trimesh = trimesh.convex.convex_hull(hull_vertices(shape.GetConvexHull()))
         return of_hull
     if isinstance(shape, Mesh) and shape.source().is_path():
-        raw = load_mesh(shape.source().path())
-        return trimesh.Trimesh(raw.vertices * shape.scale3(), raw.faces, process=False)
+        raw, scale = load_mesh(shape.source().path()), shape.scale3()
+        # A mirror image has its inside where the outside was.
+        faces = raw.faces if np.prod(scale) > 0.0 else raw.faces[:, ::-1]
+        return trimesh.Trimesh(raw.vertices * scale, faces, process=False)
     raise InvalidFileError(f"{path}: has a collision shape without an inside, a {type(shape).__name__}.")
