@@ -9,10 +9,11 @@ import pytest
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.poses import log_so3
+from tactopose_drake.core.poses import exp_so3, log_so3
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solve_contact, solve_contacts
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.calibration_report import calibration_of
+from tactopose_drake.hand.contact_gains import thicker
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
@@ -191,6 +192,47 @@ def test_a_sensor_that_is_turned_swings_the_contact_about_its_origin() -> None:
     for each in (hand, dataclasses.replace(hand, calibration=found)):
         said = ContactUncertainty(plant, each, told).covariance(finger, solution, X_PS, kinematics)
         np.testing.assert_allclose(said, expected, atol=1e-5 * np.trace(expected))
+
+
+def test_errors_that_a_calibration_left_move_contacts_with_their_correlations() -> None:
+    """By differences of the whole way from readings to a contact, of which each error changes one step."""
+    told = HandUncertainty(mounting=0.002, mounting_deg=1.0, fingertip_radius=0.0005)
+    wrong = WrongHand(0, told)
+    plant, hand, errors = wrong.plant, wrong.hand, wrong.errors
+    root = errors.sigma[:, None] * np.random.default_rng(5).normal(size=(len(errors.sigma),) * 2)
+    covariance = root @ root.T / len(root)
+    covariance[errors.sigma == 0.0] = covariance[:, errors.sigma == 0.0] = 0.0
+    found = calibration_of(errors, np.zeros(len(covariance)), covariance, 0.0)
+    found.noise.position = found.noise.normal_deg = found.noise.moment = found.noise.force = 1e-9
+    kinematics, finger = HandKinematics(plant, hand.palm_frame), hand.fingers[1]
+    q, (wrench, solution) = plant.GetPositions(plant.CreateDefaultContext()) + 0.2, touch(hand, finger)
+    surface, gains = hand.surfaces[finger], errors.gains(plant, hand)
+
+    def contact(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The true point, the fingertip's orientation, and the normal in it, if these are the errors."""
+        own = errors.of_finger(vector, finger)
+        kinematics.move(q - gains @ errors.offsets(vector))
+        X_PS = kinematics.poses(hand.sensor_frames)[finger].GetAsMatrix34()
+        R = X_PS[:, :3] @ exp_so3(own.mounting[:3])
+        p_PS = X_PS[:, 3] + X_PS[:, :3] @ own.mounting[3:]
+        true = solve_contacts((wrench - own.bias)[None], thicker(surface, own.radius))[0]
+        return p_PS + R @ true.p_SC, R, true.n_S
+
+    p, R, n_S = contact(np.zeros(len(covariance)))
+    J = np.zeros((6, len(covariance)))
+    for k in np.flatnonzero(errors.sigma):
+        step = np.zeros(len(covariance))
+        step[k] = 1e-3 * errors.sigma[k]
+        (p_more, R_more, n_more), (p_less, R_less, n_less) = contact(step), contact(-step)
+        turn = log_so3(R_more @ R_less.T) + R @ np.cross(n_S, n_more - n_less)
+        J[:, k] = np.concatenate([p_more - p_less, turn]) / (2.0 * step[k])
+    kinematics.move(q)
+    X_PS = kinematics.poses(hand.sensor_frames)[finger]
+    np.testing.assert_allclose(X_PS @ solution.p_SC, p, atol=1e-12)
+    calibrated = dataclasses.replace(hand, calibration=found)
+    said = ContactUncertainty(plant, calibrated, told).covariance(finger, solution, X_PS, kinematics)
+    scale = np.sqrt(np.outer(np.diag(said), np.diag(said)))
+    np.testing.assert_allclose(said / scale, J @ covariance @ J.T / scale, atol=2e-3)
 
 
 def test_a_bias_drifts_over_a_span_by_as_much_as_it_may_be() -> None:

@@ -65,7 +65,7 @@ def update_push(push: float, force: float, set_force: float, holding: bool, peri
     lack = (set_force - (0.0 if np.isnan(force) else force)) / set_force
     if holding and (np.isnan(force) or lack < 1.0 - law.slack_share):
         return push
-    # The last tenth is approached slowly, so that the measured force does not overshoot.
+    # The last half of it is approached ever more slowly, so that the measured force does not overshoot.
     rate = law.push_rate * float(np.clip(2.0 * lack, -1.0, 1.0))
     return min(push + period * rate, law.most_push_share * set_force)
 

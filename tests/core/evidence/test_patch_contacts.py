@@ -68,6 +68,32 @@ def test_the_spread_of_an_areas_normal_is_what_it_claims() -> None:
     assert np.mean(claims) > 1.2 * turn
 
 
+def test_a_pad_that_says_how_far_it_is_misplaced_is_as_sure_as_that() -> None:
+    """Against errors that are drawn: of where the centroid is, far from the middle of the cells, and of its normal."""
+    generator = np.random.default_rng(3)
+    near_an_end = np.where(flat_pad()[:, 0] > 0.003, 0.001 + 0.05 * flat_pad()[:, 0], 0.0)
+    root = np.tril(generator.normal(size=(6, 6))) * np.repeat([0.0005, 0.1], 3)[:, None]
+    root[3:, :3] += 0.2 * np.eye(3)[[1, 2, 0]]  # shifts and turns belong together
+    misplacement = root @ root.T
+    told, known, unknown = (
+        describe_patch(flat_pad(), near_an_end / ALPHA, alpha=ALPHA, n_PT=OUT, misplacement=each)
+        for each in (misplacement, 1e-14 * np.eye(6), None)
+    )
+    contacts, best, assumed = (patch_contacts([patch], sigma_rotation=0.06) for patch in (told, known, unknown))
+    assert told.status == "area"
+    draws = generator.normal(size=(200_000, 6)) @ root.T
+    arm = told.centroid - flat_pad().mean(axis=0)
+    off = draws[:, :3] + np.cross(draws[:, 3:], arm)
+    assert np.sqrt(np.mean(off**2)) > 1.2 * np.sqrt(np.mean(draws[:, :3] ** 2))
+    np.testing.assert_allclose(contacts.sigma_position, np.sqrt(np.mean(off**2)), rtol=0.01)
+    bend = np.square(assumed.sigma_normal) - 0.06**2  # of the cells' depths, which does not depend on the pad
+    turned = np.sqrt(np.mean(draws[:, 3:] ** 2) + bend)
+    np.testing.assert_allclose(contacts.sigma_normal, turned, rtol=0.01)
+    # No pad is known so well that a contact would be exact.
+    np.testing.assert_allclose(best.sigma_position, 1e-5)
+    assert np.all(np.square(best.sigma_normal) > bend)
+
+
 @pytest.mark.parametrize("name", ["sigma_depth", "sigma_position", "sigma_rotation", "sigma_lean"])
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
 def test_a_sigma_that_is_none_is_named(name: str, value: float) -> None:

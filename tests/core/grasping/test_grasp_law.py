@@ -17,6 +17,8 @@ MOTION = ClosingMotion(np.array([0.0, 0.1]), np.array([0.5, 0.9]), np.array([0.0
 def test_command_goes_from_open_over_touch_to_beyond():
     np.testing.assert_allclose(commanded_positions(MOTION, -LAW.approach_push, LAW), MOTION.q_open)
     np.testing.assert_allclose(commanded_positions(MOTION, -np.inf, LAW), MOTION.q_open)
+    halfway = 0.5 * (MOTION.q_open + MOTION.q_touch)
+    np.testing.assert_allclose(commanded_positions(MOTION, -0.5 * LAW.approach_push, LAW), halfway)
     np.testing.assert_allclose(commanded_positions(MOTION, 0.0, LAW), MOTION.q_touch)
     np.testing.assert_allclose(commanded_positions(MOTION, 2.0, LAW), MOTION.q_touch + 2.0 * MOTION.closing)
 
@@ -53,7 +55,9 @@ def test_push_never_changes_faster_than_its_rate():
 
 
 def test_no_reading_counts_as_no_force_until_the_hand_holds():
-    assert update_push(1.0, np.nan, 3.0, False, PERIOD, LAW) == update_push(1.0, 0.0, 3.0, False, PERIOD, LAW)
+    for set_force in (0.5, 3.0):
+        no_force = update_push(1.0, 0.0, set_force, False, PERIOD, LAW)
+        assert update_push(1.0, np.nan, set_force, False, PERIOD, LAW) == no_force
     assert update_push(1.0, np.nan, 3.0, True, PERIOD, LAW) == 1.0
 
 
@@ -64,5 +68,6 @@ def test_holding_leaves_all_but_slack_fingers_alone():
 
 
 def test_torques_pull_towards_the_command_and_against_the_motion():
-    torques = joint_torques(np.zeros(2), np.array([0.0, 1.0]), np.array([0.1, 0.0]), np.full(2, 5.0), np.full(2, 0.2))
+    q, v = np.array([0.3, -0.4]), np.array([0.0, 1.0])
+    torques = joint_torques(q, v, q + [0.1, 0.0], np.full(2, 5.0), np.full(2, 0.2))
     np.testing.assert_allclose(torques, [0.5, -0.2])

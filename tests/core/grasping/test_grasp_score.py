@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.grasping.grasp_score import ContactTerms, ScoreParams, balance, score_grasp
-from tactopose_drake.core.poses import random_rotations
+from tactopose_drake.core.poses import exp_so3, random_rotations
 
 PARAMS = ScoreParams(friction=0.5, normal_force=3.0, least_force=1.0, most_force=8.0)
 LOAD = np.array([0.0, 0.0, -1.0])
@@ -83,3 +83,70 @@ def test_what_is_left_out_of_balance_decides():
     for share, balanced in ((1.1, True), (0.9, False)):
         params = dataclasses.replace(PARAMS, most_imbalance=share * imbalance)
         assert score_grasp(terms(p, n), 0.0, 20.0 * LOAD, params).balanced is balanced
+
+
+def test_fingers_push_and_never_pull():
+    """An object lies on three fingers without friction, and does not hang from them."""
+    params = dataclasses.replace(PARAMS, friction=0.0)
+    angle = np.arange(3) * 2 * np.pi / 3
+    p = 0.03 * np.stack([np.cos(angle), np.sin(angle), np.zeros(3)], axis=1)
+    for up in (1.0, -1.0):
+        n = np.tile([0.0, 0.0, -up], (3, 1))  # outward, on the object's lower side or on its upper one
+        force, imbalance = balance(ContactTerms.of(p + 0.02 * n, n, params), 9.0 * LOAD, params)
+        if up > 0.0:
+            np.testing.assert_allclose(force, 3.0, rtol=1e-6)
+            assert imbalance < 1e-6
+        else:
+            assert imbalance > 8.9
+
+
+def test_a_load_aside_is_carried_by_the_law_of_the_lever():
+    params = dataclasses.replace(PARAMS, friction=0.0, balance_weight=1e3)
+    p = np.array([[0.02, 0.03, -0.01], [0.02, -0.03, -0.01], [-0.06, 0.0, -0.01]])
+    force, imbalance = balance(ContactTerms.of(p, np.tile(LOAD, (3, 1)), params), 8.0 * LOAD, params)
+    np.testing.assert_allclose(force, [3.0, 3.0, 2.0], rtol=1e-3)
+    assert imbalance < 1e-3
+
+
+def test_three_contacts_may_balance_and_two_do_not():
+    three, two = (score_grasp(terms(*ring(count)), 0.0, LOAD, PARAMS) for count in (3, 2))
+    assert three.balanced
+    assert not two.balanced
+    np.testing.assert_array_equal(two.force, np.zeros(2))
+
+
+def test_a_finger_with_hardly_any_force_balances_nothing():
+    """Two fingers oppose each other, and what a third one adds only their little friction can take."""
+    params = dataclasses.replace(PARAMS, friction=0.03, most_imbalance=2.0)
+    n = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    contacts = ContactTerms.of(0.03 * n, n, params)
+    force, _ = balance(contacts, np.zeros(3), params)
+    assert force[:2].min() > 2.0
+    assert force[2] < 0.5 * params.least_force
+    score = score_grasp(contacts, 0.0, np.zeros(3), params)
+    assert not score.balanced
+    np.testing.assert_allclose(score.force, [*force[:2], params.least_force])
+    assert score_grasp(contacts, 0.0, np.zeros(3), dataclasses.replace(params, least_force=0.0)).balanced
+
+
+def test_what_touches_tell_is_what_their_measurements_tell_of_the_pose():
+    """By differences of distance and normal when the object moves, for touches of as many fingers and equal costs."""
+    generator = np.random.default_rng(6)
+    sigma = np.repeat([PARAMS.prior_rotation, PARAMS.prior_translation], 3)
+    told, expected = [], []
+    for _ in range(6):
+        n = random_rotations(generator, 2)[:, 0]
+        p = 0.05 * generator.normal(size=(2, 3))
+
+        def measured(u: np.ndarray, n: np.ndarray = n, p: np.ndarray = p) -> np.ndarray:
+            """Distances of fixed points from the object's tangent planes, and the normals; whitened."""
+            normals = n @ exp_so3(u[:3]).T
+            distances = np.einsum("ki,ki->k", normals, p - (p @ exp_so3(u[:3]).T + u[3:]))
+            return np.concatenate([distances / PARAMS.touch_position, normals.ravel() / PARAMS.touch_normal])
+
+        J = np.array([(measured(step) - measured(-step)) / 2e-6 for step in 1e-6 * np.eye(6)]).T
+        expected.append(np.linalg.slogdet(J.T @ J + np.diag(sigma**-2.0))[1])
+        told.append(score_grasp(terms(p, n), 0.0, LOAD, PARAMS).value)
+    gain = np.diff(told) @ np.diff(expected) / np.sum(np.diff(expected) ** 2)
+    assert gain > 0.0
+    np.testing.assert_allclose(np.diff(told), gain * np.diff(expected), rtol=1e-4, atol=1e-6)

@@ -68,12 +68,13 @@ def test_the_stated_deviation_is_that_of_samples() -> None:
     generator = np.random.default_rng(2)
     X_PO = poses(generator)
     towards, p_PG = X_PO[0, :, 2], X_PO[0, :, :3] @ MIDDLE + X_PO[0, :, 3]
-    root = np.diag([0.01, 0.03, 0.5, 0.001, 0.001, 0.001]) @ random_orthogonal(generator)
+    # Turns and shifts belong together, so that the end moves by less, or by more, than by both for themselves.
+    root = np.diag([1.0, 3.0, 50.0, 0.1, 0.1, 0.1]) @ generator.normal(size=(6, 6))
     # Turned about the axis and moved along it by much, about y and z by little: none of the first two counts.
     covariance = np.diag([0.0, 0.02**2, 0.0, 0.0, 0.0, 0.0])
     stated = find(X_PO, covariance, towards, p_PG).sigma
     assert stated == pytest.approx(0.02 * (HALF + MIDDLE[2]), rel=1e-6)
-    covariance = 1e-4 * root @ root.T
+    covariance = 1e-5 * root @ root.T
     held = find(X_PO, covariance, towards, p_PG)
     increments = generator.multivariate_normal(np.zeros(6), covariance, 4000)
     ends = np.array([find(X[None], np.zeros((6, 6)), towards, p_PG).point(held.end) for X in retract(X_PO, increments)])
@@ -88,7 +89,3 @@ def test_hypotheses_that_disagree_widen_it() -> None:
     aside = retract(X_PO, np.array([[0.0, 0.0, 0.0, *(0.01 * X_PO[0, :, 0])]]))
     held = find(np.concatenate([X_PO, aside]), np.zeros((6, 6)), X_PO[0, :, 2])
     assert held.sigma == pytest.approx(0.005, rel=1e-6)
-
-
-def random_orthogonal(generator: np.random.Generator) -> np.ndarray:
-    return np.linalg.qr(generator.normal(size=(6, 6)))[0]

@@ -34,6 +34,12 @@ def test_a_sphere_behind_the_camera_hides_nothing() -> None:
     assert hidden_share(*ball((0, 0, 1), 0.05), np.array([[0, 0, -0.4]]), np.array([0.2])) == 0.0
 
 
+def test_where_no_surface_faces_the_camera_nothing_is_hidden() -> None:
+    points, normals = ball((0, 0, 1), 0.05)
+    beyond = points[:, 2] > 1.01  # the far side alone, behind a sphere that hides all of it
+    assert hidden_share(points[beyond], normals[beyond], np.array([[0, 0, 0.6]]), np.array([0.2])) == 0.0
+
+
 def test_a_sphere_that_covers_half_the_view_hides_half() -> None:
     wall = np.array([[2.0, 0.0, 0.5]])  # so large that it is a wall whose edge passes through the axis
     assert hidden_share(*ball((0, 0, 1), 0.05), wall, np.array([2.0])) == pytest.approx(0.5, abs=0.05)
