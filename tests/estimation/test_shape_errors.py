@@ -9,7 +9,7 @@ import tactopose_drake as tp
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.synthetic import touch_surface
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.estimation.shape_errors import with_shape_errors
+from tactopose_drake.estimation.shape_errors import log_dilution, with_shape_errors
 
 N = np.array([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0]])
 P = np.array([[0.0, 0.03, 0.04], [0.05, 0.0, 0.0]])
@@ -85,6 +85,17 @@ def test_what_is_less_sure_of_its_surface_explains_one_contact_no_better(told: d
     contact = tp.Contacts(P[:1], N[:1])
     evidence = [tp.estimate_pose(model, contact, outlier_probability=0.0).log_evidence for model in (exact, unsure)]
     assert evidence[1] == pytest.approx(evidence[0], abs=0.1)
+
+
+@pytest.mark.parametrize(("sigma_normal", "of_directions"), [(0.1, 4.0), (1.0, 2.0), (2.0, 1.0)])
+def test_contacts_are_as_much_less_dense_as_their_errors_take_more_room(
+    sigma_normal: float, of_directions: float
+) -> None:
+    """A Gaussian of normals has the density 1 / (2 pi sigma^2), and none is below that of any, 1 / (4 pi)."""
+    told = [tp.Contacts(P, n_PC, sigma_position=0.001, sigma_normal=sigma_normal) for n_PC in (N, None)]
+    felt = [tp.Contacts(P, n_PC, sigma_position=0.003, sigma_normal=2.0 * sigma_normal) for n_PC in (N, None)]
+    dilutions = [log_dilution(*both) for both in zip(told, felt, strict=True)]
+    np.testing.assert_allclose(dilutions, [2.0 * math.log(3.0 * of_directions), 2.0 * math.log(3.0)])
 
 
 def test_a_box_that_is_unsure_of_its_surface_is_not_named_for_the_exact_one() -> None:

@@ -31,6 +31,25 @@ def test_noise_is_that_of_each_reading() -> None:
     np.testing.assert_allclose(shown(encoders, Q, np.array([1.0, 0.0, -2.0])) - Q, [0.1, 0.0, -0.2])
 
 
+def test_a_joint_that_follows_an_encoder_errs_with_it_and_readings_are_of_now() -> None:
+    gains = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, -0.5]])
+    encoders = JointEncoders(gains, np.zeros(2), sigma=0.1, step=0.02)
+    context = encoders.CreateDefaultContext()
+    positions, noise, shown = (
+        encoders.GetInputPort("joint_positions"),
+        encoders.GetInputPort("noise"),
+        encoders.GetOutputPort("measured"),
+    )
+    q = np.array([0.1, -0.2, 0.1])  # the last follows the second
+    positions.FixValue(context, q)
+    noise.FixValue(context, [0.0, 0.0])
+    np.testing.assert_allclose(shown.Eval(context), q, atol=1e-12)
+    noise.FixValue(context, [0.4, 1.31])
+    np.testing.assert_allclose(shown.Eval(context), [0.14, -0.06, 0.03], atol=1e-12)  # -0.069 is nearest to -0.06
+    positions.FixValue(context, q + np.array([0.2, 0.0, 0.0]))
+    np.testing.assert_allclose(shown.Eval(context), [0.34, -0.06, 0.03], atol=1e-12)
+
+
 def test_readings_are_multiples_of_the_step() -> None:
     encoders = JointEncoders(np.diag([1.0, 1.0, 0.5]), np.array([0.001, 0.0, 0.0]), step=0.03)
     measured = shown(encoders, Q)

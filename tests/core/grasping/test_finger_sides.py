@@ -1,6 +1,7 @@
 """Fingers of a grasp stay beside each other with all their links, and with the straight parts of their tips."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -91,7 +92,7 @@ def test_a_finger_is_as_wide_as_its_last_links_reach_from_the_line_through_its_j
     geometry = dataclasses.replace(straight, chain=chain, tip_radius=0.001, body=body, p_BH=p_BH, radius=radius)
     posture = np.full((1, 3), bent)
     corners, share = geometry.axis(posture)[0], np.linspace(0.0, 1.0, 20_001)[:, None]
-    line = np.concatenate([a + share * (b - a) for a, b in zip(corners, corners[1:], strict=False)])
+    line = np.concatenate([a + share * (b - a) for a, b in itertools.pairwise(corners)])
     reach = [np.linalg.norm(line - p, axis=1).min() for p in geometry.spheres(posture)[0, 4:]] + radius[4:]
     assert half_width(geometry) == pytest.approx(reach.max(), abs=2e-6)
     # A tip 1.2 times as thin is that of a slim finger, whose sides are as wide as that about its joints.

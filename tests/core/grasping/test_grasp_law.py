@@ -69,5 +69,5 @@ def test_holding_leaves_all_but_slack_fingers_alone():
 
 def test_torques_pull_towards_the_command_and_against_the_motion():
     q, v = np.array([0.3, -0.4]), np.array([0.0, 1.0])
-    torques = joint_torques(q, v, q + [0.1, 0.0], np.full(2, 5.0), np.full(2, 0.2))
+    torques = joint_torques(q, v, q + np.array([0.1, 0.0]), np.full(2, 5.0), np.full(2, 0.2))
     np.testing.assert_allclose(torques, [0.5, -0.2])
