@@ -170,7 +170,8 @@ def _tangential_noise(contacts: Contacts, known: list[int], noise: MotionNoise, 
         n_PC, f_PC = contacts.n_PC[known], contacts.f_PC[known]
         along = np.einsum("ki,ki->k", n_PC, f_PC)
         across = np.linalg.norm(f_PC - along[:, None] * n_PC, axis=1)
-        tangential[across > noise.friction_margin * noise.friction * along] = noise.slipping
+        slides = across > noise.friction_margin * noise.friction * along
+        tangential[slides] = np.maximum(tangential[slides], noise.slipping)
     return tangential
 
 

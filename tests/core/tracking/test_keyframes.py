@@ -21,20 +21,62 @@ def test_contacts_move_with_the_object_and_their_error_is_that_of_all_motions() 
     generator = np.random.default_rng(1)
     frame, moved = feel(), feel()
     roots = 0.01 * generator.normal(size=(2, 6, 6))
-    motions = [Motion(0.1 * generator.normal(size=6), root @ root.T) for root in roots]
+    motions = [Motion(0.8 * generator.normal(size=6), root @ root.T) for root in roots]
     for motion in motions:
         (moved,) = move_keyframes((moved,), motion)
     pose = compose(motions[1].pose, motions[0].pose)
     np.testing.assert_allclose(moved.points, transform_points(pose, frame.points), atol=1e-12)
     # Draws of the motions' errors, to first order, move the points as the variances say.
-    draws = []
+    draws, shifts = [], []
     for _ in range(4000):
         X = np.eye(3, 4)
         for motion, root in zip(motions, 1e-3 * roots, strict=True):
             error = root @ generator.normal(size=6)
             X = compose(np.column_stack([exp_so3(error[:3]), error[3:]]), compose(motion.pose, X))
-        draws.append(np.einsum("ki,ki->k", transform_points(X, frame.points) - moved.points, moved.normals))
-    np.testing.assert_allclose(1e6 * np.var(draws, axis=0), moved.added_variances[:, 0], rtol=0.15)
+        shifts.append(1e3 * (transform_points(X, frame.points) - moved.points))
+        draws.append(np.einsum("ki,ki->k", shifts[-1], moved.normals))
+    np.testing.assert_allclose(np.var(draws, axis=0), moved.added_variances[:, 0], rtol=0.1)
+    # Where no normal is known it is that along any axis.
+    anyhow = dataclasses.replace(moved, n_PC=None).added_variances[:, 0]
+    np.testing.assert_allclose(np.var(shifts, axis=0).mean(axis=1), anyhow, rtol=0.1)
+
+
+def test_the_order_of_the_fingers_does_not_matter() -> None:
+    before, now, order = feel(0), feel(0), [3, 0, 5, 1, 4, 2]
+    generator, step = np.random.default_rng(3), Motion(np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.1]), np.zeros((6, 6)))
+    (before,) = move_keyframes((before,), step)
+    noisy = make_poses(exp_so3(step.twist[:3]), step.twist[3:])
+    n_PC = now.n_PC @ noisy[:, :3].T + 0.02 * generator.normal(size=(6, 3))
+    n_PC /= np.linalg.norm(n_PC, axis=1, keepdims=True)
+    p_PC = transform_points(noisy, now.p_PC) + 0.001 * generator.normal(size=(6, 3))
+    now = dataclasses.replace(now, p_PC=p_PC, n_PC=n_PC)
+    turned = dataclasses.replace(
+        now, p_PC=p_PC[order], n_PC=n_PC[order], variances=now.variances[order], sources=tuple(NAMES[i] for i in order)
+    )
+    assert not before.tells_other_than(now, PARAMS)
+    assert not before.tells_other_than(turned, PARAMS)
+    joined, other = before.joined_by(now, 8), before.joined_by(turned, 8)
+    np.testing.assert_allclose(joined.p_PC, 0.5 * (before.points + p_PC))
+    middle = before.normals + n_PC
+    np.testing.assert_allclose(joined.n_PC, middle / np.linalg.norm(middle, axis=1, keepdims=True), atol=1e-12)
+    np.testing.assert_allclose(other.p_PC, joined.p_PC[order])
+    np.testing.assert_allclose(other.n_PC, joined.n_PC[order])
+    # Another finger at the place of one of them is news, whatever the order.
+    assert before.tells_other_than(dataclasses.replace(turned, sources=(*turned.sources[:5], "g")), PARAMS)
+
+
+def test_fingers_that_say_no_normals_are_compared_by_their_points() -> None:
+    with_normals = feel(0)
+    without = dataclasses.replace(with_normals, n_PC=None)
+    assert not without.tells_other_than(with_normals, PARAMS)
+    assert not with_normals.tells_other_than(without, PARAMS)
+    assert without.joined_by(with_normals, 8).n_PC is not None
+    elsewhere = [dataclasses.replace(feel(seed), n_PC=n_PC) for seed, n_PC in ((1, None), (2, feel(2).n_PC))]
+    fewer = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(3))[:3]), NAMES[:3])
+    past = make_window((*elsewhere, fewer), PARAMS).past
+    assert past is not None
+    assert len(past) == 12
+    assert past.n_PC is None
 
 
 def test_the_same_touch_again_is_averaged_and_another_one_is_kept() -> None:
@@ -92,3 +134,14 @@ def test_touches_of_the_past_tell_poses_apart_but_never_outweigh_a_slip() -> Non
     np.testing.assert_array_equal(
         past_cost(box, params, make_window((Keyframe.of_now(read(now), NAMES),), PARAMS), both), np.zeros(2)
     )
+
+
+def test_of_alike_touches_each_counts_by_their_effective_number() -> None:
+    """So do n measurements with the same correlation of any two: as n / (1 + (n - 1) r), that of now among them."""
+    box, params = make_box(), PoseTrackerParams()
+    near = retract(X_PO, np.array([0.0, 0.0, 0.0, 0.0005, 0.0, 0.0]))[None]
+    before = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(2))), NAMES)
+    fewer = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(1))[:3]), NAMES[:3])
+    cost = [past_cost(box, params, make_window((before,) * n + (fewer,), PARAMS), near)[0] for n in (1, 2, 3)]
+    share = params.window.lasting_share
+    np.testing.assert_allclose(np.array(cost) / cost[0], [n * (1.0 + share) / (1.0 + n * share) for n in (1, 2, 3)])

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -66,13 +68,20 @@ def test_noise_grows_with_slip_but_not_through_the_fingertips() -> None:
     assert slipping[3, 3] == pytest.approx(held[3, 3], rel=0.5)
 
 
-def test_more_fingertips_do_not_average_out_a_slip() -> None:
-    """It slips as a whole: along x, between fingertips on the faces across y and z."""
+@pytest.mark.parametrize("friction", [None, 0.5])
+def test_more_fingertips_do_not_average_out_a_slip(friction: float | None) -> None:
+    """It slips as a whole: along x, between fingertips on the faces across y and z, at the limit of friction."""
+    noise, f_PC = dataclasses.replace(NOISE, friction=friction), n_OC + 0.5 * np.array([1.0, 0.0, 0.0])
     few, many = ([2, 3], [2, 3, 4, 5])
     spread = {
         slips: [
             move_with_fingertips(
-                Contacts(p_OC[at], n_OC[at]), [NAMES[i] for i in at], velocities(np.zeros(6)), NOISE, 0.01, slips=slips
+                Contacts(p_OC[at], n_OC[at], f_PC[at] if slips else None),
+                [NAMES[i] for i in at],
+                velocities(np.zeros(6)),
+                noise,
+                0.01,
+                slips=slips,
             ).covariance[3, 3]
             for at in (few, many)
         ]
