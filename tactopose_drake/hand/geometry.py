@@ -155,7 +155,7 @@ class BodySpheres:
     def positions(self, X_WB: Sequence[RigidTransform]) -> FloatArray:
         """Centres in the world, shape (h, 3), m, for the poses of all bodies (the plant's port `body_poses`)."""
         bodies, of_sphere = self._bodies
-        X = np.array([X_WB[index].GetAsMatrix34() for index in bodies])[of_sphere]
+        X = np.array([X_WB[index].GetAsMatrix34() for index in bodies]).reshape(-1, 3, 4)[of_sphere]
         p_WH: FloatArray = np.einsum("hij,hj->hi", X[:, :, :3], self.p_BH) + X[:, :, 3]
         return p_WH
 

@@ -78,6 +78,33 @@ def test_contacts_are_where_the_walls_are_and_point_out_of_the_object(contact_mo
     np.testing.assert_array_equal(touch.sigma_position, 0.002)
 
 
+def test_the_centre_of_pressure_of_a_lopsided_patch_is_the_mean_by_pressure() -> None:
+    """A ball over the edges of the walls, whose patches are integrated exactly: the field is linear in each face."""
+    diagram, plant, plant_context, ball, context = pressed("hydroelastic", True)
+    plant.SetFreeBodyPose(plant_context, ball, X_WPALM @ RigidTransform([0.0, 0.048, 0.0]))
+    diagram.ExecuteForcedEvents(context)
+    results = plant.get_contact_results_output_port().Eval(plant_context)
+    palm = plant.GetFrameByName("palm")
+    touch = tp.Contacts.from_contact_results(results, plant, plant_context, palm, ball)
+    assert len(touch) == results.num_hydroelastic_contacts() == 2
+    p_WC = X_WPALM.multiply(touch.p_PC.T).T
+    for i in range(2):
+        surface = results.hydroelastic_contact_info(i).contact_surface()
+        mesh, field = surface.poly_mesh_W(), surface.poly_e_MN()
+        total, moment = 0.0, np.zeros(3)
+        for face in range(surface.num_faces()):
+            element = mesh.element(face)
+            corners = np.array([mesh.vertex(element.vertex(k)) for k in range(element.num_vertices())])
+            for k in range(1, len(corners) - 1):
+                a, b, c = corners[[0, k, k + 1]]
+                area = 0.5 * np.linalg.norm(np.cross(b - a, c - a))
+                for p in (0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)):  # exact for squares
+                    weight = area / 3.0 * field.EvaluateCartesian(face, p)
+                    total, moment = total + weight, moment + weight * p
+        assert np.linalg.norm(p_WC - moment / total, axis=1).min() < 1e-4
+        assert np.linalg.norm(surface.centroid() - moment / total) > 4e-4  # by area alone it would be elsewhere
+
+
 def test_an_object_that_touches_nothing_has_no_contacts() -> None:
     diagram, plant, plant_context, ball, context = pressed("point", True)
     plant.SetFreeBodyPose(plant_context, ball, RigidTransform([9.0, 9.0, 9.0]))

@@ -7,7 +7,7 @@ from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.geometry import HandGeometry
+from tactopose_drake.hand.geometry import BodySpheres, HandGeometry, corner_spheres, farthest_points
 
 SHAPES = [
     Sphere(0.01),
@@ -81,6 +81,53 @@ def test_the_spheres_turn_with_the_joint() -> None:
     plant.SetPositions(context, [np.pi / 2])
     after = HandGeometry.from_plant(plant, context, palm).p_PH
     np.testing.assert_allclose(after, np.column_stack([-before[:, 1], before[:, 0], before[:, 2]]), atol=1e-12)
+
+
+@pytest.mark.parametrize(("shape", "count"), [(SHAPES[2], 20), (SHAPES[6], 4), (SHAPES[0], 0)])
+def test_corners_and_middles_of_edges_have_small_spheres(shape: Shape, count: int) -> None:
+    plant, context = make_hand(shape, angle=0.7)
+    inspector = plant.get_geometry_query_input_port().Eval(context).inspector()
+    finger = plant.GetBodyByName("finger")
+    spheres = corner_spheres(plant, inspector, [int(finger.index())])
+    assert len(spheres.radius) == count
+    X_WB = plant.get_body_poses_output_port().Eval(context)
+    p_WH = spheres.positions(X_WB)
+    X_WG = X_WB[int(finger.index())] @ X_PalmG
+    if isinstance(shape, Box):
+        sides = np.stack(np.meshgrid(*3 * [[-1.0, 0.0, 1.0]], indexing="ij"), axis=-1).reshape(-1, 3)
+        edges = X_WG.multiply((0.5 * shape.size() * sides[np.abs(sides).sum(axis=1) >= 2]).T).T
+        for centre in p_WH:  # they touch the faces from within
+            assert signed_distances(plant, context, centre) == pytest.approx(-0.0005, abs=1e-9)
+    else:
+        edges = X_WG.multiply(0.02 * np.vstack([np.zeros(3), np.eye(3)])[:count].T).T
+    away = np.linalg.norm(edges[:, None] - p_WH, axis=2).min(axis=1, initial=np.inf) if count else np.zeros(0)
+    assert np.all(away < 0.001)
+
+
+def test_far_points_are_one_of_each_heap() -> None:
+    generator = np.random.default_rng(0)
+    heaps = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.08, 0.0], [0.0, 0.0, 0.06], [0.05, 0.05, 0.05]])
+    points = np.concatenate([heap + 0.002 * generator.normal(size=(20, 3)) for heap in heaps])
+    assert sorted(farthest_points(points, 5) // 20) == [0, 1, 2, 3, 4]
+    assert sorted(farthest_points(points[:4], 30)) == [0, 1, 2, 3]
+
+
+def test_of_many_spheres_those_go_that_hardly_stick_out_of_larger_ones_of_their_body() -> None:
+    generator = np.random.default_rng(1)
+    body = np.repeat([2, 5], 150)
+    spheres = BodySpheres(body, 0.01 * generator.normal(size=(300, 3)), generator.uniform(0.003, 0.009, size=300))
+    assert len(spheres.thinned(300).radius) == 300
+    few = spheres.thinned(200)
+    assert 20 < len(few.radius) <= 200
+    assert set(few.body) == {2, 5}
+    way = np.linalg.norm(spheres.p_BH[:, None] - few.p_BH, axis=2)
+    out = np.where(body[:, None] == few.body, way + spheres.radius[:, None] - few.radius, np.inf)
+    assert out.min(axis=1).max() <= 0.006  # what is left out does so from one that stays
+    # Of those that stay none does so from a larger one.
+    way = np.linalg.norm(few.p_BH[:, None] - few.p_BH, axis=2)
+    out = way + few.radius[:, None] - few.radius
+    of_larger = (few.body[:, None] == few.body) & (few.radius > few.radius[:, None])
+    assert out[of_larger].min() > 0.0015
 
 
 def test_a_hand_without_a_volume_is_refused() -> None:

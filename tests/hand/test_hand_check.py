@@ -151,6 +151,14 @@ def test_joints_that_follow_each_other_are_told(tmp_path: Path) -> None:
     assert "two_finger.urdf: the joints right_slide, right_second follow each other" in fault.text
 
 
+def test_a_model_of_visual_shapes_alone_is_told(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace("<collision", "<visual").replace("</collision", "</visual"))
+    check = check_hand(path)
+    assert ("fault", "5 links with 0 collision shapes") in verdicts(check, "model")
+
+
 def test_rigid_shapes_are_named(tmp_path: Path) -> None:
     hint = '<drake:mesh_resolution_hint value="0.003"/>'
     rigid = f"<drake:proximity_properties><drake:rigid_hydroelastic/>{hint}</drake:proximity_properties>"
