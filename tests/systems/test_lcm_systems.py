@@ -153,6 +153,19 @@ def test_a_belief_goes_out_with_the_time_of_its_senses() -> None:
     assert math.isfinite(belief.covariance.sum())
 
 
+def test_without_senses_a_belief_is_of_the_diagrams_time_and_of_no_message() -> None:
+    system = LcmBelief(1)
+    context = system.CreateDefaultContext()
+    hypotheses = tuple(PoseHypothesis(RigidTransform(), 0.0, p, np.eye(6), np.zeros((0, 6))) for p in (0.7, 0.3))
+    system.GetInputPort("hypotheses").FixValue(context, AbstractValue.Make(PoseEstimate(hypotheses, "ok", 0.001)))
+    system.GetInputPort("status").FixValue(context, AbstractValue.Make("ok"))
+    for time, utime in ((0.0, 0), (1.25, 1_250_000), (3.5000004, 3_500_000)):
+        context.SetTime(time)
+        message = system.get_output_port().Eval(context)
+        assert (message.utime, message.sequence) == (utime, -1)
+        np.testing.assert_array_equal(message.probability, [0.7])
+
+
 @pytest.mark.parametrize("most", [0, -1, 2.5])
 def test_a_belief_of_no_modes_is_refused(most: int) -> None:
     with pytest.raises(InvalidInputError, match="max_modes: is "):

@@ -4,6 +4,8 @@ import trimesh
 
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
+from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
+from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.poses import compose, inverse, make_poses, random_rotations, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
@@ -87,6 +89,37 @@ def test_a_motion_that_starts_inside_ends_at_once(ball: ObjectModel) -> None:
     felt = GuardedMoves.lines([[0.02, 0.0, 0.0]], [[-1.0, 0.0, 0.0]], 0.1).feel(ball, np.eye(3, 4)[None])
     assert felt.is_hit[0, 0]
     assert felt.way[0, 0] < 1e-9
+
+
+def test_a_fingers_motion_is_straight_in_its_joints() -> None:
+    up = make_poses(np.eye(3), np.array([0.0, 0.0, 0.04]))
+    chain = SerialChain(
+        X_parent=np.stack([np.eye(3, 4), up]),
+        axis=np.tile([0.0, 1.0, 0.0], (2, 1)),
+        X_child=np.tile(np.eye(3, 4), (2, 1, 1)),
+        coupling=np.eye(2),
+        X_last_sensor=up,
+        lower=np.full(2, -2.0),
+        upper=np.full(2, 2.0),
+        bodies=("first", "second"),
+    )
+    knuckles = np.array([[0.01, 0.0, 0.02], [0.0, 0.005, 0.03]])
+    finger = FingerGeometry(chain, np.array([0.0, 0.0, 0.01]), TIP, np.arange(2), knuckles, np.array([0.009, 0.007]))
+    q_start, q_goal = np.array([0.2, -0.4]), np.array([[1.0, 0.6], [-0.5, 0.1], [0.2, -0.3]])
+    for start in (q_start, np.tile(q_start, (3, 1))):
+        moves = GuardedMoves.of_finger(finger, start, q_goal, places=5)
+        assert moves.tip.shape == (3, 5, 3)
+        assert moves.radius == TIP
+        for m, goal in enumerate(q_goal):
+            for s, (a, b) in enumerate(np.linspace(q_start, goal, 5)):
+                # Angles about y add up, from z towards x.
+                first, both = np.array([np.sin(a), 0.0, np.cos(a)]), np.array([np.sin(a + b), 0.0, np.cos(a + b)])
+                aside = np.array([np.cos(a), 0.0, -np.sin(a)])
+                np.testing.assert_allclose(moves.tip[m, s], 0.04 * first + 0.05 * both, atol=1e-12)
+                expected = [0.02 * first + 0.01 * aside, 0.04 * first + 0.03 * both + [0.0, 0.005, 0.0]]
+                np.testing.assert_allclose(moves.body[m, s, :2], expected, atol=1e-12)
+        np.testing.assert_array_equal(moves.body_radius[:2], [0.009, 0.007])
+        assert moves.body.shape[2] == len(moves.body_radius)
 
 
 def test_some_of_the_motions_can_be_taken() -> None:
