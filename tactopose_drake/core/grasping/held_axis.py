@@ -57,12 +57,14 @@ def find_held_axis(
         axis: unit vector of the object's axis in O, shape (3,).
         middle: the point of the axis in O that is as far from one end as from the other, shape (3,), m.
         half_length: of the object along the axis, m.
-        towards: direction in P into which the axis is to point, shape (3,).
+        towards: direction in P into which the most probable axis is to point, shape (3,).
         p_PG: middle of the grip, shape (3,), m.
     """
     weight = probability / probability.sum()
     direction = X_PO[:, :, :3] @ axis
-    against = direction @ towards < 0.0
+    # By the most probable one: of axes across `towards`, each would point there by a hair, or not, whichever it is.
+    likeliest = direction[np.argmax(weight)]
+    against = direction @ (likeliest if likeliest @ towards >= 0.0 else -likeliest) < 0.0
     direction *= np.where(against, -1.0, 1.0)[:, None]
     p_PM = X_PO[:, :, :3] @ middle + X_PO[:, :, 3]
     along = np.einsum("ni,ni->n", p_PG - p_PM, direction)

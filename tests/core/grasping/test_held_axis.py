@@ -84,6 +84,20 @@ def test_the_stated_deviation_is_that_of_samples() -> None:
     assert held.sigma_end == pytest.approx(np.std(lengths), rel=0.1)
 
 
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_rod_across_the_direction_that_is_asked_for_has_one_axis_too(first: int) -> None:
+    """Two hypotheses hold it end for end, and both lean towards that direction by half a degree."""
+    X_PO = poses(np.random.default_rng(5))
+    flip = make_poses(np.diag([1.0, -1.0, -1.0]), MIDDLE - np.diag([1.0, -1.0, -1.0]) @ MIDDLE)
+    towards, lean = X_PO[0, :, 0], np.array([[0.0, 0.01, 0.0, 0.0, 0.0, 0.0]])
+    both = np.concatenate([retract(X_PO, lean), retract(compose(X_PO, flip[None]), lean)])
+    assert np.all(both[:, :, :3] @ AXIS @ towards > 0.0)
+    held = find(both[[first, 1 - first]], np.zeros((6, 6)), towards)
+    np.testing.assert_allclose(np.abs(held.direction @ X_PO[0, :, :3]), AXIS, atol=1e-3)
+    assert held.sigma < 0.02 * HALF
+    assert held.same_way == pytest.approx(0.5)
+
+
 def test_hypotheses_that_disagree_widen_it() -> None:
     X_PO = poses(np.random.default_rng(3))
     aside = retract(X_PO, np.array([[0.0, 0.0, 0.0, *(0.01 * X_PO[0, :, 0])]]))
