@@ -1,5 +1,6 @@
 """Offsets of encoders by touches of which each tells a little: they are found, and known as well as is said."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -10,6 +11,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic import touch_surface
+from tactopose_drake.errors import InvalidInputError
 from tests.core.tracking.boxes import make_box
 
 SIGMA, NOISE = 0.03, (0.0003, math.radians(2.0))  # of each offset, rad; of a contact's point, m, and normal, rad
@@ -78,3 +80,11 @@ def test_no_offset_is_known_better_than_to_the_least_standard_deviation(box: Obj
         known = JointOffsets(known.mean + found.mean, found.covariance)
     assert np.all(known.sigma >= math.radians(PARAMS.least_sigma_deg) * (1.0 - 1e-9))
     assert np.all(known.sigma < 0.5 * SIGMA)
+
+
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(OffsetRefinementParams)])
+@pytest.mark.parametrize("value", [0, -1])
+def test_parameters_that_are_none_are_named(name: str, value: int) -> None:
+    PARAMS.validate()
+    with pytest.raises(InvalidInputError, match=rf"OffsetRefinementParams\.{name}: is {value}"):
+        dataclasses.replace(PARAMS, **{name: value}).validate()
