@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.exploration.tolerance import Tolerance, merged_modes, nearest_twins, resolved_share
-from tactopose_drake.core.poses import exp_so3, make_poses
+from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
@@ -36,6 +36,26 @@ def test_modes_that_are_one_pose_are_made_one(can: ObjectModel) -> None:
     # The spread of two modes 4 mm apart counts, beside their own.
     variance = 0.001**2 + (0.25 / 0.55) * 0.004**2
     assert joined.covariance[0, 3, 3] == pytest.approx(variance, rel=1e-6)
+
+
+def test_what_is_joined_spreads_as_its_samples_do_about_the_nearest_twin() -> None:
+    """Of modes that are turned by a right angle, and end for end about a middle that is not the frame's origin."""
+    mesh = trimesh.creation.cylinder(radius=0.03, height=0.1, sections=96)
+    mesh.apply_translation([0.0, 0.0, 0.05])
+    can = ObjectModel.from_mesh(mesh, max_grid_bytes=3_200_000, samples=300)
+    covariance = np.diag(np.square([0.08, 0.01, 1e-4, 0.0005, 0.0005, 0.0005]))
+    turn = make_poses(exp_so3(np.array([0.0, 0.0, 0.5 * np.pi])), np.zeros(3))
+    flip = make_poses(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 0.1]))
+    X_PO = make_poses(random_rotations(np.random.default_rng(1), 1), np.array([[0.1, 0.0, 0.2]]))
+    for image in (turn, flip, compose(flip, turn)):
+        both = np.concatenate([X_PO, compose(X_PO, image[None])])
+        belief = GaussianMixture(both, np.array([0.6, 0.4]), np.tile(covariance, (2, 1, 1)))
+        joined = merged_modes(can, belief)
+        assert len(joined) == 1
+        drawn = belief.sample(10_000, np.random.default_rng(0))
+        off = nearest_twins(can, drawn, joined.X_PO[0], Tolerance(translation=1.0, rotation=3.0)).increments
+        sigmas = np.sqrt(np.diag(joined.covariance[0]))
+        np.testing.assert_allclose(sigmas[[0, 1, 3, 4, 5]], np.sqrt(np.mean(off**2, axis=0))[[0, 1, 3, 4, 5]], rtol=0.1)
 
 
 def test_twins_are_nearest_by_what_symmetry_allows(can: ObjectModel) -> None:
