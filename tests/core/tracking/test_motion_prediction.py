@@ -12,6 +12,7 @@ from tactopose_drake.core.poses import (
     make_poses,
     random_rotations,
     retract,
+    skew,
 )
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.motion_prediction import (
@@ -108,6 +109,32 @@ def test_what_no_fingertip_holds_walks_at_random() -> None:
     covariance = move_with_fingertips(contacts, NAMES[:1], velocities(np.zeros(6)), NOISE, 0.01, slips=False).covariance
     free = np.sqrt(np.linalg.eigvalsh(covariance / 0.01)[-1])
     assert free > 0.5 * NOISE.free_rotation
+
+
+@pytest.mark.parametrize("slips", [False, True])
+def test_the_motion_is_that_of_least_squares_by_the_rows_of_the_grasp_matrix(slips: bool) -> None:
+    """For each contact three of the points' velocities and one of the spin about the normal, from a random walk."""
+    generator, known = np.random.default_rng(4), [1, 2, 5]
+    noise = MotionNoise(rolling=0.004, twisting=0.3, slipping=0.02)
+    p_PC, n_PC = 0.05 * generator.normal(size=(6, 3)), random_rotations(generator, 6)[:, 0]
+    tips = {NAMES[i]: generator.normal(size=6) * np.repeat([0.3, 0.02], 3) for i in known}
+    across = noise.slipping * np.sqrt(len(known)) if slips else noise.rolling
+    rows, measured, sigma = [], [], []
+    for i in known:
+        R = np.linalg.svd(n_PC[i : i + 1])[2]  # the normal, and two tangents
+        to_point = np.hstack([-skew(p_PC[i]), np.eye(3)])
+        for direction, of_direction in zip(R, (noise.rolling, across, across), strict=True):
+            rows.append(direction @ to_point)
+            sigma.append(of_direction)
+        rows.append(np.concatenate([n_PC[i], np.zeros(3)]))
+        sigma.append(across * noise.twisting / noise.rolling)
+        measured += [row @ tips[NAMES[i]] for row in rows[-4:]]
+    J, W = np.array(rows), np.diag(np.array(sigma) ** -2.0)
+    free = np.repeat([noise.free_rotation, noise.free_translation], 3)
+    covariance = np.linalg.inv(J.T @ W @ J + np.diag(free**-2.0))
+    motion = move_with_fingertips(Contacts(p_PC, n_PC), NAMES, tips, noise, 0.02, slips=slips)
+    np.testing.assert_allclose(motion.covariance, 0.02 * covariance, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(motion.twist, 0.02 * covariance @ J.T @ W @ measured, rtol=1e-6, atol=1e-12)
 
 
 def test_unknown_fingertips_say_nothing() -> None:
