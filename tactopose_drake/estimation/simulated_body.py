@@ -89,7 +89,8 @@ def _union(path: Path, plant: MultibodyPlant, inspector: SceneGraphInspector, bo
         raise InvalidFileError(f"{path}: has no collision shape.")
     if len(meshes) == 1:
         return meshes[0]
-    return trimesh.boolean.union([_closed(path, mesh) for mesh in meshes], engine="manifold")
+    united: trimesh.Trimesh = trimesh.boolean.union([_closed(path, mesh) for mesh in meshes], engine="manifold")
+    return united
 
 
 def _closed(path: Path, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
