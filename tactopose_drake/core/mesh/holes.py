@@ -96,10 +96,7 @@ def _without_open_debris(vertices: FloatArray, faces: IntArray, repairs: list[st
 def _describe(vertices: FloatArray, loops: list[IntArray]) -> str:
     """Where the largest holes are, and how big."""
     middles = [vertices[loop].mean(axis=0) for loop in loops]
-    across = [
-        2 * float(np.linalg.norm(vertices[loop] - middle, axis=1).max())
-        for loop, middle in zip(loops, middles, strict=True)
-    ]
+    across = [_across(vertices[loop]) for loop in loops]
     largest = np.argsort(across)[::-1][:_STATED_HOLES]
     places = "; ".join(
         f"at {np.round(middles[n], 4).tolist()} m, {1e3 * across[n]:.3g} mm across, rim of {len(loops[n])} edges"
@@ -107,6 +104,12 @@ def _describe(vertices: FloatArray, loops: list[IntArray]) -> str:
     )
     more = f"; and {len(loops) - len(largest)} smaller" if len(loops) > len(largest) else ""
     return f"Holes: {places}{more}"
+
+
+def _across(rim: FloatArray) -> float:
+    """How far the vertices (n, 3) of a rim are apart, m: from the one that is farthest from their middle."""
+    farthest = rim[np.argmax(np.linalg.norm(rim - rim.mean(axis=0), axis=1))]
+    return float(np.linalg.norm(rim - farthest, axis=1).max())
 
 
 def _agreement(vertices: FloatArray, faces: IntArray, closed_faces: IntArray, size: float, nodes: int) -> float:

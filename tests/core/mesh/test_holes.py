@@ -45,6 +45,13 @@ def test_the_hole_s_place_and_size_are_stated() -> None:
     assert repair == "closed the open mesh. Holes: at [0.0, 0.0, 0.03] m, 84.9 mm across, rim of 4 edges"
 
 
+def test_a_hole_is_no_wider_than_what_it_is_in() -> None:
+    # Two triangles of two sides: the middle of the rim is not halfway between two of its vertices.
+    box = trimesh.creation.box([0.04, 0.06, 0.1])
+    _, (repair,) = closed(without(box, np.arange(12) < 2))
+    assert "123 mm across, rim of 4 edges" in repair
+
+
 OPEN = {
     "tube": without(CUBE, np.abs(CUBE.face_normals[:, 2]) > 0.9),
     "corner": without(CUBE, (CUBE.face_normals[:, 2] > 0.9) | (CUBE.face_normals[:, 1] > 0.9)),
