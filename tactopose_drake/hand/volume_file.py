@@ -84,8 +84,8 @@ def _of_hand(path: Path, data: dict[str, Any]) -> HandVolumes:
         raise InvalidFileError(f"{path}: hand: is {shown(name)}; allowed is a name or a path.")
     config = load_hand_config(path.parent / name if Path(name).suffix else name)
     plant, hand = make_hand_plant(config)
+    told = _positions(path, joints)
     try:
-        told = _positions(path, joints)
         q = NamedJoints(plant, hand).positions("joints", told)
         check_near_limits("joints", told, plant, hand)
         tips = _tips(hand, untouched)
