@@ -7,21 +7,21 @@ from pydrake.multibody.tree import Frame, Joint
 
 from tactopose_drake.core.sensing.force_torque import GRAVITY_W, weight_matrix
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, bodies_fixed_on
 from tactopose_drake.hand.kinematics import HandKinematics
 
 
 def fingertip_mass(plant: MultibodyPlant, weld: Joint, sensor_frame: Frame) -> tuple[float, FloatArray]:
-    """Mass, kg, and centre of mass p_STipcm, shape (3,), m, of the fingertip behind a weld.
+    """Mass, kg, and centre of mass p_STipcm, shape (3,), m, of the fingertip behind a weld and what is fixed on it.
 
     Args:
         plant: finalized plant that holds the hand.
         weld: joint between finger (parent) and fingertip (child); S is on the fingertip if it moves.
         sensor_frame: S, fixed on the finger or on the fingertip.
     """
-    tip, context = weld.child_body(), plant.CreateDefaultContext()
-    X_STip = plant.CalcRelativeTransform(context, sensor_frame, tip.body_frame())
-    return float(tip.get_mass(context)), X_STip @ tip.CalcCenterOfMassInBodyFrame(context)
+    bodies = [body.index() for body in bodies_fixed_on(plant, weld.child_body())]
+    inertia = plant.CalcSpatialInertia(plant.CreateDefaultContext(), sensor_frame, bodies)
+    return float(inertia.get_mass()), inertia.get_com()
 
 
 class FingertipWeights:

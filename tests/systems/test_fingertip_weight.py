@@ -1,5 +1,7 @@
 """The weight of the fingertips at their sensors, and taking its turning off."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
@@ -11,6 +13,7 @@ from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.systems.fingertip_weight import FingertipWeight
 from tests import held_cube
+from tests.hand.grippers import write_gripper
 
 TOUCH = np.array([0.01, -0.02, 0.03, 1.0, 2.0, -3.0])
 R_WBASE = RotationMatrix(RollPitchYaw(np.pi, -np.pi / 2, 0.3))
@@ -33,6 +36,20 @@ def test_the_weight_points_down_and_acts_in_the_centre_of_mass(hand) -> None:
         X_STip = plant.CalcRelativeTransform(context, frame, tip.body_frame())
         p_Scm = X_STip @ tip.CalcCenterOfMassInBodyFrame(context)
         np.testing.assert_allclose(weights[finger][:3], np.cross(p_Scm, weights[finger][3:]), atol=1e-12)
+
+
+def test_what_is_fixed_on_a_fingertip_weighs_too(tmp_path: Path) -> None:
+    path, model = write_gripper(tmp_path), tmp_path / "two_finger.urdf"
+    cover = (
+        '<link name="cover"><inertial><origin xyz="0.004 0 0"/><mass value="0.03"/><inertia ixx="1e-6" ixy="0" '
+        'ixz="0" iyy="1e-6" iyz="0" izz="1e-6"/></inertial></link><joint name="glue" type="fixed">'
+        '<parent link="left_tip"/><child link="cover"/><origin xyz="0 0 0.008" rpy="0 0 1.5707963267948966"/></joint>'
+    )
+    model.write_text(model.read_text().replace("</robot>", f"{cover}</robot>"))
+    plant, parts = make_hand_plant(load_hand_config(path))
+    weights = FingertipWeights(plant, parts, RotationMatrix()).wrenches(np.zeros(2))
+    np.testing.assert_allclose(weights["left"], [-9.81 * 0.03 * 0.004, 0, 0, 0, 0, -9.81 * 0.04], atol=1e-12)
+    np.testing.assert_allclose(weights["right"], [0, 0, 0, 0, 0, -9.81 * 0.01], atol=1e-12)
 
 
 def test_a_touch_comes_out_whole_however_the_finger_has_turned(hand) -> None:
