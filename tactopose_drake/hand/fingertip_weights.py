@@ -3,11 +3,11 @@
 import numpy as np
 from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, Joint
+from pydrake.multibody.tree import Frame, Joint, RigidBody, WeldJoint
 
 from tactopose_drake.core.sensing.force_torque import GRAVITY_W, weight_matrix
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.hand_in_plant import Hand, bodies_fixed_on
+from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics
 
 
@@ -19,7 +19,7 @@ def fingertip_mass(plant: MultibodyPlant, weld: Joint, sensor_frame: Frame) -> t
         weld: joint between finger (parent) and fingertip (child); S is on the fingertip if it moves.
         sensor_frame: S, fixed on the finger or on the fingertip.
     """
-    bodies = [body.index() for body in bodies_fixed_on(plant, weld.child_body())]
+    bodies = [body.index() for body in _bodies_fixed_on(plant, weld.child_body())]
     inertia = plant.CalcSpatialInertia(plant.CreateDefaultContext(), sensor_frame, bodies)
     return float(inertia.get_mass()), inertia.get_com()
 
@@ -63,3 +63,13 @@ class FingertipWeights:
         for finger, X_S in on.poses(self._frames).items():
             wrenches[finger] = self._per_gravity[finger] @ (X_S.rotation().matrix().T @ gravity)
         return wrenches
+
+
+def _bodies_fixed_on(plant: MultibodyPlant, body: RigidBody) -> list[RigidBody]:
+    """A body and those that fixed joints carry on it, outwards."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    welds = [joint for joint in joints if isinstance(joint, WeldJoint)]
+    bodies = [body]
+    for parent in bodies:  # which grows
+        bodies += [weld.child_body() for weld in welds if weld.parent_body().index() == parent.index()]
+    return bodies

@@ -13,7 +13,6 @@ from pydrake.multibody.tree import (
     Joint,
     ModelInstanceIndex,
     PrismaticJoint,
-    RigidBody,
     WeldJoint,
 )
 
@@ -160,16 +159,6 @@ def joints_by_child(plant: MultibodyPlant, hand: Hand) -> dict[BodyIndex, Joint]
     return {joint.child_body().index(): joint for joint in joints}
 
 
-def bodies_fixed_on(plant: MultibodyPlant, body: RigidBody) -> list[RigidBody]:
-    """A body and those that fixed joints carry on it, outwards; the plant need not be finalized."""
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
-    welds = [joint for joint in joints if isinstance(joint, WeldJoint)]
-    bodies = [body]
-    for parent in bodies:  # which grows
-        bodies += [weld.child_body() for weld in welds if weld.parent_body().index() == parent.index()]
-    return bodies
-
-
 def measured_joints(plant: MultibodyPlant, hand: Hand) -> tuple[str, ...]:
     """The joints that an encoder measures: those that move and follow no other."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
@@ -199,13 +188,11 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
             raise UnknownNameError("frame of the hand", name, sorted(frames))
     for finger in sensing:
         tip, is_fixed = joints[finger.weld].child_body(), isinstance(joints[finger.weld], WeldJoint)
-        on_tip = {body.index() for body in bodies_fixed_on(plant, tip)}
-        if not is_fixed and frames[finger.sensor_frame].body().index() not in on_tip:
+        if not is_fixed and frames[finger.sensor_frame].body().index() != tip.index():
             fixed = ", ".join(sorted(name for name, joint in joints.items() if isinstance(joint, WeldJoint))) or "none"
             raise InvalidInputError(
                 f"HandConfig.fingers[{finger.name}].weld: the joint {finger.weld!r} moves; allowed are those that are "
-                f"fixed ({fixed}), or a sensor frame on the link {tip.name()!r} that it moves, or on one that is "
-                "fixed there."
+                f"fixed ({fixed}), or a sensor frame on the link {tip.name()!r} that it moves."
             )
     return Hand(
         config,

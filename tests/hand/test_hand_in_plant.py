@@ -96,25 +96,6 @@ def test_the_offset_of_a_joint_that_slides_is_told_in_metres(tmp_path: Path) -> 
         make_hand_plant(load_hand_config(path))
 
 
-def test_a_sensor_frame_is_a_link_of_its_own_on_the_fingertip_that_moves(tmp_path: Path) -> None:
-    sensor = (
-        '<link name="left_sensor"/><joint name="seat" type="fixed"><parent link="left_finger"/>'
-        '<child link="left_sensor"/><origin xyz="-0.06 0.01 0.09" rpy="0.4 -0.3 0.8"/></joint></robot>'
-    )
-    yaml = YAML.replace("sensor_frame: left_tip", "sensor_frame: left_sensor").replace("left_weld", "left_slide")
-    path, model = write_gripper(tmp_path, yaml=yaml), tmp_path / "two_finger.urdf"
-    model.write_text(model.read_text().replace("</robot>", sensor))
-    plant, hand = make_hand_plant(load_hand_config(path))
-    assert hand.welds["left"].name() == "left_slide"
-    kinematics = HandKinematics(plant, hand.palm_frame)
-    kinematics.move(np.array([0.02, 0.0]))
-    X_PS = RigidTransform(RollPitchYaw(0.4, -0.3, 0.8), [-0.04, 0.01, 0.09])
-    assert kinematics.poses(hand.sensor_frames)["left"].IsNearlyEqualTo(X_PS, 1e-12)
-    path.write_text(yaml.replace("left_sensor", "right_tip"))
-    with pytest.raises(InvalidInputError, match="on the link 'left_finger' that it moves, or on one that is fixed"):
-        make_hand_plant(load_hand_config(path))
-
-
 def test_it_is_checked_simulated_where_it_stands_and_on_no_arm(tmp_path: Path) -> None:
     path = write_standing(tmp_path / "standing")
     check = check_hand(path)
