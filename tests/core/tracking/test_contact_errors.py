@@ -8,10 +8,13 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import (
+    as_doubted,
     averaged_variances,
+    calibration_excess,
     estimate_scale,
     follow_doubt,
     follow_scale,
+    with_errors,
 )
 from tactopose_drake.core.tracking.frame import ContactReading, SeemingErrors
 from tactopose_drake.core.tracking.motion_prediction import MotionNoise, move_with_palm
@@ -55,6 +58,25 @@ def test_of_a_mean_of_frames_only_what_is_new_averages_out() -> None:
     np.testing.assert_allclose(one, np.tile([SIGMA_POSITION**2, SIGMA_NORMAL**2], (6, 1)))
     lasting = PARAMS.calibration_position**2 + PARAMS.surface_position**2
     np.testing.assert_allclose(many[:, 0], lasting, rtol=1e-5)
+
+
+def test_a_calibration_that_seems_worse_adds_what_it_errs_beyond_what_is_told() -> None:
+    """Of independent errors the variances add up: of the calibration, so many times as told, and of all else."""
+    contacts = Contacts(p_OC, n_OC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
+    of_all, of_hand = np.square([SIGMA_POSITION, SIGMA_NORMAL]), np.square(TOLD)
+    factors = np.array([4.0, 2.25])
+    added = calibration_excess(contacts, PARAMS, factors)
+    np.testing.assert_allclose(added, np.tile(factors * of_hand - of_hand, (6, 1)))
+    np.testing.assert_array_equal(calibration_excess(contacts, PARAMS, np.ones(2)), 0.0)
+    reading = with_errors(read(contacts), ALL, factors, PARAMS)
+    np.testing.assert_allclose(reading.parts.new, np.tile(of_all - of_hand, (6, 1)))
+    seeming = as_doubted(reading).evidence.contacts
+    np.testing.assert_allclose(np.square(seeming.sigma_position), of_all[0] + 3.0 * of_hand[0])
+    np.testing.assert_allclose(np.square(seeming.sigma_normal), of_all[1] + 1.25 * of_hand[1])
+    # Where contacts are told to be surer than the calibration is, a share of them is new all the same.
+    surer = Contacts(p_OC, n_OC, sigma_position=0.5 * TOLD[0], sigma_normal=SIGMA_NORMAL)
+    least = PARAMS.contact_update.least_noise_share * 0.5 * TOLD[0]
+    np.testing.assert_allclose(read(surer).parts.new[:, 0], least**2)
 
 
 def test_a_source_whose_contacts_seem_false_is_doubted_from_then_on() -> None:
