@@ -106,7 +106,7 @@ def calibration_table(found: HandCalibration, sliding: Collection[str]) -> Table
     for joint, offset in found.joint_offsets.items():
         scale, unit = (1e3, "mm") if joint in sliding else (1.0, "deg")
         if offset.sigma:
-            table.add_row(f"{joint} offset", f"{scale * offset.value:.2f}", f"{scale * offset.sigma:.2f}", unit)
+            table.add_row(f"{joint} offset", f"{scale * offset.value:z.2f}", f"{scale * offset.sigma:.2f}", unit)
     for name, finger in found.fingers.items():
         for what, vector, scale, unit in (
             ("moment bias", finger.moment_bias, 1e3, "N mm"),
@@ -114,7 +114,7 @@ def calibration_table(found: HandCalibration, sliding: Collection[str]) -> Table
             ("mounting, turned", finger.rotation_deg, 1.0, "deg"),
             ("mounting, moved", finger.translation, 1e3, "mm"),
         ):
-            values, sigmas = ([f"{scale * x:.2f}" for x in row] for row in (vector.value, vector.sigma))
+            values, sigmas = ([f"{scale * x:z.2f}" for x in row] for row in (vector.value, vector.sigma))
             if any(vector.sigma):
                 table.add_row(f"{name} {what}", " ".join(values), " ".join(sigmas), unit)
         value, sigma = 1e3 * finger.radius.value, 1e3 * finger.radius.sigma

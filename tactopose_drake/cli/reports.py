@@ -33,8 +33,8 @@ def hypotheses_table(estimate: PoseEstimate, model: ObjectModel) -> Table:
     for hypothesis in estimate.hypotheses[:_MOST_ROWS]:
         table.add_row(
             f"{hypothesis.probability:.1%}",
-            " ".join(f"{1e3 * x:.1f}" for x in hypothesis.X_PO.translation()),
-            " ".join(f"{x:.3f}" for x in hypothesis.X_PO.rotation().ToQuaternion().wxyz()),
+            " ".join(f"{1e3 * x:z.1f}" for x in hypothesis.X_PO.translation()),
+            " ".join(f"{x:z.3f}" for x in hypothesis.X_PO.rotation().ToQuaternion().wxyz()),
             *sigma_cells(about_middle(hypothesis, model), model.size),
             f"{hypothesis.cost:.4g}",
         )

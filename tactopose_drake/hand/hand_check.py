@@ -264,7 +264,7 @@ def _reach(config: HandConfig) -> Iterator[Finding]:
 
 def _box(low: np.ndarray, high: np.ndarray) -> str:
     sides = zip("xyz", 1e3 * low, 1e3 * high, strict=True)
-    return ", ".join(f"{axis} {a:.0f} to {b:.0f}" for axis, a, b in sides) + " mm"
+    return ", ".join(f"{axis} {a:z.0f} to {b:z.0f}" for axis, a, b in sides) + " mm"
 
 
 def _calibration(config: HandConfig) -> Iterator[Finding]:

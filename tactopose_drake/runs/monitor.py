@@ -156,7 +156,7 @@ def estimate_line(view: RunView) -> str:
     status, estimate = _value(view, belief_port(view, "status")), explained_estimate(view)
     if estimate is None:
         return str(status)
-    position = " ".join(f"{1e3 * x:.1f}" for x in _value(view, belief_port(view, "object_pose")).translation())
+    position = " ".join(f"{1e3 * x:z.1f}" for x in _value(view, belief_port(view, "object_pose")).translation())
     count = len(estimate.hypotheses)
     many = "1 hypothesis" if count == 1 else f"{count} hypotheses"
     return f"{status}; object at {position} mm; {many}, the best with {estimate.best.probability:.0%}"

@@ -73,8 +73,8 @@ def notebook_html(estimate: PoseEstimate) -> str:
         size = 0.1 if question is None else question.model.size
         cells = (
             f"{hypothesis.probability:.1%}",
-            " ".join(f"{1e3 * x:.1f}" for x in hypothesis.X_PO.translation()),
-            " ".join(f"{x:.3f}" for x in hypothesis.X_PO.rotation().ToQuaternion().wxyz()),
+            " ".join(f"{1e3 * x:z.1f}" for x in hypothesis.X_PO.translation()),
+            " ".join(f"{x:z.3f}" for x in hypothesis.X_PO.rotation().ToQuaternion().wxyz()),
             *sigma_cells(_about_middle(hypothesis, question), size),
         )
         lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")

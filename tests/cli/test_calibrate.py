@@ -1,6 +1,7 @@
 """`tactopose calibrate`: from files to a file that a hand names."""
 
 import dataclasses
+import shutil
 from collections.abc import Collection
 from pathlib import Path
 
@@ -91,10 +92,15 @@ def test_offsets_are_shown_in_degrees_and_of_joints_that_slide_in_millimetres() 
     offsets = {
         "left_slide": MeasuredNumber(value=0.0021, sigma=0.0008),
         "knuckle": MeasuredNumber(value=-1.25, sigma=0.5),
+        "wrist": MeasuredNumber(value=-0.001, sigma=0.5),
     }
     table = calibration_table(HandCalibration(grasps=10, joint_offsets=offsets), ("left_slide",))
     rows = list(zip(*(column.cells for column in table.columns), strict=True))
-    assert rows == [("left_slide offset", "2.10", "0.80", "mm"), ("knuckle offset", "-1.25", "0.50", "deg")]
+    assert rows == [
+        ("left_slide offset", "2.10", "0.80", "mm"),
+        ("knuckle offset", "-1.25", "0.50", "deg"),
+        ("wrist offset", "0.00", "0.50", "deg"),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -114,10 +120,7 @@ def test_offsets_are_shown_in_degrees_and_of_joints_that_slide_in_millimetres() 
 def test_a_bad_grasp_is_one_line(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, said: str
 ) -> None:
-    grasps = tmp_path / "grasps"
-    grasps.mkdir()
-    for path in (folder / "grasps").iterdir():
-        (grasps / path.name).write_text(path.read_text())
+    grasps = shutil.copytree(folder / "grasps", tmp_path / "grasps")
     (grasps / "bad.yaml").write_text(content)
     files = ("--hand", folder / "mine.hand.yaml", "--object", folder / "blob.stl", "--grasps", grasps)
     assert run("calibrate", *files, "--out", tmp_path / "calibration.yaml") == 2
@@ -130,10 +133,7 @@ def test_a_bad_grasp_is_one_line(
 def test_a_grasp_that_is_there_twice_is_refused(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    grasps = tmp_path / "grasps"
-    grasps.mkdir()
-    for path in (folder / "grasps").iterdir():
-        (grasps / path.name).write_text(path.read_text())
+    grasps = shutil.copytree(folder / "grasps", tmp_path / "grasps")
     (grasps / "copy.yaml").write_text((grasps / "grasp_1.yaml").read_text())
     files = ("--hand", folder / "mine.hand.yaml", "--object", folder / "blob.stl", "--grasps", grasps)
     assert run("calibrate", *files, "--out", tmp_path / "calibration.yaml") == 2
@@ -211,10 +211,7 @@ def test_a_hand_that_names_its_calibration_is_calibrated_anew(
 def test_readings_before_touches_are_grasps_that_nothing_is_said_of(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    grasps = tmp_path / "grasps"
-    grasps.mkdir()
-    for path in (folder / "grasps").iterdir():
-        (grasps / path.name).write_text(path.read_text())
+    grasps = shutil.copytree(folder / "grasps", tmp_path / "grasps")
     joints = yaml.safe_load((grasps / "grasp_0.yaml").read_text())["joint_positions"]
     silent = {"joint_positions": joints, "out_of_touch": {"thumb": [0.0, 0.0001, 0.0, 0.0, 0.01, 0.0]}}
     (grasps / "silent.yaml").write_text(yaml.safe_dump(silent))

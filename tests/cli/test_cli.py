@@ -19,6 +19,7 @@ from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
 from tactopose_drake.resources import model_path
 from tactopose_drake.visualization import remote_meshcat
+from tactopose_drake.visualization.presentation import notebook_html
 from tests.listening import Watch
 
 X_PO = make_poses(rotation(np.array([0.8, 0.2, -0.4, 0.4])), np.array([0.01, -0.03, 0.09]))
@@ -137,6 +138,18 @@ def test_tables_fit_a_terminal_of_80_columns() -> None:
     assert "0.500 -0.500 -0.500 -0.500" in printed
     assert "and 11 less probable" in printed
     assert max(map(len, printed.splitlines())) <= 80
+
+
+def test_no_zero_of_a_table_is_negative() -> None:
+    model = ObjectModel.from_mesh(model_path("objects", "cube.obj"))
+    pose = RigidTransform(make_poses(rotation(np.array([1.0, -1e-5, 0.0, 0.0])), np.array([-1e-6, 0.0, 0.1])))
+    hypothesis = PoseHypothesis(pose, 1.0, 1.0, 1e-4 * np.eye(6), np.zeros((0, 6)))
+    estimate = PoseEstimate((hypothesis,), "ok", 0.01)
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(hypotheses_table(estimate, model))
+    for printed in (console.export_text(), notebook_html(estimate)):
+        assert "0.0 0.0 100.0" in printed
+        assert "-0." not in printed
 
 
 def write_mesh(path: Path, mesh: trimesh.Trimesh) -> Path:

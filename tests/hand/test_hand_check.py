@@ -198,6 +198,14 @@ def test_a_surface_that_fits_far_better_is_named_and_then_taken(tmp_path: Path) 
     assert not [text for _, text in verdicts(check_hand(path), "fingertip left") if "fitted" in text]
 
 
+def test_a_reach_ends_at_no_negative_zero(tmp_path: Path) -> None:
+    path, model = write_gripper(tmp_path), tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace('xyz="0.06 0 0.1"', 'xyz="0.06 -0.0001 0.1"'))
+    assert ("ok", "its fingertip reaches x 17 to 58, y 0 to 0, z 100 to 100 mm in the palm frame") in verdicts(
+        check_hand(path), "finger right"
+    )
+
+
 def test_what_drake_says_of_many_lines_is_one_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # The command line lets each kind of message through once.
     monkeypatch.setattr(logging.getLogger("drake"), "filters", [lambda record: False])

@@ -86,6 +86,10 @@ INSTANT = {
     [
         ({}, "ok; object at 1.0 2.0 3.0 mm; 1 hypothesis, the best with 100%"),
         (
+            {"object_pose": RigidTransform([-1e-6, 0.002, 0.003])},
+            "ok; object at 0.0 2.0 3.0 mm; 1 hypothesis, the best with 100%",
+        ),
+        (
             {"status": "held: no pose explains the touch", "hypotheses": estimate_of("no_solution", 12, 1.0)},
             "held: no pose explains the touch",
         ),
