@@ -269,9 +269,12 @@ class CanSenses:
                 "CanSenses.palm: is given, but the base of the hand that the simulated devices feel with stands still; "
                 "allowed is none, or simulated devices with a folder."
             )
-        for path in (self.prior, self.palm, self.joints.path if isinstance(self.joints, JointFile) else ""):
+        joints = self.joints.path if isinstance(self.joints, JointFile) else ""
+        for key, path in {"prior": self.prior, "palm": self.palm, "joints.path": joints}.items():
             if path and not os.path.isfile(path):
-                raise InvalidInputError(f"CanSenses: the file {path} does not exist.")
+                raise InvalidInputError(f"CanSenses.{key}: there is no file {path}.")
+        if self.simulated is not None and self.simulated.folder and not os.path.isdir(self.simulated.folder):
+            raise InvalidInputError(f"CanSenses.simulated.folder: there is no folder {self.simulated.folder}.")
 
     def _check_buses(self) -> None:
         """Two buses on one channel would hear each other's devices."""

@@ -23,7 +23,7 @@ from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.station.can_devices import CanDevices, live_buses
 from tactopose_drake.station.hardware import make_hardware_station
 from tactopose_drake.station.scenario import Scenario, load_scenario
-from tactopose_drake.station.senses import CanBus, FixedJoints, JointFile, SimulatedSenses
+from tactopose_drake.station.senses import CanBus, FixedJoints, JointFile, SimulatedDevices, SimulatedSenses
 from tactopose_drake.station.simulated import make_station
 from tactopose_drake.systems.signals import Signal
 from tests import held_cube
@@ -182,8 +182,16 @@ def test_unknown_joints_are_named() -> None:
         (lambda senses: senses.fingers.clear(), "has neither fingers nor barrett_hand"),
         (lambda senses: setattr(senses, "tare_samples", -1), "tare_samples: is -1"),
         (lambda senses: setattr(senses.fingers["thumb"], "period", 0.0), r"fingers\[thumb\].period: is 0"),
-        (lambda senses: setattr(senses, "prior", "absent.yaml"), "the file absent.yaml does not exist"),
-        (lambda senses: setattr(senses, "joints", JointFile(path="absent.csv")), "the file absent.csv does not exist"),
+        (lambda senses: setattr(senses, "prior", "absent.yaml"), r"CanSenses\.prior: there is no file absent\.yaml"),
+        (lambda senses: setattr(senses, "palm", "absent.csv"), r"CanSenses\.palm: there is no file absent\.csv"),
+        (
+            lambda senses: setattr(senses, "simulated", SimulatedDevices(folder="absent")),
+            r"CanSenses\.simulated\.folder: there is no folder absent",
+        ),
+        (
+            lambda senses: setattr(senses, "joints", JointFile(path="absent.csv")),
+            r"CanSenses\.joints\.path: there is no file absent\.csv",
+        ),
         (
             lambda senses: setattr(senses.fingers["thumb"], "base", 200),
             r"fingers\[thumb\].base: is 200; allowed are integers from 0",
