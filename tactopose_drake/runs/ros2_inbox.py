@@ -65,15 +65,22 @@ class Ros2Inbox:
             return None
         (time, joints), self._newest = self._newest, None
 
-        def fresh(values: dict[str, tuple[float, FloatArray]]) -> dict[str, FloatArray]:
-            return {name: value for name, (then, value) in values.items() if time - then <= self._max_age}
+        def fresh(what: str, values: dict[str, tuple[float, FloatArray]]) -> dict[str, FloatArray]:
+            ages = {name: time - then for name, (then, _) in values.items()}
+            # One of the future is no fresher: two clocks differ.
+            stale = {name: age for name, age in ages.items() if abs(age) > self._max_age}
+            self._remarks += [
+                f"{name}: {what} {abs(age):.2f} s {'older' if age > 0.0 else 'newer'} than the joint state"
+                for name, age in stale.items()
+            ]
+            return {name: value for name, (_, value) in values.items() if name not in stale}
 
         return HandSensesMessage(
             utime=round(1e6 * time),
             sequence=self.received - 1,
             joints=joints,
-            wrenches=fresh(self._wrenches),
-            pressures=fresh(self._pressures),
+            wrenches=fresh("the wrench is", self._wrenches),
+            pressures=fresh("the pressures are", self._pressures),
         )
 
     def take_vision(self, utime: int) -> ObjectPoseMessage | None:
@@ -121,8 +128,9 @@ class Ros2Inbox:
         self._wrenches[finger] = seconds_of(said.header.stamp), F_S
 
     def _on_pad(self, pad: str, said: Any) -> None:
-        # It has no stamp: it is as old as the joint state before it.
-        self._pressures[pad] = self._time, np.array(said.data)
+        # It has no stamp: it is as old as the joint state before it; without one, nobody knows how old.
+        if math.isfinite(self._time):
+            self._pressures[pad] = self._time, np.array(said.data)
 
     def _on_vision(self, said: Any) -> None:
         self._vision = seconds_of(said.header.stamp), said.pose
