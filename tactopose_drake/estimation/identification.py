@@ -216,24 +216,30 @@ def _model(known: ObjectModel | LibraryObject) -> ObjectModel:
 
 def _approximate_evidence(known: Sealed[ObjectModel | LibraryObject], evidence: Sealed[Evidence], seed: int) -> float:
     """The evidence of one object by Laplace's approximation of the smooth likelihood."""
-    model, touch = _model(known.value), evidence.value
+    model = _model(known.value)
     model = model.about_middle if has_far_origin(model) else model
+    touch, dilution = _with_shape_errors(model, evidence.value)
     problem, generator = make_problem(model, touch), np.random.default_rng(seed)
     found = METHODS[_METHOD](model, touch).minimize(problem.objective, problem.space, generator)
     information = problem.determining.normal_equations(found.X_PO).hessian
     modes = find_modes(found, information, problem.space.information, model.symmetry_poses, model.size, len(found.cost))
-    return log_evidence(model, touch, modes.log_mass)
+    return log_evidence(model, touch, modes.log_mass) - dilution
 
 
 def _explain(
     known: Sealed[ObjectModel | LibraryObject], evidence: Sealed[Evidence], max_hypotheses: int, seed: int
 ) -> PoseEstimate:
     """The pose of one object; maybe in another process, which loads a library's object by itself."""
-    model, touch = _model(known.value), evidence.value
-    felt = dataclasses.replace(touch, contacts=with_shape_errors(model, touch.contacts))
+    model = _model(known.value)
+    felt, dilution = _with_shape_errors(model, evidence.value)
     found = with_near_origin(model, lambda near: weigh_poses(near, felt, _METHOD, seed, max_hypotheses, math.inf))
-    dilution = log_dilution(touch.contacts, felt.contacts)
     return dataclasses.replace(found, log_evidence=found.log_evidence - dilution)
+
+
+def _with_shape_errors(model: ObjectModel, touch: Evidence) -> tuple[Evidence, float]:
+    """The touch as unsure as the object's surface makes it, and by how much that alone raises the log evidence."""
+    contacts = with_shape_errors(model, touch.contacts)
+    return dataclasses.replace(touch, contacts=contacts), log_dilution(touch.contacts, contacts)
 
 
 def _group_equal_shapes(models: Sequence[ObjectModel]) -> list[int]:

@@ -11,8 +11,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import yaml
 
+from tactopose_drake.core.shape.model_options import NUMBERS
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
-from tactopose_drake.core.validation import finite_array, positive_number
+from tactopose_drake.core.validation import finite_array
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.resources.yaml_files import plain_data, read_yaml, shown
 
@@ -20,7 +21,7 @@ MANIFEST = "library.yaml"
 """The manifest of a folder."""
 
 _MESHES = frozenset({".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl"})
-_KEYS = ("mesh", "scale", "mass", "symmetry")
+_KEYS = ("mesh", "scale", "mass", "symmetry", "surface_sigma", "scale_sigma")
 _SYMMETRY_KEYS = ("axis", "point", "order")
 _HIGHEST_ORDER = 60  # as many poses as a group of symmetries may have
 
@@ -37,6 +38,8 @@ class LibraryEntry(NamedTuple):
         mass: kg; None where it is not given.
         symmetry: "auto", "none", or the axes.
         scale: how many metres the mesh's unit has.
+        surface_sigma: by how much the surface may be off, m, as of `ObjectModel.from_mesh`.
+        scale_sigma: by which share the scale may be off, likewise.
     """
 
     name: str
@@ -44,6 +47,8 @@ class LibraryEntry(NamedTuple):
     mass: float | None = None
     symmetry: Literal["auto", "none"] | tuple[Axis, ...] = "auto"
     scale: float = 1.0
+    surface_sigma: float = 0.0
+    scale_sigma: float = 0.0
 
 
 class SkippedObject(NamedTuple):
@@ -69,9 +74,9 @@ def read_library(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
         mug: {mesh: mug.obj, mass: 0.32}
         nut: {mesh: hardware/nut.stl, symmetry: [{axis: [0, 0, 1], point: [0, 0, 0], order: 6}]}
 
-    Meshes are relative to its folder. `scale` (metres in the mesh's unit), `mass` (kg) and `symmetry` ("auto", "none",
-    or axes, whose points are in metres; order 0 is a solid of revolution) may be absent. Without a manifest, all meshes
-    in the folder are objects by their files' names.
+    Meshes are relative to its folder. `scale` (metres in the mesh's unit), `mass` (kg), `symmetry` ("auto", "none", or
+    axes, whose points are in metres; order 0 is a solid of revolution), `surface_sigma` (m) and `scale_sigma` may be
+    absent. Without a manifest, all meshes in the folder are objects by their files' names.
 
     Raises:
         InvalidFileError: no such folder or file, or a manifest that is no mapping.
@@ -114,9 +119,9 @@ def _entry(folder: Path, name: str, value: Any) -> LibraryEntry:
     known = _mapping(name, value, _KEYS, ("mesh",))
     if not isinstance(known["mesh"], str):
         raise InvalidInputError(f"{name}.mesh: is {shown(known['mesh'])}; allowed is the path of a file.")
-    mass = None if known.get("mass") is None else positive_number(f"{name}.mass", known["mass"])
-    scale = positive_number(f"{name}.scale", known.get("scale", 1.0))
-    return LibraryEntry(name, folder / known["mesh"], mass, _symmetry(name, known.get("symmetry", "auto")), scale)
+    symmetry = _symmetry(name, known.get("symmetry", "auto"))
+    numbers = {key: check(f"{name}.{key}", known[key]) for key, check in NUMBERS.items() if known.get(key) is not None}
+    return LibraryEntry(name, folder / known["mesh"], symmetry=symmetry, **numbers)
 
 
 def _symmetry(name: str, value: Any) -> Literal["auto", "none"] | tuple[Axis, ...]:

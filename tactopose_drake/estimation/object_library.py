@@ -202,6 +202,8 @@ def _build(known: LibraryObject) -> ObjectModel:
             name=known.name,
             scale=known.entry.scale,
             mass=known.entry.mass,
+            surface_sigma=known.entry.surface_sigma,
+            scale_sigma=known.entry.scale_sigma,
             symmetry=symmetry if isinstance(symmetry, str) else make_symmetries(symmetry),
             samples=SAMPLES,
             max_grid_bytes=MAX_GRID_BYTES,

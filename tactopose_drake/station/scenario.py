@@ -10,6 +10,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.grasp_planner import PlannerParams
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
+from tactopose_drake.core.shape.model_options import NUMBERS
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
@@ -135,8 +136,8 @@ class Scenario:
         """Raises InvalidInputError if a value is out of its range, or a file is missing."""
         check_limits("Scenario", self)
         positive_number("Scenario.duration", self.duration)
-        for name, most in (("surface_sigma", 0.1), ("scale_sigma", 0.5)):
-            positive_number(f"Scenario.{name}", getattr(self, name), allow_zero=True, most=most)
+        for name in ("surface_sigma", "scale_sigma"):
+            NUMBERS[name](f"Scenario.{name}", getattr(self, name))
         check_plant("Scenario.plant", self.plant)
         fixed_pose("Scenario.X_WBase", self.X_WBase)
         fixed_pose("Scenario.X_WC", self.X_WC)

@@ -1,11 +1,15 @@
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 import yaml
 
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation import object_library
+from tactopose_drake.estimation.identification import identify
 from tactopose_drake.estimation.library_files import read_library
 from tactopose_drake.estimation.object_library import LibraryWarning, ObjectLibrary, forget_models
 
@@ -124,7 +128,7 @@ def test_a_manifest_says_names_masses_and_symmetries(folder: Path) -> None:
     axis = {"axis": [0, 0, 1], "point": [0, 0, 0], "order": 0}
     manifest = {
         "pen": {"mesh": "rod.obj", "mass": 0.02, "symmetry": [axis]},
-        "brick": {"mesh": "box.stl", "symmetry": "none"},
+        "brick": {"mesh": "box.stl", "symmetry": "none", "surface_sigma": 0.001, "scale_sigma": 0.02},
     }
     (folder / "library.yaml").write_text(yaml.safe_dump(manifest))
     for path in (folder, folder / "library.yaml"):
@@ -132,7 +136,8 @@ def test_a_manifest_says_names_masses_and_symmetries(folder: Path) -> None:
         assert names(library) == ["brick", "pen"]
         brick, pen = (known.load() for known in library.objects)
         assert (brick.symmetries, brick.mass_is_known) == ((), False)
-        assert (pen.mass, pen.name) == (0.02, "pen")
+        assert (brick.surface_sigma, brick.scale_sigma) == (0.001, 0.02)
+        assert (pen.mass, pen.name, pen.surface_sigma, pen.scale_sigma) == (0.02, "pen", 0.0, 0.0)
         assert [(symmetry.order, symmetry.axis.tolist()) for symmetry in pen.symmetries] == [(0, [0.0, 0.0, 1.0])]
 
 
@@ -153,6 +158,9 @@ def test_a_manifest_says_what_the_unit_of_a_mesh_is(folder: Path) -> None:
         ("{mass: 1.0}", r"other: key 'mesh' is missing"),
         ("{mesh: box.stl, mas: 1.0}", r"other: key 'mas' is unknown; allowed are mesh, scale, mass, symmetry"),
         ("{mesh: box.stl, mass: -1.0}", r"other\.mass: is -1; allowed are numbers > 0"),
+        ("{mesh: box.stl, mass: 1.0e+5}", r"other\.mass: is 100000; allowed are numbers from 1e-06 to 10000"),
+        ("{mesh: box.stl, surface_sigma: 1.0}", r"other\.surface_sigma: is 1; allowed are numbers from 0 to 0\.1"),
+        ("{mesh: box.stl, scale_sigma: -0.1}", r"other\.scale_sigma: is -0\.1; allowed are numbers >= 0"),
         ("{mesh: box.stl, scale: 0}", r"other\.scale: is 0; allowed are numbers > 0"),
         ("{mesh: 3}", r"other\.mesh: is 3; allowed is the path of a file"),
         ("box.stl", r"other: is 'box\.stl'; allowed is a mapping"),
@@ -190,3 +198,18 @@ def test_a_manifest_that_is_none_is_an_error(tmp_path: Path, text: str) -> None:
     (tmp_path / "library.yaml").write_text(text)
     with pytest.raises(InvalidFileError, match=r"library\.yaml: (is not YAML|allowed is a mapping)"):
         ObjectLibrary.open(tmp_path)
+
+
+def test_of_a_library_an_object_that_is_larger_than_its_mesh_and_says_so_is_looked_at(tmp_path: Path) -> None:
+    extents = {"scan": [0.06, 0.04, 0.03], "other": [0.075, 0.04, 0.03], "third": [0.05, 0.05, 0.05]}
+    for name, lengths in extents.items():
+        trimesh.creation.box(lengths).export(tmp_path / f"{name}.stl")
+    manifest = {name: {"mesh": f"{name}.stl"} for name in extents} | {"scan": {"mesh": "scan.stl", "scale_sigma": 0.1}}
+    (tmp_path / "library.yaml").write_text(yaml.safe_dump(manifest))
+    library, larger = ObjectLibrary.open(tmp_path), ObjectModel.from_box([0.066, 0.044, 0.033])
+    for seed in range(3):
+        generator = np.random.default_rng(seed)
+        noise = {"sigma_position": 0.0005, "sigma_normal": np.radians(3.0)}
+        touch = touch_surface(larger, np.eye(3, 4), 8, generator, spread=True, **noise)
+        found = identify(library, touch, candidates=1, unknown_prior=0.0)
+        assert [identity.name for identity in found.identities if identity.estimate is not None] == ["scan"]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -22,11 +22,15 @@ from tactopose_drake.core.validation import (
 )
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 
-# What is allowed: more samples take all memory there is, other masses are those of nothing that a hand holds, kg.
-_MOST_SAMPLES = 10**6
-_LEAST_MASS, _MOST_MASS = 1e-6, 1e4
-_LEAST_SCALE, _MOST_SCALE = 1e-6, 1e6
-_MOST_SURFACE_SIGMA, _MOST_SCALE_SIGMA = 0.1, 0.5  # m, and a share
+_MOST_SAMPLES = 10**6  # More take all memory there is.
+
+NUMBERS: Mapping[str, Callable[[str, float], float]] = {
+    "scale": partial(positive_number, least=1e-6, most=1e6),
+    "mass": partial(positive_number, least=1e-6, most=1e4),
+    "surface_sigma": partial(positive_number, allow_zero=True, most=0.1),
+    "scale_sigma": partial(positive_number, allow_zero=True, most=0.5),
+}
+"""What checks those options that files have too: called with the name to tell and the value, it returns a float."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,16 +71,12 @@ class ModelOptions:
 
     def __post_init__(self) -> None:
         checked: dict[str, object] = {
-            "scale": positive_number("scale", self.scale, least=_LEAST_SCALE, most=_MOST_SCALE),
-            "surface_sigma": positive_number(
-                "surface_sigma", self.surface_sigma, allow_zero=True, most=_MOST_SURFACE_SIGMA
-            ),
-            "scale_sigma": positive_number("scale_sigma", self.scale_sigma, allow_zero=True, most=_MOST_SCALE_SIGMA),
+            **{name: NUMBERS[name](name, getattr(self, name)) for name in ("scale", "surface_sigma", "scale_sigma")},
             "samples": whole_number("samples", self.samples, least=100, most=_MOST_SAMPLES),
             "max_grid_bytes": whole_number("max_grid_bytes", self.max_grid_bytes, least=1),
         }
         if self.mass is not None:
-            checked["mass"] = positive_number("mass", self.mass, least=_LEAST_MASS, most=_MOST_MASS)
+            checked["mass"] = NUMBERS["mass"]("mass", self.mass)
         if self.center_of_mass is not None:
             checked["center_of_mass"] = limited("center_of_mass", self.center_of_mass, (3,), most=FARTHEST)
         if self.spacing is not None:
