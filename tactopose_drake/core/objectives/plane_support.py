@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-import scipy
 
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
@@ -21,8 +20,7 @@ class PlaneSupport(LeastSquaresObjective):
 
     def __init__(self, model: ObjectModel, planes: Sequence[PlaneContact]) -> None:
         """Takes the hull of the object's vertices."""
-        vertices = model.vertices
-        self._p_OV = np.ascontiguousarray(vertices[scipy.spatial.ConvexHull(vertices).vertices])
+        self._p_OV = model.hull_vertices
         self._n_P = np.array([plane.n_P for plane in planes])
         self._offset = np.array([plane.n_P @ plane.p_PQ for plane in planes])
         self._weight = 1.0 / np.array([plane.sigma for plane in planes])

@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull
 
 from tactopose_drake.core.mesh.bodies import cross_products
 from tactopose_drake.core.mesh.loading import MeshSource, mesh_name
@@ -111,6 +112,11 @@ class ObjectModel(SimpleBodies):
     def middle(self) -> FloatArray:
         """Of the bounding box, in O, shape (3,), m."""
         return np.asarray(0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0)))
+
+    @cached_property
+    def hull_vertices(self) -> FloatArray:
+        """Those of the vertices that span the convex hull, shape (k, 3), m; found when first needed."""
+        return np.ascontiguousarray(self.vertices[ConvexHull(self.vertices).vertices])
 
     @cached_property
     def about_middle(self) -> ObjectModel:

@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
+import scipy.spatial
 import trimesh
 
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.objectives.plane_support import PlaneSupport
 from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations, transform_points
+from tactopose_drake.core.shape import object_model
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tests.core.objectives.laws import check_derivatives
 
@@ -32,6 +34,14 @@ def test_the_residual_is_how_far_the_lowest_point_is_from_the_plane(rod: ObjectM
     np.testing.assert_allclose(support.residuals(X_PO)[:, 0], (lowest - 0.01) / SIGMA, atol=0.05)
     np.testing.assert_allclose(support.residuals(X_PO)[:, 1], (lowest + 0.03) / 0.001, atol=0.1)
     np.testing.assert_allclose(support.cost(X_PO), 0.5 * np.square(support.residuals(X_PO)).sum(axis=1))
+
+
+def test_the_hull_is_found_once_for_an_object(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = ObjectModel.from_box([0.03, 0.04, 0.05], samples=200)
+    first = PlaneSupport(model, [table()]).residuals(np.eye(3, 4)[None])
+    monkeypatch.setattr(scipy.spatial, "ConvexHull", None)
+    monkeypatch.setattr(object_model, "ConvexHull", None)
+    assert PlaneSupport(model, [table()]).residuals(np.eye(3, 4)[None]) == first == pytest.approx(-0.025 / SIGMA)
 
 
 def test_derivatives(rod: ObjectModel) -> None:
