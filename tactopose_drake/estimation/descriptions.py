@@ -13,15 +13,16 @@ _LEAST_DETERMINED = 0.5  # of a direction, below which there is nothing whose st
 _MEANINGS = {
     "ok": "the most probable pose carries most of the probability",
     "ambiguous": "several poses explain the touch; none carries most of the probability",
+    "undetermined": "the touch says too little for a pose; whole families of poses explain it",
     "no_solution": "no pose explains the touch within its noise; the best one found is shown",
 }
 
 
 def meaning(estimate: PoseEstimate) -> str:
-    """What the status means."""
-    if estimate.status == "ambiguous" and estimate.undetermined:
-        return "the touch says too little for a pose; whole families of poses explain it"
-    return _MEANINGS[estimate.status]
+    """What the status means, and whether the search had time to look everywhere."""
+    undetermined = estimate.status == "ambiguous" and estimate.undetermined
+    said = _MEANINGS["undetermined" if undetermined else estimate.status]
+    return said if estimate.finished else f"{said}; the time limit ended the search, which may have missed others"
 
 
 def status_line(estimate: PoseEstimate) -> str:

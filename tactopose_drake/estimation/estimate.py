@@ -84,7 +84,8 @@ def estimate_pose(
         max_hypotheses: how many hypotheses are kept at the most. What the others carry counts for the status, and is
             left out of the probabilities; `kept_share` says how much is left.
         time_limit: after so long, s, the search ends with the best that it has; None for as long as it takes. It is
-            asked between rounds, and at least one is made.
+            asked between rounds, and at least one is made. Where `finished` says that it has cut the search short, "ok"
+            is of what was found by then, and may be wrong.
         outlier_probability: that a contact is not of this object at all, before the touch, from 0 to 0.99. With it go
             contacts of the object that are displaced, flipped, have any normal, or tell nothing: see `SCEPTICAL`. 0
             takes every contact as told; all their noise may be larger than told then too, as rarely as a good hand's.

@@ -140,7 +140,8 @@ class PoseEstimate(PlainValue, Presentable):
             undetermined; "no_solution" when those that explain the touch, with as many false
             contacts as there may well be, carry no more than 10 %.
         duration: s.
-        finished: whether the search ended by itself, rather than at the time limit.
+        finished: whether the search ended by itself, rather than at the time limit. Where not, status and probabilities
+            are among what it had found by then: "ok" says nothing of poses that it did not come to.
         log_evidence: the natural logarithm of how well the object explains the touch in all its poses together; see
             `core.identification.model_evidence`. It compares objects for one touch, and means nothing by itself;
             `identify`, which doubts contacts less, tells objects apart better.
@@ -182,6 +183,7 @@ class PoseEstimate(PlainValue, Presentable):
 
     def __repr__(self) -> str:
         many = "1 hypothesis" if len(self) == 1 else f"{len(self)} hypotheses"
+        many += "" if self.finished else " of a search cut short"
         return f"<PoseEstimate {self.status!r}: {many} in {1e3 * self.duration:.1f} ms, best {self.best!r}>"
 
     def table(self, most: int = 8) -> str:

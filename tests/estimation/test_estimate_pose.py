@@ -13,6 +13,7 @@ from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.search import SearchResult, never
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tactopose_drake.estimation.descriptions import status_line
 from tactopose_drake.resources import model_path
 from tests.displaced_poses import displaced, error, random_pose
 
@@ -190,9 +191,13 @@ def test_a_time_limit_cuts_the_search_short(bottle: tp.ObjectModel) -> None:
     contacts = touch_surface(bottle, random_pose(3), 5, np.random.default_rng(3))
     cut = tp.estimate_pose(bottle, contacts, time_limit=1e-9)
     assert not cut.finished
+    assert "cut short" in repr(cut)
+    assert "the time limit ended the search, which may have missed others" in status_line(cut)
     assert len(cut.hypotheses) >= 1
     whole = tp.estimate_pose(bottle, contacts, time_limit=60.0)
     assert whole.finished
+    assert "cut short" not in repr(whole)
+    assert "time limit" not in status_line(whole)
     # A mode's mean, which is its pose, may cost so much more than its minimum.
     assert min(h.cost for h in whole.hypotheses) <= min(h.cost for h in cut.hypotheses) + 0.3
     assert tp.estimate_pose(bottle, contacts).finished
