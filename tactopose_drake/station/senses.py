@@ -292,6 +292,11 @@ class CanSenses:
             raise UnknownNameError(f"{name}.bus", device.bus, self.buses)
         for what in ("period", "timeout", "max_age"):
             positive_number(f"{name}.{what}", getattr(device, what))
+        if device.max_age < device.period:
+            raise InvalidInputError(
+                f"{name}.max_age: is {device.max_age:g} s; allowed with one sample each {device.period:g} s are numbers "
+                "from there on."
+            )
 
 
 def check_apart(senses: object, publish: object) -> None:

@@ -63,6 +63,24 @@ def test_a_sensor_that_drops_out_is_named_and_the_others_go_on(cube: ObjectModel
     assert held.off() < 0.006
 
 
+def test_slow_sensors_are_neither_frozen_nor_lost_between_their_samples(cube: ObjectModel) -> None:
+    """Five samples a second, and a belief each 10 ms."""
+    every = {
+        finger: lambda time, finger=finger, i=i: held_cube.WRENCHES[finger]
+        + np.random.default_rng([i, int(5.0 * time + 1e-6)]).normal(size=6) * np.repeat([2e-5, 4e-3], 3)
+        for i, finger in enumerate(held_cube.WRENCHES)
+    }
+    run = Run(
+        MakePoseTracking(load_hand_config("shadow_like"), cube),
+        **{f"wrench_{finger}": signal for finger, signal in every.items()},
+        joint_positions=lambda time: held_cube.Q.copy(),
+        joint_velocities=lambda time: np.zeros(24),
+        vision=lambda time: held_cube.prior(),
+    )
+    run.until(1.5)
+    assert {instant.status for instant in run.instants if instant.time > 0.2} == {"ok"}
+
+
 @pytest.mark.parametrize(
     ("failing", "why"),
     [(tuple(held_cube.WRENCHES), "the wrench is not finite"), (("joints",), "a joint position is not known")],
