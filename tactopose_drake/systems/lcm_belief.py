@@ -1,16 +1,28 @@
 """What is believed of the object's pose, as a message for LCM."""
 
 import time
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, EventStatus, State
 
+from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.validation import whole_number
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectBeliefMessage
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
+
+_REMEMBERED = 10.0  # s; a belief that is so late is lost
+
+
+class _Heard(NamedTuple):
+    """When senses came, s of the diagram, and what they say of themselves."""
+
+    time: float
+    utime: int
+    sequence: int
 
 
 class LcmBelief(CollectableSystem):
@@ -23,14 +35,16 @@ class LcmBelief(CollectableSystem):
         - hypotheses
         - status
         - senses
+        - belief
         output_ports:
         - message
 
     - hypotheses: `PoseEstimate`, or None where there is none yet.
     - status: str.
     - senses: `HandSensesMessage`, the newest; may stay unconnected: `utime` is then the diagram's time.
-    - message: `ObjectBeliefMessage`, with `utime` and `sequence` of the senses of now; changes with the inputs.
-      A belief that is shown with a `latency`, or that a thread computes, is of senses as much earlier.
+    - belief: `PoseBelief`, whose time says how late it is; may stay unconnected where it is of now.
+    - message: `ObjectBeliefMessage`, with `utime` and `sequence` of the newest senses that had come by the belief's
+      time, 0 and -1 where there were none; changes with the inputs. Senses are remembered for 10 s.
     """
 
     def __init__(self, max_modes: int = 8) -> None:
@@ -47,6 +61,9 @@ class LcmBelief(CollectableSystem):
         self._hypotheses = self.DeclareAbstractInputPort("hypotheses", AbstractValue.Make(None))
         self._status = self.DeclareAbstractInputPort("status", AbstractValue.Make(""))
         self._senses = self.DeclareAbstractInputPort("senses", AbstractValue.Make(HandSensesMessage()))
+        self._belief = self.DeclareAbstractInputPort("belief", AbstractValue.Make(None))
+        self._heard = self.DeclareAbstractState(AbstractValue.Make(()))  # senses, oldest first
+        self.DeclarePerStepUnrestrictedUpdateEvent(self._hear)
         self.DeclareAbstractOutputPort("message", lambda: AbstractValue.Make(ObjectBeliefMessage()), self._calc)
 
     def _calc(self, context: Context, output: AbstractValue) -> None:
@@ -57,9 +74,30 @@ class LcmBelief(CollectableSystem):
         )
         message.session = self._session
         senses = eval_optional_input(self._senses, context, HandSensesMessage)
-        message.utime = round(1e6 * context.get_time()) if senses is None else senses.utime
-        message.sequence = -1 if senses is None else senses.sequence
+        belief = eval_optional_input(self._belief, context, PoseBelief)
+        known_by = context.get_time() if belief is None else belief.time
+        if senses is None:
+            message.utime, message.sequence = round(1e6 * known_by), -1
+        elif belief is None:
+            message.utime, message.sequence = senses.utime, senses.sequence
+        else:
+            heard = context.get_abstract_state(self._heard).get_value()
+            known = [(each.utime, each.sequence) for each in heard if each.time <= known_by]
+            message.utime, message.sequence = known[-1] if known else (0, -1)
         output.set_value(message)
+
+    def _hear(self, context: Context, state: State) -> EventStatus:
+        """Remembers of which senses a later belief may be."""
+        senses, now = eval_optional_input(self._senses, context, HandSensesMessage), context.get_time()
+        heard = context.get_abstract_state(self._heard).get_value()
+        if senses is None or senses.sequence < 0:
+            return EventStatus.DidNothing()
+        # Where the clock went back, what was heard later is not known yet.
+        kept = tuple(each for each in heard if now - _REMEMBERED < each.time <= now)
+        if kept and (senses.utime, senses.sequence) == (kept[-1].utime, kept[-1].sequence):
+            return EventStatus.DidNothing()
+        state.get_mutable_abstract_state(self._heard).set_value((*kept, _Heard(now, senses.utime, senses.sequence)))
+        return EventStatus.Succeeded()
 
 
 def belief_message(estimate: PoseEstimate | None, status: str, max_modes: int) -> ObjectBeliefMessage:

@@ -66,8 +66,10 @@ def test_a_sensor_that_drops_out_is_named_and_the_others_go_on(cube: ObjectModel
 def test_slow_sensors_are_neither_frozen_nor_lost_between_their_samples(cube: ObjectModel) -> None:
     """Five samples a second, and a belief each 10 ms."""
     every = {
-        finger: lambda time, finger=finger, i=i: held_cube.WRENCHES[finger]
-        + np.random.default_rng([i, int(5.0 * time + 1e-6)]).normal(size=6) * np.repeat([2e-5, 4e-3], 3)
+        finger: lambda time, finger=finger, i=i: (
+            held_cube.WRENCHES[finger]
+            + np.random.default_rng([i, int(5.0 * time + 1e-6)]).normal(size=6) * np.repeat([2e-5, 4e-3], 3)
+        )
         for i, finger in enumerate(held_cube.WRENCHES)
     }
     run = Run(

@@ -11,6 +11,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem, LcmSubscriberSystem
 
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.pose_tracker import PoseTracker
+from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectBeliefMessage
 from tactopose_drake.errors import InvalidInputError, ProtocolError
 from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
@@ -164,6 +167,31 @@ def test_without_senses_a_belief_is_of_the_diagrams_time_and_of_no_message() -> 
         message = system.get_output_port().Eval(context)
         assert (message.utime, message.sequence) == (utime, -1)
         np.testing.assert_array_equal(message.probability, [0.7])
+
+
+def test_a_late_belief_has_the_time_of_the_senses_that_it_is_of() -> None:
+    wired = Wired("shadow_like")
+    context = wired.belief.GetMyMutableContextFromRoot(wired.simulator.get_mutable_context())
+
+    def tell(time: float) -> None:
+        belief = PoseTracker(ObjectModel.from_sphere(0.03), PoseTrackerParams()).start(time)
+        wired.belief.GetInputPort("belief").FixValue(context, AbstractValue.Make(belief))
+
+    tell(0.0)
+    wired.run(0.05)
+    for k in range(5):
+        wired.run(0.1, HandSensesMessage(utime=1_000_000 + 100_000 * k, sequence=k))
+    assert (wired.got[-1].utime, wired.got[-1].sequence) == (0, -1)  # Of before the first.
+    for late in (0.25, 0.15, 0.05):
+        tell(0.55 - late)
+        wired.run(0.011)
+        assert wired.got[-1].sequence == 4 - round((late - 0.05) / 0.1)
+        assert wired.got[-1].utime == 1_000_000 + 100_000 * wired.got[-1].sequence
+    wired.simulator.get_mutable_context().SetTime(0.15)
+    wired.simulator.Initialize()
+    tell(0.16)
+    wired.run(0.05)
+    assert wired.got[-1].sequence == 4  # The clock went back: what is there now is the newest.
 
 
 @pytest.mark.parametrize("most", [0, -1, 2.5])
