@@ -294,8 +294,7 @@ class CanSenses:
             positive_number(f"{name}.{what}", getattr(device, what))
         if device.max_age < device.period:
             raise InvalidInputError(
-                f"{name}.max_age: is {device.max_age:g} s; allowed with one sample each {device.period:g} s are numbers "
-                "from there on."
+                f"{name}.max_age: is {device.max_age:g} s; allowed are its period, {device.period:g} s, and more."
             )
 
 
