@@ -12,6 +12,7 @@ from pydrake.geometry import (
     Capsule,
     CollisionFilterDeclaration,
     Cylinder,
+    DefaultProximityProperties,
     Ellipsoid,
     GeometryId,
     GeometrySet,
@@ -20,6 +21,7 @@ from pydrake.geometry import (
     Role,
     RoleAssign,
     SceneGraph,
+    SceneGraphConfig,
     SceneGraphInspector,
     Shape,
     Sphere,
@@ -49,6 +51,23 @@ def make_compliant(plant: MultibodyPlant, scene_graph: SceneGraph, instance: Mod
         scene_graph.AssignRole(source, geometry, properties, RoleAssign.kReplace)
         if isinstance(shape, Mesh) and shape.extension() not in _VOLUME_MESHES:
             scene_graph.ChangeShape(source, geometry, thinned_hull(shape, _NEAREST_VERTICES))
+
+
+def leave_friction_out(scene_graph: SceneGraph) -> None:
+    """Keeps Drake from giving shapes friction and the like, for each that it gives some is faceted once more.
+
+    It does so in the first context. Shapes whose overlaps are only measured need neither.
+    """
+    none = DefaultProximityProperties(
+        hydroelastic_modulus=None,
+        resolution_hint=None,
+        dynamic_friction=None,
+        static_friction=None,
+        hunt_crossley_dissipation=None,
+        relaxation_time=None,
+        point_stiffness=None,
+    )
+    scene_graph.set_config(SceneGraphConfig(default_proximity_properties=none))
 
 
 def make_meshes_rigid(plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex) -> None:

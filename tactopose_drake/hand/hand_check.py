@@ -15,7 +15,12 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.contact_properties import rigid_shapes, self_collisions, unsaid_shapes
+from tactopose_drake.hand.contact_properties import (
+    leave_friction_out,
+    rigid_shapes,
+    self_collisions,
+    unsaid_shapes,
+)
 from tactopose_drake.hand.coupling_check import check_couplings
 from tactopose_drake.hand.findings import Entry, Finding, fault
 from tactopose_drake.hand.finger_chain import joints_towards
@@ -96,6 +101,7 @@ def _entries(config: HandConfig, check: HandCheck) -> tuple[Entry, ...]:
 def _check(config: HandConfig, complaints: list[str]) -> HandCheck:
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+    leave_friction_out(scene_graph)
     try:
         hand = add_fixed_hand(plant, config)
         plant.Finalize()

@@ -7,7 +7,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.contact_properties import let_overlap, self_collisions
+from tactopose_drake.hand.contact_properties import leave_friction_out, let_overlap, self_collisions
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import add_fixed_hand
 from tactopose_drake.hand.hand_joints import HandJoints
@@ -24,6 +24,7 @@ class SelfCollision:
         """Builds a diagram of the hand alone."""
         builder = DiagramBuilder()
         self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+        leave_friction_out(scene_graph)
         self._hand = add_fixed_hand(self._plant, config)
         self._plant.Finalize()
         self._diagram = builder.Build()

@@ -4,12 +4,13 @@ from pathlib import Path
 
 import pytest
 import trimesh
-from pydrake.geometry import Convex, Mesh, Role
+from pydrake.geometry import AddRigidHydroelasticProperties, Convex, Mesh, ProximityProperties, Role, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.hand.contact_properties import (
+    leave_friction_out,
     let_overlap,
     make_compliant,
     make_meshes_rigid,
@@ -51,6 +52,20 @@ def test_what_is_not_said_becomes_compliant_and_what_is_said_stays(tmp_path: Pat
     assert shapes["left_tip"][1:] == (pytest.approx(2e5), pytest.approx(0.3))
     assert Mesh not in [kind for kind, _, _ in shapes.values()]
     builder.Build()
+
+
+def test_a_context_adds_nothing_to_what_is_said_of_measured_shapes() -> None:
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+    leave_friction_out(scene_graph)
+    rigid = ProximityProperties()
+    AddRigidHydroelasticProperties(0.01, rigid)
+    ball = plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), Sphere(0.01), "ball", rigid)
+    plant.Finalize()
+    context = builder.Build().CreateDefaultContext()
+    inspector = scene_graph.get_query_output_port().Eval(scene_graph.GetMyContextFromRoot(context)).inspector()
+    # For what is added the shape would be faceted anew.
+    assert str(inspector.GetProximityProperties(ball)) == str(rigid)
 
 
 def test_what_overlaps_at_rest_passes_through_itself(tmp_path: Path) -> None:
