@@ -218,9 +218,9 @@ class PoseTracker:
         if slips or is_outlier or is_new:
             belief = copied(belief, search=belief.search._replace(agreeing=0))
         # By when a touch has settled a search has begun to look at it, however rare frames are. And what the best mode
-        # does not explain is worth more of a frame's time than that mode.
+        # does not explain is worth more of a frame's time than that mode, and any other sooner than well known.
         slices = None if duration >= params.settling_time else 1 if explained else 2
-        belief = self._search(belief, frame, reading, is_urgent=is_urgent, slices=slices)
+        belief = self._search(belief, frame, reading, is_urgent=is_urgent, slices=slices, thorough=explained)
         modes, test = belief.modes, belief.slip_test
         if len(modes):
             modes = modes.pruned(params.mixture)
@@ -235,7 +235,14 @@ class PoseTracker:
         )
 
     def _search(
-        self, belief: PoseBelief, frame: Frame, reading: ContactReading, *, is_urgent: bool, slices: int | None
+        self,
+        belief: PoseBelief,
+        frame: Frame,
+        reading: ContactReading,
+        *,
+        is_urgent: bool,
+        slices: int | None,
+        thorough: bool,
     ) -> PoseBelief:
         """The belief after so many more slices of the search, or all of them, where one is due."""
         params, search = self._params, belief.search
@@ -248,7 +255,7 @@ class PoseTracker:
         touch = Touch(
             frame.evidence, reading, make_window(belief.keyframes, params.window), belief.standing, frame.depth_in_hand
         )
-        search, weighed = search_on(self._model, params, touch, belief.modes, search, slices=slices)
+        search, weighed = search_on(self._model, params, touch, belief.modes, search, slices=slices, thorough=thorough)
         belief = copied(belief, search=search)
         if weighed is None:
             return belief

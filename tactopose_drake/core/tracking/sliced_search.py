@@ -90,6 +90,7 @@ def search_on(
     search: SearchState,
     *,
     slices: int | None = 1,
+    thorough: bool = True,
 ) -> tuple[SearchState, WeighedModes | None]:
     """The next slices, and what the posterior says where that is to be put to use.
 
@@ -102,8 +103,12 @@ def search_on(
         modes: the filter's.
         search: how far it is.
         slices: how many are taken, up to the search's end; None: all.
+        thorough: whether samples are drawn until the modes' probabilities are sure, and not in one round alone.
     """
     taken, most = 0, slices if len(modes) else None
+    if not thorough:
+        one_round = dataclasses.replace(params.relocalisation, most_samples=params.relocalisation.samples)
+        params = dataclasses.replace(params, relocalisation=one_round)
     while True:
         search, weighed = _next_slice(model, params, touch, modes, search)
         taken += 1

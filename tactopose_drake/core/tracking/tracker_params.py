@@ -144,6 +144,8 @@ class RelocalisationParams:
     starts: int = 120  # poses with which a search without a prior begins, at the most
     found: int = 12  # poses that it ends with, at the most
     joined: int = 8  # of these, of which it is asked which are minima of one valley, at the most: ways are many
+    led: int = 32  # samples that lead to minima between these,
+    most_between: int = 16  # of which so many are asked as well, at the most
     samples: int = 96  # by which these are weighed at the least, in a round
     most_samples: int = 768  # and at the most, in several,
     standard_error: float = 0.03  # until no mode's probability is less sure: some searches are the mean's
@@ -159,7 +161,8 @@ class RelocalisationParams:
         """Of the posterior of which so many samples are drawn; its noise may be any, for the belief learns that."""
         rounds = {name: getattr(self, name) for name in ("samples", "most_samples", "standard_error")}
         sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, **rounds)
-        moments = dataclasses.replace(DEFAULT_PARAMS.moments, most_joined=self.joined)
+        ways = {"most_joined": self.joined, "led": self.led, "most_between": self.most_between}
+        moments = dataclasses.replace(DEFAULT_PARAMS.moments, **ways)
         plausibility = dataclasses.replace(DEFAULT_PARAMS.plausibility, most_noise=math.inf)
         return dataclasses.replace(DEFAULT_PARAMS, sampling=sampling, moments=moments, plausibility=plausibility)
 
