@@ -29,7 +29,7 @@ from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, add_fixed_hand, make_hand_plant, pose_by_model
 from tactopose_drake.hand.hand_reach import make_hand_reach
-from tactopose_drake.hand.joint_check import check_joints
+from tactopose_drake.hand.joint_check import check_joints, has_unlimited_joints
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.hand.pad_check import check_pads
 from tactopose_drake.resources import complaint_kind
@@ -120,7 +120,8 @@ def _check(config: HandConfig, complaints: list[str]) -> HandCheck:
         *check_pads(plant, scene_graph, hand),
         *_calibration(config),
     )
-    if not any(finding.verdict == "fault" and finding.part != "contact" for finding in findings):
+    unlimited = any(has_unlimited_joints(plant, hand, finger) for finger in config.fingers if finger.sensor_frame)
+    if not unlimited and not any(finding.verdict == "fault" and finding.part != "contact" for finding in findings):
         findings += tuple(_reach(config))
     return HandCheck(findings, CheckedHand(diagram, plant, scene_graph, hand))
 

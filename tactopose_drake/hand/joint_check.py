@@ -2,11 +2,12 @@
 
 from collections.abc import Iterator
 
+import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.coupling_check import lacking_couplings
-from tactopose_drake.hand.findings import Entry, Finding, fault
+from tactopose_drake.hand.findings import Entry, Finding, Verdict, fault
 from tactopose_drake.hand.finger_chain import checked_limits, finger_chain, joints_towards
 from tactopose_drake.hand.hand_config import FingerConfig
 from tactopose_drake.hand.hand_in_plant import Hand
@@ -48,11 +49,20 @@ def check_joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
         try:
             limits = checked_limits(finger, chain)
         except InvalidInputError as error:
-            yield fault(part, error)
+            # Poses need no limits.
+            verdict: Verdict = "note" if has_unlimited_joints(plant, hand, finger) else "fault"
+            yield Finding(part, fault(part, error).text, verdict)
         else:
             yield Finding(part, limits)
     yield from _rest(plant, hand)
     yield from _shared(hand)
+
+
+def has_unlimited_joints(plant: MultibodyPlant, hand: Hand, finger: FingerConfig) -> bool:
+    """Whether a finger's joints have not all limits, as continuous ones: it can be posed, but not planned for."""
+    joints = [plant.GetJointByName(name, hand.model_instance) for name in finger.joints]
+    limits = [limit for joint in joints for limit in (*joint.position_lower_limits(), *joint.position_upper_limits())]
+    return not np.all(np.isfinite(limits))
 
 
 def _order(plant: MultibodyPlant, hand: Hand, finger: FingerConfig) -> tuple[str, ...]:

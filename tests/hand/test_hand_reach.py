@@ -104,16 +104,34 @@ def test_a_hand_whose_fingers_feel_no_forces_cannot_be_planned_for() -> None:
         make_hand_reach(load_hand_config("barrett_like"), ReachParams())
 
 
-@pytest.mark.parametrize("limit", ["", '<limit lower="0.01" upper="0.01" effort="40" velocity="1"/>'])
-def test_joints_without_limits_are_told_as_the_check_tells_them(tmp_path: Path, limit: str) -> None:
+@pytest.mark.parametrize(
+    ("limit", "verdict"),
+    [("", "note"), ('<limit lower="0.01" upper="0.01" effort="40" velocity="1"/>', "fault")],
+    ids=["unlimited", "fixed"],
+)
+def test_joints_without_limits_are_told_as_the_check_tells_them(tmp_path: Path, limit: str, verdict: str) -> None:
     path = write_gripper(tmp_path)
     model = tmp_path / "two_finger.urdf"
     model.write_text(re.sub("<limit.*?/>", limit, model.read_text(), count=1))
     with pytest.raises(InvalidInputError) as told:
         make_hand_reach(load_hand_config(path), ReachParams())
-    (fault,) = check_hand(path).faults
-    assert re.fullmatch("joint limits: left_slide .*; planned grasps need finite ones that differ", fault.text)
-    assert (fault.part, str(told.value)) == ("finger left", f"finger 'left': {fault.text}.")
+    check = check_hand(path)
+    (finding,) = (finding for finding in check.findings if "planned grasps" in finding.text)
+    assert re.fullmatch("joint limits: left_slide .*; planned grasps need finite ones that differ", finding.text)
+    assert (finding.part, str(told.value)) == ("finger left", f"finger 'left': {finding.text}.")
+    # A hand that is only to be posed needs no limits.
+    assert finding.verdict == verdict
+    assert check.faults == ((finding,) if verdict == "fault" else ())
+
+
+def test_a_continuous_joint_is_no_fault(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    urdf = model.read_text().replace('type="prismatic"', 'type="continuous"', 1)
+    model.write_text(re.sub("<limit.*?/>", "", urdf, count=1))
+    check = check_hand(path)
+    assert not check.faults
+    assert any("left_slide -inf to inf rad" in finding.text for finding in check.findings)
 
 
 def test_fingertips_touch_with_their_straight_parts_where_round_ends_hold_nothing(tmp_path: Path) -> None:
