@@ -36,6 +36,14 @@ class NamedJoints:
         self._place = {joint.name(): joint.position_start() for joint in moving}
         self._sliding = frozenset(joint.name() for joint in moving if isinstance(joint, PrismaticJoint))
         self._couplings = hand.config.couplings
+        self._carried = frozenset(
+            joint
+            for joint, coupling in self._couplings.items()
+            if plant.GetJointByName(joint, hand.model_instance).parent_body().index()
+            in plant.GetBodiesKinematicallyAffectedBy(
+                [plant.GetJointByName(coupling.follows, hand.model_instance).index()]
+            )
+        )
 
     def positions(self, name: str, values: Mapping[str, float] | ArrayLike) -> FloatArray:
         """Positions in the plant's order, shape (nq,), rad, of prismatic joints m.
@@ -59,18 +67,20 @@ class NamedJoints:
         """Velocities likewise, rad/s, m/s."""
         return self._in_order(name, values)
 
-    def check_couplings(self, name: str, values: Mapping[str, float]) -> None:
+    def check_couplings(self, name: str, values: Mapping[str, float], *, clutches: bool = False) -> None:
         """Tells readings of coupled joints that contradict those of the joints that they follow.
 
         Args:
             name: of the argument, for messages.
             values: by the joints' names, which are known; NaN passes.
+            clutches: whether a joint farther out on its leader's finger may be anywhere, because a clutch, as the
+                Barrett hand's, lets it go on alone where the finger is blocked.
 
         Raises:
             InvalidInputError: if one is farther from where its coupling says than compliant couplings give way.
         """
         for joint, coupling in self._couplings.items():
-            if joint not in values or coupling.follows not in values:
+            if joint not in values or coupling.follows not in values or (clutches and joint in self._carried):
                 continue
             unit, give = ("m", _GIVE_M) if joint in self._sliding else ("rad", _GIVE_RAD)
             told, coupled = values[joint], coupling.ratio * values[coupling.follows] + coupling.offset

@@ -41,8 +41,9 @@ def load_hand_volume(path: Path) -> HandVolumes:
 
     Of a hand: `hand`, one of the package by name or a *.hand.yaml by its path from this file's folder; `joints`, its
     positions by the joints' names, as the encoders read them, where coupled joints follow and a link behind one that is
-    left out is not known; and `untouched`, the fingers that feel nothing, if there are any. What the hand's calibration
-    has found the encoders to be off by is taken off.
+    left out is not known; and `untouched`, the fingers that feel nothing, if there are any. A coupled joint that is
+    given must not contradict its coupling, but for one that a clutch on its finger may have freed. What the hand's
+    calibration has found the encoders to be off by is taken off.
 
     Spheres: `spheres`, a list of `center` and `radius`; `untouched`, such a list; and `sigma`, the standard deviation
     of their surface. All but one of the lists may be absent.
@@ -86,8 +87,10 @@ def _of_hand(path: Path, data: dict[str, Any]) -> HandVolumes:
     plant, hand = make_hand_plant(config)
     told = _positions(path, joints)
     try:
-        q = NamedJoints(plant, hand).positions("joints", told)
+        named = NamedJoints(plant, hand)
+        q = named.positions("joints", told)
         check_near_limits("joints", told, plant, hand)
+        named.check_couplings("joints", told, clutches=True)
         tips = _tips(hand, untouched)
     except InvalidInputError as error:
         raise InvalidFileError(f"{path}: {error}") from None
