@@ -75,24 +75,33 @@ def move_patches(
             _move_axes(meshcat, f"{at}/axes", patches[slot], time)
 
 
-def plate_edges(patch: Patch) -> FloatArray:
-    """Edges of the plates on a patch's cells, shape (n,), m; zero where a cell does not feel the object."""
+def plate_sizes(patch: Patch) -> FloatArray:
+    """Length and width of the plates on a patch's cells, shape (n, 2), m; zero where a cell feels nothing."""
     pitch = float(pdist(patch.p_PT).min()) if len(patch.p_PT) > 1 else 2 * _LEAST_LENGTH
     felt = np.where(patch.active, patch.pressure, 0.0)
     largest = patch.saturation if math.isfinite(patch.saturation) else max(felt.max(), 1e-9)
-    edges: FloatArray = pitch * np.sqrt(np.minimum(felt / largest, 1.0))
-    return edges
+    widths = pitch * np.sqrt(np.minimum(felt / largest, 1.0))
+    return np.stack([widths * math.hypot(1.0, *patch.stretch), widths], axis=1)
+
+
+def plate_pose(patch: Patch, cell: int) -> RigidTransform:
+    """Where the plate on a cell is: its z axis points out of the pad, the x axis along cells longer than wide."""
+    z = patch.n_PT[cell]
+    x = patch.stretch - (patch.stretch @ z) * z
+    if not x.any():
+        return RigidTransform(RotationMatrix.MakeFromOneVector(z, 2), patch.p_PT[cell])
+    x /= np.linalg.norm(x)
+    return RigidTransform(RotationMatrix(np.stack([x, np.cross(z, x), z], axis=1)), patch.p_PT[cell])
 
 
 def _move_plates(meshcat: Meshcat | RemoteMeshcat, path: str, patch: Patch, cells: int, time: float | None) -> None:
-    edges = plate_edges(patch)
+    sizes = plate_sizes(patch)
     for cell in range(cells):
-        shown = cell < len(edges) and bool(edges[cell] > 0)
+        shown = cell < len(sizes) and bool(sizes[cell, 1] > 0)
         meshcat.SetProperty(f"{path}/{cell}", "visible", shown, time)
         if shown:
-            R_PC = RotationMatrix.MakeFromOneVector(patch.n_PT[cell], 2)
-            meshcat.SetTransform(f"{path}/{cell}", RigidTransform(R_PC, patch.p_PT[cell]), time)
-            meshcat.SetProperty(f"{path}/{cell}", "scale", [float(edges[cell]), float(edges[cell]), 1.0], time)
+            meshcat.SetTransform(f"{path}/{cell}", plate_pose(patch, cell), time)
+            meshcat.SetProperty(f"{path}/{cell}", "scale", [*sizes[cell].tolist(), 1.0], time)
 
 
 def _move_axes(meshcat: Meshcat | RemoteMeshcat, path: str, patch: Patch, time: float | None) -> None:

@@ -23,7 +23,7 @@ from tactopose_drake.visualization.appearance import (
 from tactopose_drake.visualization.arrow_shapes import slide_arrow, turn_arrow
 from tactopose_drake.visualization.frame_marks import OBJECT_AXES, PALM_AXES, THICKNESS
 from tactopose_drake.visualization.object_shapes import CREASE
-from tactopose_drake.visualization.patch_marks import plate_edges
+from tactopose_drake.visualization.patch_marks import plate_pose, plate_sizes
 from tactopose_drake.visualization.scene import Scene
 from tactopose_drake.visualization.scene import arrow_lengths as force_lengths
 from tactopose_drake.visualization.touch_marks import CONE_LENGTH
@@ -118,11 +118,10 @@ def _frames(scene: Scene, X_PO: RigidTransform) -> Iterable[Painted]:
 def _plates(scene: Scene) -> Iterable[Painted]:
     """A plate on each pressed cell, as large as its pressure."""
     for patch in scene.patches:
-        edges = plate_edges(patch)
-        for cell in np.flatnonzero(edges):
-            X_PCell = RigidTransform(RotationMatrix.MakeFromOneVector(patch.n_PT[cell], 2), patch.p_PT[cell])
+        sizes = plate_sizes(patch)
+        for cell in np.flatnonzero(sizes[:, 1]):
             yield (
-                _moved(trimesh.creation.box([edges[cell], edges[cell], _PLATE_HEIGHT]), X_PCell),
+                _moved(trimesh.creation.box([*sizes[cell], _PLATE_HEIGHT]), plate_pose(patch, int(cell))),
                 PRESSURE.colour,
             )
 

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
+from pydrake.math import RollPitchYaw, RotationMatrix
 
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
-from tactopose_drake.visualization.patch_marks import add_patches, move_patches, plate_edges
+from tactopose_drake.visualization.patch_marks import add_patches, move_patches, plate_sizes
 from tests.recording_meshcat import RecordingMeshcat
 
 PATH = "/pads"
@@ -40,9 +41,19 @@ def test_plates_stand_on_the_pressed_cells_with_areas_as_their_pressures() -> No
 
 def test_a_saturated_plate_reaches_its_neighbours_and_a_frame_without_range_is_scaled_to_its_largest() -> None:
     beyond = make_patch([6, 7, 13, 14], saturation=2.5e4)
-    assert plate_edges(beyond).max() == pytest.approx(0.0106)
+    assert plate_sizes(beyond).max() == pytest.approx(0.0106)
     unlimited = make_patch([6, 7, 13, 14], saturation=None)
-    np.testing.assert_allclose(plate_edges(unlimited)[[6, 14]], [0.0053, 0.0106])
+    np.testing.assert_allclose(plate_sizes(unlimited)[[6, 14]], [[0.0053, 0.0053], [0.0106, 0.0106]])
+
+
+def test_plates_on_long_cells_are_as_long() -> None:
+    cells = np.array([[0.002 * i, 0.006 * j, 0.0] for i in range(6) for j in range(3)])
+    turn = RotationMatrix(RollPitchYaw(0.3, -0.4, 0.5)).matrix()
+    patch = describe_patch(cells @ turn.T, np.full(18, 1e4), alpha=1e-8, n_PT=np.tile(turn[:, 2], (18, 1)))
+    meshcat = shown(patch)
+    np.testing.assert_allclose(meshcat.properties[f"{PATH}/0/cells/4", "scale"], [0.006, 0.002, 1.0])
+    pose = meshcat.pose(f"{PATH}/0/cells/4").rotation().matrix()
+    np.testing.assert_allclose(np.abs(turn.T @ pose), [[0, 1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-9)
 
 
 def test_the_axes_are_the_principal_components() -> None:

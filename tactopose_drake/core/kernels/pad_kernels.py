@@ -6,10 +6,10 @@ the arm l from there is at l + sigma_rotation turn x l + sigma_position shift. W
 information matrix: the identity where each of its numbers is off by one and none tells of another.
 
 `grid` is (values, origin, 1 / spacing); `pads` is (points (n, 3), normals (n, 3), traits (n, 4), starts (k + 1,),
-middles (k, 3), excess (k, 6, 6)), where a cell's traits are its side, weight, depth and half its width, starts say
-where the cells of each pad begin, and that there are n, and the excess is by how much the information on u in P exceeds
-the identity; `sigmas` is (sigma_rotation, sigma_position). The starts are unsigned, because loops over such numbers
-need no check for negative indices.
+middles (k, 3), excess (k, 6, 6), stretches (k, 3)), where a cell's traits are its side, weight, depth and half its
+width, starts say where the cells of each pad begin, and that there are n, the excess is by how much the information on
+u in P exceeds the identity, and stretches are as of `find_stretch`; `sigmas` is (sigma_rotation, sigma_position). The
+starts are unsigned, because loops over such numbers need no check for negative indices.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -43,6 +43,7 @@ class Pads(NamedTuple):
         starts: the first cell of each pad, and behind the last one's, shape (k + 1,).
         middles: of the pads, shape (k, 3), m.
         excess: of the information on each pad's misplacement, in P, over the identity, shape (k, 6, 6).
+        stretches: of each pad's cells, in P, shape (k, 3).
     """
 
     points: Floats2
@@ -51,6 +52,7 @@ class Pads(NamedTuple):
     starts: UnsignedLongs1
     middles: Floats2
     excess: Floats3
+    stretches: Floats2
 
 
 class Cells(NamedTuple):
@@ -85,6 +87,7 @@ class Pad(NamedTuple):
 
     Attributes:
         middle: of the pad in O, shape (3,).
+        stretch: of its cells in O, shape (3,).
         information: on the misplacement, in O, shape (6, 6).
         u: the misplacement, shape (6,).
         g, H: gradient (6,) and Hessian (lower triangle of (6, 6)) of the pad's cost there.
@@ -93,6 +96,7 @@ class Pad(NamedTuple):
     """
 
     middle: OutFloats1
+    stretch: OutFloats1
     information: OutFloats2
     u: OutFloats1
     g: OutFloats1
@@ -119,6 +123,7 @@ def scratch(n: int) -> tuple[Cells, Pad]:
     )
     pad = Pad(
         np.empty(3),
+        np.empty(3),
         np.empty((6, 6)),
         np.empty(6),
         np.empty(6),
@@ -132,13 +137,14 @@ def scratch(n: int) -> tuple[Cells, Pad]:
 
 @part
 def enter(pads: Pads, k: int, X: Floats2, cells: Cells, pad: Pad) -> None:
-    """A pad in O at the pose X: its middle, its cells' arms and outward normals, what is known of its misplacement.
+    """A pad in O at the pose X: its middle, its cells' arms, normals and stretch, what is known of its misplacement.
 
     Nothing is known of the cells yet.
     """
     points, normals, starts, middles = pads[0], pads[1], pads[3], pads[4]
     _turn_information(pads[5][k], X, pad.information)
     to_object(X, middles[k], pad.middle)
+    rotate_to_object(X, pads[6][k], pad.stretch)
     for i in range(starts[k], starts[k + 1]):
         to_object(X, points[i], cells.arms[i])
         rotate_to_object(X, normals[i], cells.outward[i])
@@ -183,7 +189,7 @@ def weigh_cells(grid: Grid, traits: Floats2, run: Run, cells: Cells, pad: Pad) -
     nx, ny, nz = values.shape[0], values.shape[1], values.shape[2]
     sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
     places, slopes, arms, outward, middle = cells.places, cells.slopes, cells.arms, cells.outward, pad.middle
-    weights, residual, clear = cells.weights, cells.residual, cells.clear
+    weights, residual, clear, stretch = cells.weights, cells.residual, cells.clear, pad.stretch
     for i in range(run[0], run[1]):
         moved = 0.0
         for a in range(3):
@@ -209,7 +215,11 @@ def weigh_cells(grid: Grid, traits: Floats2, run: Run, cells: Cells, pad: Pad) -
             weight = 0.0
         elif side >= 0.0:
             dot = -dx * outward[i, 0] - dy * outward[i, 1] - dz * outward[i, 2]
-            slack = _slack(dot, dx * dx + dy * dy + dz * dz, traits[i, 2], traits[i, 3])
+            across, rise = 0.0, 0.0
+            for a in range(3):
+                across += slopes[i, a] * stretch[a]
+                rise += outward[i, a] * stretch[a]
+            slack = _slack(dot, dx * dx + dy * dy + dz * dz, across + dot * rise, traits[i, 2], traits[i, 3])
             if slack > 0.0:
                 weight /= np.sqrt(1.0 + (weight * slack) ** 2 / 3.0)
         weights[i], residual[i] = weight, weight * distance
@@ -242,12 +252,12 @@ def find_normals(grid: Grid, run: Run, cells: Cells) -> None:
 
 
 @inlined
-def _slack(dot, square, depth, width):
+def _slack(dot, square, stretched, depth, width):
     """How far a pressed cell's point may be from a surface that only a part of the cell feels, see `PatchCells`.
 
-    Given are the gradient's part along the pad's inward normal, and its square.
+    Given are the gradient's part along the pad's inward normal, its square, and its part in the pad along the stretch.
     """
-    along = max(square - dot * dot, 0.0)
+    along = max(square - dot * dot, 0.0) + stretched * stretched
     dot = max(dot, 0.0)
     if width * width * along <= depth * depth * dot * dot:
         return 0.0

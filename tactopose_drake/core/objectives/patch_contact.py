@@ -35,7 +35,8 @@ class PatchCells(LeastSquaresObjective):
     (d + h tan t)^2 / (4 h tan t), with d the depth at the middle, so that phi(q) = (sqrt(h sin t) - sqrt(p cos t))^2.
     Where the surface ends on the cell at an edge, phi(q) is anything between 0 and that. So this length, with the angle
     between the pad's normal and the gradient of phi, is where an even distribution ends; its mean square, a third of
-    the length's, adds to the variance. Derivatives take it for constant.
+    the length's, adds to the variance. Derivatives take it for constant. Of a cell that is longer than wide, h is how
+    far an ellipse of its length and width reaches along the lean.
 
     All cells of a pad are off together, because hand and mounting misplace it: shifted by sigma_position along, and
     turned by sigma_rotation about, each axis, or as the patch's own `misplacement` says. To that comes what an alpha
@@ -71,9 +72,10 @@ class PatchCells(LeastSquaresObjective):
             sigma_rotation, sigma_position = max(sigma_rotation, _LEAST_TURN), max(sigma_position, _LEAST_SHIFT)
         units = np.repeat([sigma_rotation, sigma_position], 3)
         excess = np.array([_excess(patch, units, share) for patch in patches]).reshape(-1, 6, 6)
+        stretches = np.array([patch.stretch for patch in patches]).reshape(-1, 3)
         self._arguments = (
             grid.nodes,
-            Pads(*map(read_only, (points, normals, traits, starts, middles, excess))),
+            Pads(*map(read_only, (points, normals, traits, starts, middles, excess, stretches))),
             (sigma_rotation, sigma_position),
         )
         self._pads, self._rows = len(pads), len(points) + 6 * len(pads)

@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from tactopose_drake.core.sensing.long_cells import find_stretch
 from tactopose_drake.core.sensing.pad_values import (
     check_depths,
     checked_cells,
@@ -126,11 +127,19 @@ class Patch:
 
     @functools.cached_property
     def half_pitch(self) -> float:
-        """Half of the usual distance from a cell to the next: how far each feels to its sides, m; 0 for one cell."""
+        """Half of the usual distance from a cell to the next: how far each feels to its sides, m; 0 for one cell.
+
+        Along cells that are longer than wide it is farther, see `stretch`.
+        """
         if len(self.p_PT) < 2:
             return 0.0
         gaps = np.asarray(scipy.spatial.cKDTree(self.p_PT).query(self.p_PT, k=2)[0])
         return 0.5 * float(np.median(gaps[:, 1]))
+
+    @functools.cached_property
+    def stretch(self) -> FloatArray:
+        """How much longer than wide the cells are, and which way, shape (3,), see `find_stretch`; zero if square."""
+        return _fixed(find_stretch(self.p_PT, self.n_PT))
 
     @functools.cached_property
     def points(self) -> FloatArray:

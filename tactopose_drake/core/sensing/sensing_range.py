@@ -26,7 +26,7 @@ class SensingBox:
 
 
 def sensing_box(patch: Patch, *, thickness: float, height: float) -> SensingBox:
-    """The box over a pad's cells and half a pitch around them, from `height` below the core to `height` above the pad.
+    """The box over a pad's cells to their edges, from `height` below the core to `height` above the pad.
 
     Its z axis is the mean of the cells' normals, its x axis the longest direction of the pad across it.
 
@@ -52,7 +52,7 @@ def sensing_box(patch: Patch, *, thickness: float, height: float) -> SensingBox:
     R_PB = np.stack([x, np.cross(z, x), z], axis=1)
     cells = (patch.p_PT - middle) @ R_PB
     floor = cells[:, 2].min() - thickness
-    margin = np.array([patch.half_pitch, patch.half_pitch, height])
+    margin = np.append(patch.half_pitch * np.sqrt(1.0 + (patch.stretch @ R_PB[:, :2]) ** 2), height)
     shift = np.array([0.0, 0.0, floor])
     lower = np.minimum(cells.min(axis=0), [np.inf, np.inf, floor]) - shift - margin
     upper = cells.max(axis=0) - shift + margin

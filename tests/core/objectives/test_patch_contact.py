@@ -127,6 +127,22 @@ def test_a_cell_that_is_touched_in_part_says_less_of_where_its_middle_is(slab: O
         assert cost(middle, list(out)) == pytest.approx(expected(0.001, 0.0 if is_covered else slack), rel=1e-3)
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.5 * math.pi])
+def test_a_long_cell_that_is_touched_in_part_says_little_of_where_its_end_is(slab: ObjectModel, turn: float) -> None:
+    """Two rows of cells of 2 x 6 mm; the only live one is pressed, and its middle stands beyond the slab's side."""
+    alone = NOISE | {"sigma_position": 0.0, "sigma_rotation": 0.0}
+    depth, beyond = 3e-4, 0.001
+    sigma = math.hypot(NOISE["sigma_depth"], NOISE["share"] * depth)
+    cells = np.array([[0.002 * i, 0.006 * j, 0.0] for i in range(5) for j in range(2)])
+    pressure = np.full(10, math.nan)
+    pressure[4] = depth / ALPHA
+    placed = (cells - cells[4]) @ exp_so3(np.array([0.0, 0.0, turn])).T + [0.1 + beyond, 0.0, -0.01]
+    patch = describe_patch(placed, pressure, alpha=ALPHA, n_PT=-OUT[:10])
+    cost = float(PatchCells(slab.grid, [patch], **alone).cost(IDENTITY)[0])
+    half = 0.001 if turn == 0.0 else 0.003
+    assert cost == pytest.approx(0.5 * beyond**2 / (sigma**2 + half**2 / 3), rel=0.02)
+
+
 def test_the_cost_is_half_the_sum_of_squares(angular: ObjectModel) -> None:
     X_PO, patches = pads_on(angular, 3)
     objective = PatchContact(angular.grid, patches)

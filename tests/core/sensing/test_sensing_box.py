@@ -25,6 +25,12 @@ def test_the_box_over_a_flat_pad() -> None:
     assert np.linalg.det(box.X_PB[:, :3]) == pytest.approx(1.0)
 
 
+def test_the_box_reaches_to_the_ends_of_long_cells() -> None:
+    cells = np.array([[0.002 * i, 0.006 * j, 0.0] for i in range(12) for j in range(2)])
+    box = sensing_box(pad(cells, np.tile([0.0, 0.0, 1.0], (24, 1))), thickness=0.003, height=0.005)
+    np.testing.assert_allclose(box.upper - box.lower, [0.024, 0.012, 0.013], atol=1e-12)
+
+
 def test_the_core_of_a_bent_pad_is_below_its_lowest_cell() -> None:
     angle = np.repeat(np.linspace(-0.8, 0.8, 9), 4)
     n_PT = np.stack([np.sin(angle), np.zeros(36), np.cos(angle)], axis=1)

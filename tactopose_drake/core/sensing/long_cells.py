@@ -1,0 +1,40 @@
+"""Which way the cells of a tactile pad are longer than wide, as far as their places say so."""
+
+import math
+
+import numpy as np
+import scipy
+
+from tactopose_drake.core.validation import FloatArray
+
+_NEIGHBOURS = 13  # looked at of each cell: of cells four times as long as wide, those beside it and the next row
+# Cells are longer than wide where the next row is so many pitches away; rows farther apart are strips of their own.
+_LEAST_RATIO, _MOST_RATIO = 1.5, 4.0
+_MOST_RISE = 0.5  # of a step from cell to cell over the pad, as a sine
+_LEAST_AGREEMENT = 0.5  # length of the mean of the cells' longer sides that have a direction in common
+
+
+def find_stretch(p_PT: FloatArray, n_PT: FloatArray) -> FloatArray:
+    """How much longer than wide the usual cell is, and which way, shape (3,).
+
+    The cells are at the places p_PT (n, 3), m, have the normals n_PT (n, 3), and fill the pad without gaps. The stretch
+    has the length sqrt(r^2 - 1), where r is the length over the width, so that a cell of half the width h reaches
+    h sqrt(1 + (stretch . e)^2) along the unit vector e in the pad. It is zero where cells are about square, or lie in
+    one row, which does not tell.
+    """
+    if len(p_PT) < 3:
+        return np.zeros(3)
+    gaps, near = scipy.spatial.cKDTree(p_PT).query(p_PT, k=min(_NEIGHBOURS, len(p_PT)))
+    steps = p_PT[near] - p_PT[:, None]
+    narrow = np.linalg.eigh(steps[:, 1].T @ steps[:, 1])[1][:, -1]  # the first of the steps are to the cells themselves
+    long = np.cross(n_PT, narrow)
+    aside = np.abs(np.einsum("nki,ni->nk", steps, long))
+    rise = np.abs(np.einsum("nki,ni->nk", steps, n_PT))
+    is_in_next_row = (aside > np.abs(steps @ narrow)) & (rise < _MOST_RISE * np.linalg.norm(steps, axis=2))
+    ratio = float(np.median(np.where(is_in_next_row, aside, np.inf).min(axis=1)) / max(np.median(gaps[:, 1]), 1e-12))
+    mean = long.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    if not _LEAST_RATIO <= ratio <= _MOST_RATIO or length < _LEAST_AGREEMENT:
+        return np.zeros(3)
+    stretch: FloatArray = math.sqrt(ratio**2 - 1.0) / length * mean
+    return stretch
