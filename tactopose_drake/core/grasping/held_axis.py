@@ -75,12 +75,10 @@ def find_held_axis(
     mean /= np.linalg.norm(mean)
     p_PQ, p_PE = weight @ near, weight @ end
 
-    # A point E of the object moves by dE = -R [p_OE]x w + v under an increment (w, v).
-    R_PO = X_PO[:, :, :3]
-    p_OE = np.einsum("nji,nj->ni", R_PO, end - X_PO[:, :, 3])
-    jacobian = np.concatenate([-R_PO @ skew(p_OE), np.broadcast_to(np.eye(3), R_PO.shape)], axis=2)
-    spread = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
-    variance_end = np.einsum("ni,nij,nj->n", direction, spread, direction) + (ends - distance) ** 2
+    spread = _spread(X_PO, covariance, end)
+    # Seen from the point nearest to the grip, the end moves along the axis as the object does where the grip is.
+    at_grip = _spread(X_PO, covariance, np.broadcast_to(p_PG, end.shape))
+    variance_end = np.einsum("ni,nij,nj->n", direction, at_grip, direction) + (ends - distance) ** 2
     across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
     variance = np.linalg.eigvalsh(across @ spread @ across)[:, -1]
     variance += np.sum(np.einsum("nij,nj->ni", across, end - p_PE) ** 2, axis=1)
@@ -92,3 +90,13 @@ def find_held_axis(
         sigma_end=float(np.sqrt(weight @ variance_end)),
         same_way=float(weight @ ~against),
     )
+
+
+def _spread(X_PO: FloatArray, covariance: FloatArray, p_PE: FloatArray) -> FloatArray:
+    """Covariances (n, 3, 3) of where the objects' points that are at p_PE (n, 3) are, m^2."""
+    # A point E of the object moves by dE = -R [p_OE]x w + v under an increment (w, v).
+    R_PO = X_PO[:, :, :3]
+    p_OE = np.einsum("nji,nj->ni", R_PO, p_PE - X_PO[:, :, 3])
+    jacobian = np.concatenate([-R_PO @ skew(p_OE), np.broadcast_to(np.eye(3), R_PO.shape)], axis=2)
+    spread: FloatArray = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
+    return spread

@@ -64,10 +64,11 @@ def test_it_points_where_it_is_asked_to() -> None:
         np.testing.assert_allclose(find(X_PO, np.zeros((6, 6)), towards).direction, towards)
 
 
-def test_the_stated_deviation_is_that_of_samples() -> None:
+@pytest.mark.parametrize("off_axis", [0.0, 0.02])
+def test_the_stated_deviation_is_that_of_samples(off_axis: float) -> None:
     generator = np.random.default_rng(2)
     X_PO = poses(generator)
-    towards, p_PG = X_PO[0, :, 2], X_PO[0, :, :3] @ MIDDLE + X_PO[0, :, 3]
+    towards, p_PG = X_PO[0, :, 2], X_PO[0, :, :3] @ (MIDDLE + np.array([off_axis, 0.0, 0.0])) + X_PO[0, :, 3]
     # Turns and shifts belong together, so that the end moves by less, or by more, than by both for themselves.
     root = np.diag([1.0, 3.0, 50.0, 0.1, 0.1, 0.1]) @ generator.normal(size=(6, 6))
     # Turned about the axis and moved along it by much, about y and z by little: none of the first two counts.
