@@ -65,7 +65,10 @@ def publishing(scenario: Scenario, observer: Observer) -> Observer:
             view.diagram.GetOutputPort(prefix + name).Eval(view.context) for name in ("hypotheses", "status")
         )
         message = belief_message(estimate, status, out.max_modes)
-        message.utime = round(1e6 * view.context.get_time())
+        known_by = view.context.get_time()
+        if prefix:  # The belief over time may be late.
+            known_by = view.diagram.GetOutputPort("tracked_belief").Eval(view.context).time
+        message.utime = round(1e6 * known_by)
         out.send(message)
         observer(view)
 

@@ -248,6 +248,22 @@ def test_a_simulated_run_publishes_too(url: str) -> None:
     assert all(len(belief.probability) <= 1 for belief in hears.got)
 
 
+def test_a_late_belief_is_dated_when_its_senses_were(url: str) -> None:
+    hears = Sender(open_lcm(url))
+    made = load_scenario("barrett_like")
+    made.publish = LcmPublishing(url=url)
+    made.estimation.use_hand_volume = made.estimation.check_collisions = False
+    made.estimation.estimator.period = 0.02
+    made.tracking = PoseTrackingParams(use_hand_volume=False)
+    made.tracking.belief.period, made.tracking.belief.latency = 0.02, 0.03
+    times: list[float] = []
+    run_scenario(made, duration=0.1, observer=lambda view: times.append(view.context.get_time()))
+    hears.hear()
+    assert len(times) == len(hears.got) == 5
+    late = [round(1e6 * moment) - belief.utime for moment, belief in zip(times, hears.got, strict=True)]
+    assert late[2:] == [40_000] * 3, late
+
+
 def test_what_cannot_be_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInputError, match="lcm-logger"):
         run_scenario(scenario("memq://"), record=tmp_path / "recording")
