@@ -26,7 +26,9 @@ class JointEncoders(CollectableSystem):
     - noise: random input, a standard normal number for each encoder (`AddRandomInputs` connects it); there is such a
       port only where there is noise.
     - measured: what is known of the positions, shape (nq,), rad; changes with both inputs. Joints that follow another's
-      encoder err with it.
+      encoder err with it, but each is rounded by itself: where a coupling has an offset that is no whole number of the
+      follower's steps, the two are up to half such a step from where a hand has them that computes the follower's
+      position from its leader's reading.
     """
 
     def __init__(self, gains: FloatArray, offsets: FloatArray, sigma: float = 0.0, step: float = 0.0) -> None:
