@@ -24,9 +24,9 @@ from .estimation.identities import Identification as Identification
 from .estimation.identities import Identity as Identity
 from .estimation.many import estimate_poses as estimate_poses
 from .estimation.object_library import ObjectLibrary as ObjectLibrary
+from .estimation.pose_hypothesis import PoseHypothesis as PoseHypothesis
 from .estimation.prior import PosePrior as PosePrior
 from .estimation.results import PoseEstimate as PoseEstimate
-from .estimation.results import PoseHypothesis as PoseHypothesis
 from .hand.felt_grasps import RecordedGrasp as RecordedGrasp
 from .hand.geometry import HandGeometry as HandGeometry
 from .hand.hand_calibration import CalibrationParams as CalibrationParams

@@ -19,10 +19,11 @@ from tactopose_drake.cli.workers import processes
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.files import save_identification
-from tactopose_drake.estimation.identification import Likelihood, check_prior, identify
+from tactopose_drake.estimation.identification import check_prior, identify
 from tactopose_drake.estimation.identities import Identification
 from tactopose_drake.estimation.object_library import LibraryWarning, ObjectLibrary
 from tactopose_drake.estimation.output_files import check_outputs
+from tactopose_drake.estimation.ranking import Likelihood
 from tactopose_drake.hand.touch_file import load_touch
 
 _MOST_ROWS = 12

@@ -7,8 +7,6 @@ from .files import load_contacts as load_contacts
 from .files import load_prior as load_prior
 from .files import save_identification as save_identification
 from .files import save_result as save_result
-from .identification import Likelihood as Likelihood
-from .identification import check_likelihood as check_likelihood
 from .identification import identify as identify
 from .identities import Identification as Identification
 from .many import estimate_poses as estimate_poses
@@ -18,9 +16,11 @@ from .object_library import ObjectLibrary as ObjectLibrary
 from .object_library import forget_models as forget_models
 from .output_files import check_outputs as check_outputs
 from .output_files import written_beside as written_beside
+from .pose_hypothesis import PoseHypothesis as PoseHypothesis
 from .prior import PosePrior as PosePrior
+from .ranking import Likelihood as Likelihood
+from .ranking import check_likelihood as check_likelihood
 from .results import PoseEstimate as PoseEstimate
-from .results import PoseHypothesis as PoseHypothesis
 from .results import Status as Status
 from .search_methods import GLOBAL_METHODS as GLOBAL_METHODS
 from .search_methods import METHODS as METHODS

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.posterior.hypotheses import determined_part, determined_rows
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
+from tactopose_drake.estimation.results import PoseEstimate
 
 _LEAST_DETERMINED = 0.5  # of a direction, below which there is nothing whose standard deviation would say something
 _MEANINGS = {

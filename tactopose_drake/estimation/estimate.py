@@ -34,9 +34,10 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, instance_of, known_name, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 from tactopose_drake.estimation.far_origins import with_near_origin
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.question import Question
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis, status_of
+from tactopose_drake.estimation.results import PoseEstimate, status_of
 from tactopose_drake.estimation.search_methods import GLOBAL_METHODS, METHODS
 from tactopose_drake.estimation.shape_errors import log_dilution, with_shape_errors
 

@@ -13,7 +13,8 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.posterior.moved_origin import arc_covariance, has_far_origin, increments_of_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
+from tactopose_drake.estimation.results import PoseEstimate
 
 
 def with_near_origin(model: ObjectModel, estimate: Callable[[ObjectModel], PoseEstimate]) -> PoseEstimate:

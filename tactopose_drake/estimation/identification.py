@@ -20,14 +20,13 @@ import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
-from typing import Any, Literal, cast, get_args
+from typing import Any
 
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.identification.model_evidence import log_evidence
-from tactopose_drake.core.identification.shape_equality import find_alignment
 from tactopose_drake.core.identification.unknown_object import unknown_probability
 from tactopose_drake.core.kernel_library import make_kernels_ready
 from tactopose_drake.core.posterior.hypotheses import find_modes
@@ -35,30 +34,29 @@ from tactopose_drake.core.posterior.moved_origin import has_far_origin
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.statuses import Status
-from tactopose_drake.core.validation import instance_of, known_name, positive_number, shown, whole_number
+from tactopose_drake.core.validation import instance_of, positive_number, shown, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 from tactopose_drake.estimation.estimate import check_units, weigh_poses
 from tactopose_drake.estimation.far_origins import with_near_origin
 from tactopose_drake.estimation.identities import Identification, Identity
 from tactopose_drake.estimation.object_library import LibraryObject, ObjectLibrary
 from tactopose_drake.estimation.pickling import Sealed
+from tactopose_drake.estimation.ranking import (
+    Likelihood,
+    check_likelihood,
+    evidence_of_shapes,
+    group_equal_shapes,
+    likelihood_weights,
+    rank_objects,
+    status_of_ranking,
+)
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.estimation.search_methods import METHODS
 from tactopose_drake.estimation.shape_errors import log_dilution, with_shape_errors
 
-Likelihood = Literal["evidence", "inverse_cost"]
-
 _METHOD = "pair_search"
 # So many of a library's objects, for each one that is estimated, have their poses searched.
 _SEARCHED = 4
-# The thesis' likelihood of a cost below this, which exact contacts may have, is that of this.
-_LEAST_COST = 1e-6
-# The probability that the first object, with those that equal it, must have to be called the answer; and that the
-# object is an unknown one, to be told that.
-_MOST = 0.9
-# Fewer contacts leave so many poses that their sum is not well known.
-_FEWEST = 3
 
 
 def identify(
@@ -113,13 +111,13 @@ def identify(
     several = [objects[i] for i in chosen]
     check_units(evidence, max(_model(known).size for known in several))
     estimates = list(run(explain, [Sealed(known) for known in several]))
-    groups = _group_equal_shapes([_model(known) for known in several])
+    groups = group_equal_shapes([_model(known) for known in several])
     shapes = len(set(groups)) + len(rest)
-    unknown = unknown_probability(_evidence_of_shapes(estimates, groups), shapes, evidence.touch, unknown_prior)
-    several_names, weights = [known.name for known in several], _weights(estimates, likelihood)
-    identities = _rank(chosen, several_names, estimates, groups, weights, 1.0 - unknown)
+    unknown = unknown_probability(evidence_of_shapes(estimates, groups), shapes, evidence.touch, unknown_prior)
+    several_names, weights = [known.name for known in several], likelihood_weights(estimates, likelihood)
+    identities = rank_objects(chosen, several_names, estimates, groups, weights, 1.0 - unknown)
     ruled_out = [_ruled_out(objects[i].name, i, rank) for rank, i in enumerate(rest, start=len(chosen) + 1)]
-    status = _status(identities, len(evidence.touch), unknown)
+    status = status_of_ranking(identities, len(evidence.touch), unknown)
     return Identification((*identities, *ruled_out), status, time.perf_counter() - started, unknown)
 
 
@@ -137,19 +135,6 @@ def _by_likelihood(
     approximate = functools.partial(_approximate_evidence, evidence=Sealed(evidence), seed=seed)
     objects = library.objects
     return _by_falling(searched, run(approximate, [Sealed(objects[i]) for i in searched])) + rest
-
-
-def check_likelihood(name: str, value: str) -> Likelihood:
-    """The name of a likelihood.
-
-    Args:
-        name: what the value is of.
-        value: "evidence" or "inverse_cost".
-
-    Raises:
-        UnknownNameError: if it is neither.
-    """
-    return cast(Likelihood, known_name(name, value, get_args(Likelihood)))
 
 
 def check_prior(name: str, value: float) -> float:
@@ -240,68 +225,3 @@ def _with_shape_errors(model: ObjectModel, touch: Evidence) -> tuple[Evidence, f
     """The touch as unsure as the object's surface makes it, and by how much that alone raises the log evidence."""
     contacts = with_shape_errors(model, touch.contacts)
     return dataclasses.replace(touch, contacts=contacts), log_dilution(touch.contacts, contacts)
-
-
-def _group_equal_shapes(models: Sequence[ObjectModel]) -> list[int]:
-    """For each object the number of its group; objects of one group have the same shape."""
-    groups: list[int] = []
-    for i, model in enumerate(models):
-        equal = (k for k in range(i) if groups[k] == k and find_alignment(model, models[k]) is not None)
-        groups.append(next(equal, i))
-    return groups
-
-
-def _evidence_of_shapes(estimates: Sequence[PoseEstimate], groups: Sequence[int]) -> list[float]:
-    """The evidence of each shape: of objects that have the same, that of the best sampled one."""
-    return [
-        max(estimate.log_evidence for estimate, group in zip(estimates, groups, strict=True) if group == shape)
-        for shape in dict.fromkeys(groups)
-    ]
-
-
-def _weights(estimates: Sequence[PoseEstimate], likelihood: Likelihood) -> list[float]:
-    """What the likelihoods are in proportion to."""
-    if likelihood == "evidence":
-        most = max(estimate.log_evidence for estimate in estimates)
-        return [math.exp(estimate.log_evidence - most) for estimate in estimates]
-    lowest = [min(hypothesis.cost for hypothesis in estimate.hypotheses) for estimate in estimates]
-    return [1.0 / max(cost, _LEAST_COST) for cost in lowest]  # [B16] section 6.2.1
-
-
-def _rank(
-    indices: Sequence[int],
-    names: Sequence[str],
-    estimates: Sequence[PoseEstimate],
-    groups: Sequence[int],
-    weights: Sequence[float],
-    known: float,
-) -> list[Identity]:
-    """The objects by falling likelihood; those of one group next to each other, and with the mean of theirs.
-
-    `known` is the probability that it is any of them.
-    """
-    # Sums that do not depend on the order, to the last bit.
-    total = math.fsum(weights)
-    members = {group: [i for i, other in enumerate(groups) if other == group] for group in dict.fromkeys(groups)}
-    share = {group: math.fsum(weights[i] for i in own) / len(own) / total for group, own in members.items()}
-    evidence = {group: max(estimates[i].log_evidence for i in own) for group, own in members.items()}
-    identities: list[Identity] = []
-    for group in sorted(members, key=lambda group: (-share[group], -evidence[group], names[group])):
-        rank = len(identities) + 1
-        identities += [
-            Identity(
-                names[i], indices[i], rank, share[group], share[group] * known, estimates[i].log_evidence, estimates[i]
-            )
-            for i in members[group]
-        ]
-    return identities
-
-
-def _status(identities: Sequence[Identity], touches: int, unknown: float) -> Status:
-    """What is known of the first one, from so many contacts and patches that are felt."""
-    first = identities[0]
-    assert first.estimate is not None
-    if first.estimate.status == "no_solution" or unknown >= _MOST:
-        return "no_solution"
-    share = sum(identity.probability for identity in identities if identity.rank == first.rank)
-    return "ok" if share >= _MOST and touches >= _FEWEST else "ambiguous"

@@ -8,7 +8,8 @@ from tactopose_drake.core.posterior.hypotheses import free_directions
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.statuses import STATUS_OF_BELIEF
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
+from tactopose_drake.estimation.results import PoseEstimate
 
 
 def estimate_of(belief: PoseBelief, size: float, duration: float = 0.0) -> PoseEstimate | None:

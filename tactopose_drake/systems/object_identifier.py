@@ -10,8 +10,9 @@ from pydrake.systems.framework import Context, EventStatus, State
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, params_of, positive_number, whole_number
-from tactopose_drake.estimation.identification import Likelihood, check_likelihood, check_objects, check_prior, identify
+from tactopose_drake.estimation.identification import check_objects, check_prior, identify
 from tactopose_drake.estimation.object_library import ObjectLibrary
+from tactopose_drake.estimation.ranking import Likelihood, check_likelihood
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.touch_input import eval_touch, too_few
 

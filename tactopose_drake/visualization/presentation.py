@@ -12,8 +12,9 @@ from pathlib import Path
 
 from tactopose_drake.estimation.descriptions import free_line, meaning, sigma_cells
 from tactopose_drake.estimation.far_origins import about_middle
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.question import Question
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.visualization.estimate_page import estimate_meshcat, page_of
 from tactopose_drake.visualization.page import save_html, with_panel
 from tactopose_drake.visualization.picture import small_picture

@@ -16,7 +16,8 @@ from tactopose_drake.core.poses import increments_between, make_poses, quaternio
 from tactopose_drake.core.poses import matrix_from_quaternion as rotation
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
+from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.resources import model_path
 from tactopose_drake.visualization import remote_meshcat
 from tactopose_drake.visualization.presentation import notebook_html

@@ -8,7 +8,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.files import load_contacts, load_prior, save_result
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
+from tactopose_drake.estimation.results import PoseEstimate
 
 CONTACTS = """
 contacts:

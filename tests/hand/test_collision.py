@@ -9,7 +9,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 from tactopose_drake.core.poses import random_rotations
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
+from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.collision import Collisions, HandCollision, check_collisions, keep_clear
 from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
 from tactopose_drake.resources import model_path

@@ -12,7 +12,8 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.grasping.quality import GraspQuality, grasp_quality
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError, PortTypeError, UnknownNameError
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
+from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.grasp_quality_evaluator import GraspQualityEvaluator, GraspQualityParams
 from tactopose_drake.systems.wrench_space_display import WrenchSpaceDisplay, WrenchSpaceDisplayParams
 from tests.recording_meshcat import RecordingMeshcat

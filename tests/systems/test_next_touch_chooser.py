@@ -10,7 +10,8 @@ from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.poses import exp_so3, make_poses
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
+from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_reach import make_hand_reach, rest_posture

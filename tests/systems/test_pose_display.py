@@ -14,8 +14,9 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.prior import PosePrior
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.pose_display import PoseDisplay, PoseDisplayParams
 from tests.recording_meshcat import RecordingMeshcat
 

@@ -10,7 +10,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
+from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.visualization.body_meshes import sphere_triangles
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis
 from tests.browser import Browser

@@ -24,14 +24,15 @@ def find_stretch(p_PT: FloatArray, n_PT: FloatArray) -> FloatArray:
     """
     if len(p_PT) < 3:
         return np.zeros(3)
-    gaps, near = scipy.spatial.cKDTree(p_PT).query(p_PT, k=min(_NEIGHBOURS, len(p_PT)))
+    near = np.asarray(scipy.spatial.cKDTree(p_PT).query(p_PT, k=min(_NEIGHBOURS, len(p_PT)))[1])
     steps = p_PT[near] - p_PT[:, None]
+    pitch = float(np.median(np.linalg.norm(steps[:, 1], axis=1)))
     narrow = np.linalg.eigh(steps[:, 1].T @ steps[:, 1])[1][:, -1]  # the first of the steps are to the cells themselves
     long = np.cross(n_PT, narrow)
     aside = np.abs(np.einsum("nki,ni->nk", steps, long))
     rise = np.abs(np.einsum("nki,ni->nk", steps, n_PT))
     is_in_next_row = (aside > np.abs(steps @ narrow)) & (rise < _MOST_RISE * np.linalg.norm(steps, axis=2))
-    ratio = float(np.median(np.where(is_in_next_row, aside, np.inf).min(axis=1)) / max(np.median(gaps[:, 1]), 1e-12))
+    ratio = float(np.median(np.where(is_in_next_row, aside, np.inf).min(axis=1)) / max(pitch, 1e-12))
     mean = long.mean(axis=0)
     length = float(np.linalg.norm(mean))
     if not _LEAST_RATIO <= ratio <= _MOST_RATIO or length < _LEAST_AGREEMENT:

@@ -11,7 +11,8 @@ from pydrake.multibody.plant import MultibodyPlant
 import tactopose_drake as tp
 from tactopose_drake.core.grasping.held_axis import HeldAxis
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
+from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.resources import model_path

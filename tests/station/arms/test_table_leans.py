@@ -6,7 +6,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 import tactopose_drake as tp
 from tactopose_drake.core.grasping.held_axis import HeldAxis
-from tactopose_drake.estimation.results import PoseEstimate, PoseHypothesis
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
+from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.resources import model_path
 from tactopose_drake.station.arms.carried_hand import PlacedHand
 from tactopose_drake.station.arms.table_leans import Lean, choose_lean, ends_apart, lean_ways
