@@ -159,10 +159,15 @@ class RelocalisationParams:
     @property
     def posterior(self) -> PosteriorParams:
         """Of the posterior of which so many samples are drawn; its noise may be any, for the belief learns that."""
-        rounds = {name: getattr(self, name) for name in ("samples", "most_samples", "standard_error")}
-        sampling = dataclasses.replace(DEFAULT_PARAMS.sampling, **rounds)
-        ways = {"most_joined": self.joined, "led": self.led, "most_between": self.most_between}
-        moments = dataclasses.replace(DEFAULT_PARAMS.moments, **ways)
+        sampling = dataclasses.replace(
+            DEFAULT_PARAMS.sampling,
+            samples=self.samples,
+            most_samples=self.most_samples,
+            standard_error=self.standard_error,
+        )
+        moments = dataclasses.replace(
+            DEFAULT_PARAMS.moments, most_joined=self.joined, led=self.led, most_between=self.most_between
+        )
         plausibility = dataclasses.replace(DEFAULT_PARAMS.plausibility, most_noise=math.inf)
         return dataclasses.replace(DEFAULT_PARAMS, sampling=sampling, moments=moments, plausibility=plausibility)
 
