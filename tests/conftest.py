@@ -1,3 +1,4 @@
+import gc
 import os
 
 import hypothesis
@@ -15,6 +16,11 @@ def pytest_configure(config: pytest.Config) -> None:
     """Workers keep all cores busy by themselves: threads of OpenBLAS beside them mostly wait, and burn time by it."""
     if config.getoption("numprocesses", None):
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+def pytest_collection_finish() -> None:
+    """Nothing of what is loaded by now becomes garbage: a search for some, as each station begins with, leaves it out."""
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -234,9 +234,9 @@ def test_grasps_that_are_no_evidence_give_no_calibration(blob: ObjectModel) -> N
         calibrate_hand(hand.config, wrong)
 
 
-def test_progress_is_told(wrong_hand: WrongHand, blob: ObjectModel) -> None:
+def test_progress_is_told(blob: ObjectModel) -> None:
     told: list[tuple[float, str]] = []
-    hand = WrongHand(6)
+    hand = WrongHand(6, THICKNESS)
     grasps = [grasp.recorded for grasp in hand.close(blob, 3, NOISE)]
     calibrate_hand(hand.config, grasps, on_progress=lambda share, doing: told.append((share, doing)))
     shares = [share for share, _ in told]
