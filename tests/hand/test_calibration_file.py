@@ -137,15 +137,14 @@ def test_followers_are_off_with_what_they_follow(tmp_path: Path) -> None:
     assert not reading_offsets(plain, bare).any()
 
 
-def contacts_of(config: HandConfig, grasp: ClosedGrasp) -> tuple[Contacts, tuple[str, ...]]:
-    """What the diagram makes of a grasp's readings."""
+def contacts_of(wrong: WrongHand, config: HandConfig, grasp: ClosedGrasp) -> tuple[Contacts, tuple[str, ...]]:
+    """What the diagram of a configuration makes of the readings of a grasp by that hand."""
     params = PoseEstimationParams(check_collisions=False, use_hand_volume=False)
     diagram = MakePoseEstimation(config, grasp.recorded.model, params)
     context = diagram.CreateDefaultContext()
-    plant, hand = make_hand_plant(config)
-    q = NamedJoints(plant, hand).positions("q", dict(grasp.recorded.joint_positions))
+    q = NamedJoints(wrong.plant, wrong.hand).positions("q", dict(grasp.recorded.joint_positions))
     diagram.GetInputPort("joint_positions").FixValue(context, np.nan_to_num(q))
-    for finger in hand.sensor_frames:
+    for finger in wrong.hand.sensor_frames:
         wrench = grasp.recorded.wrenches.get(finger, np.full(6, np.nan))
         diagram.GetInputPort(f"wrench_{finger}").FixValue(context, wrench)
     contacts = diagram.GetOutputPort("contacts").Eval(context)
@@ -158,9 +157,9 @@ def test_a_diagram_that_loads_the_hand_corrects_its_readings(
     hand, calibration = exactly_known
     save_calibration(tmp_path / "calibration.yaml", calibration)
     (grasp,) = hand.close(blob, 1)
-    as_it_is, _ = contacts_of(hand.config, grasp)
+    as_it_is, _ = contacts_of(hand, hand.config, grasp)
     known = dataclasses.replace(hand.config, calibration=str(tmp_path / "calibration.yaml"))
-    corrected, fingers = contacts_of(known, grasp)
+    corrected, fingers = contacts_of(hand, known, grasp)
     assert set(fingers) == set(grasp.recorded.wrenches)
 
     def distances(contacts: Contacts) -> np.ndarray:
@@ -187,20 +186,20 @@ def test_the_uncertainty_is_what_the_calibration_left(blob: ObjectModel, tmp_pat
     calibration.noise.force, calibration.noise.moment = 1e-6, 1e-8
     save_calibration(path, calibration)
     config = dataclasses.replace(hand.config, calibration=str(path))
-    said, fingers = contacts_of(config, grasp)
+    said, fingers = contacts_of(hand, config, grasp)
     assert said.covariance is not None
     draws = []
     for _ in range(60):
         drawn = generator.multivariate_normal(hand.truth, covariance)
         save_calibration(path, calibration_of(hand.errors, drawn, np.zeros_like(covariance), 0.0))
         plain = dataclasses.replace(config, uncertainty=None)
-        draws.append(contacts_of(plain, grasp)[0].p_PC)
+        draws.append(contacts_of(hand, plain, grasp)[0].p_PC)
     spread = np.var(np.array(draws), axis=0)
     expected = np.array([np.diag(matrix)[:3] for matrix in said.covariance])
     assert len(fingers) == len(expected)
     ratio = np.sqrt(spread.sum() / expected.sum())
     assert 0.8 < ratio < 1.25
-    wide = contacts_of(hand.config, grasp)[0].covariance
+    wide = contacts_of(hand, hand.config, grasp)[0].covariance
     assert wide is not None
     assert np.trace(said.covariance[0, :3, :3]) < 0.3 * np.trace(wide[0, :3, :3])
 
