@@ -19,7 +19,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Nothing of what is loaded by now becomes garbage: a search for some, as each station begins with, leaves it out."""
+    """What is loaded by now never becomes garbage: a search for some, as each station begins with, leaves it out."""
     gc.freeze()
 
 
