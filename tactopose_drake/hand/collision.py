@@ -3,7 +3,7 @@
 Drake takes the convex hull of a mesh wherever it measures the distance between two shapes, and so fills a mug. Here the
 object's mesh is taken as it is. How deep a point lies in a convex shape is a concave function of the point, so over the
 whole object it is greatest either on its surface or at the shape's own deepest point, if that one is in the object. The
-two together give the depth for thin walls and for solid bodies alike.
+two together give the depth for thin walls and for solid bodies alike; both are of the mesh, not of the model's grid.
 """
 
 import math
@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.geometry import Role
-from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from tactopose_drake.core.poses import compose, inverse, transform_points
+from tactopose_drake.core.poses import compose, inverse
 from tactopose_drake.core.shape import ConvexShape, ObjectModel, build_tree, join_shapes
 from tactopose_drake.core.shape.convex_shape_kernels import find_deepest
 from tactopose_drake.core.validation import FloatArray, finite_array
@@ -47,9 +46,7 @@ class Collisions:
 class HandCollision:
     """Checks poses of an object against a hand that is posed by its joints.
 
-    Depths are short by 0.02 mm at the most; only where a wall that is thinner than the cells of the model's grid runs
-    through the middle of a shape, the depth may come out short by about the wall's thickness. A mesh of the hand counts
-    as its convex hull; planes are left out.
+    Depths are short by 0.02 mm at the most. A mesh of the hand counts as its convex hull; planes are left out.
     """
 
     def __init__(self, hand: HandConfig, model: ObjectModel) -> None:
@@ -63,21 +60,22 @@ class HandCollision:
         self._plant.Finalize()
         self._ranges = ReadingRanges.of(self._plant)
         inspector = scene_graph.model_inspector()
-        solids: list[tuple[RigidTransform, ConvexShape]] = []
-        self._bodies = []
+        shapes: list[ConvexShape] = []
+        bodies, X_BG = [], []
         for index in self._plant.GetBodyIndices(self._hand.model_instance):
             for geometry in inspector.GetGeometries(self._plant.GetBodyFrameIdOrThrow(index), Role.kProximity):
                 shape = convex_shape(inspector.GetShape(geometry))
                 if shape is not None:
-                    self._bodies.append(self._plant.get_body(index))
-                    solids.append((inspector.GetPoseInFrame(geometry), shape))
-        if not solids:
+                    shapes.append(shape)
+                    bodies.append(index)
+                    X_BG.append(inspector.GetPoseInFrame(geometry).GetAsMatrix34())
+        if not shapes:
             raise InvalidInputError(f"hand: {hand.model} has no collision geometry.")
-        shapes = [shape for _, shape in solids]
-        self._X_BG = np.array([X_BG.GetAsMatrix34() for X_BG, _ in solids])
-        self._p_GD = np.array([shape.deepest for shape in shapes])
-        self._thickness = np.array([shape.depths(shape.deepest[None])[0] for shape in shapes])
-        self._shapes, self._tree, self._model = join_shapes(shapes), build_tree(model.vertices, model.faces), model
+        self._links = [self._plant.get_body(index).name() for index in bodies]
+        self._bodies, self._X_GB = list(map(int, bodies)), inverse(np.array(X_BG))
+        palm = self._hand.palm_frame
+        self._palm, self._X_BP = int(palm.body().index()), palm.GetFixedPoseInBodyFrame().GetAsMatrix34()
+        self._shapes, self._tree = join_shapes(shapes), build_tree(model.vertices, model.faces)
 
     @property
     def num_positions(self) -> int:
@@ -113,19 +111,13 @@ class HandCollision:
         X_PO = finite_array("X_PO", X_PO, (None, 3, 4))
         context = self.make_scratch() if scratch is None else scratch
         self._plant.SetPositions(context, self._hand.model_instance, q)
-        X_PW = self._hand.palm_frame.CalcPoseInWorld(context).inverse()
-        X_PB = [X_PW @ self._plant.EvalBodyPoseInWorld(context, body) for body in self._bodies]
-        X_PG = compose(np.array([X.GetAsMatrix34() for X in X_PB]), self._X_BG)
-        X_GO = compose(inverse(X_PG)[None], X_PO[:, None])
-        # Of shapes whose deepest point is in the object none is deeper.
-        p_PD = np.einsum("sij,sj->si", X_PG[:, :, :3], self._p_GD) + X_PG[:, :, 3]
-        swallowed = self._model.grid.distance(transform_points(inverse(X_PO), p_PD)) < 0.0
-        thickness = np.where(swallowed, self._thickness, 0.0)
-        deepest = thickness.argmax(axis=1)
-        depth = thickness.max(axis=1)
-        find_deepest(self._tree, self._shapes, np.ascontiguousarray(X_GO), _TOLERANCE, enough, depth, deepest)
-        names = [body.name() for body in self._bodies]
-        links = tuple(names[s] if d > 0.0 else None for s, d in zip(deepest, depth, strict=True))
+        X_WB = np.array([X.GetAsMatrix34() for X in self._plant.get_body_poses_output_port().Eval(context)])
+        X_GW = compose(self._X_GB, inverse(X_WB[self._bodies]))
+        X_GP = compose(X_GW, compose(X_WB[self._palm], self._X_BP))
+        depth, deepest = np.empty(len(X_PO)), np.empty(len(X_PO), dtype=np.int64)
+        X_GO = np.ascontiguousarray(compose(X_GP, X_PO[:, None]))
+        find_deepest(self._tree, self._shapes, X_GO, _TOLERANCE, enough, depth, deepest)
+        links = tuple(self._links[s] if d > 0.0 else None for s, d in zip(deepest, depth, strict=True))
         return Collisions(depth, links)
 
 

@@ -7,7 +7,6 @@ from pydrake.multibody.tree import RigidBody
 
 from tactopose_drake.core.shape import ConvexShape
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.estimation.hull_vertices import hull_vertices
 
 
 def body_depths(
@@ -48,5 +47,5 @@ def convex_shape(shape: Shape) -> ConvexShape | None:
         hull = shape.GetConvexHull()
         normals = np.array([hull.face_normal(i) for i in range(hull.num_faces())])
         offsets = np.array([hull.face_normal(i) @ hull.element_centroid(i) for i in range(hull.num_faces())])
-        return ConvexShape.hull(normals, offsets, hull_vertices(hull).mean(axis=0))
+        return ConvexShape.hull(normals, offsets)
     return None

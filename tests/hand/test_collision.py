@@ -116,6 +116,27 @@ def test_a_finger_wholly_within_the_object_is_as_deep_as_it_is_thick(capsule: Ha
         assert found.link == ("finger",)
 
 
+@pytest.mark.parametrize(
+    ("geometry", "thickness"),
+    [
+        (CAPSULE, 0.009),
+        ("<ellipsoid><radii>0.01 0.008 0.02</radii></ellipsoid>", 0.008),
+        ("<mesh><uri>tetrahedron.obj</uri></mesh>", 0.007545),
+    ],
+)
+def test_a_shape_is_as_deep_as_it_is_thick_in_a_solid_and_where_a_wall_thinner_than_the_grid_runs_through_its_middle(
+    tmp_path: Path, geometry: str, thickness: float
+) -> None:
+    (tmp_path / "tetrahedron.obj").write_text(TETRAHEDRON)
+    hand = write_hand(tmp_path, geometry)
+    solid = check_collisions(hand, box_model(0.1, 0.1, 0.1), [0.0], at(0.001, 0.002, 0.003))
+    assert (solid.depth[0], solid.link) == (pytest.approx(thickness, abs=1e-5), ("finger",))
+    if "mesh" not in geometry:
+        upright = at(0.001, 0.0004, 0.003, R=RotationMatrix.MakeXRotation(np.pi / 2))
+        wall = check_collisions(hand, box_model(0.1, 0.1, 0.001), [0.0], upright)
+        assert wall.depth[0] == pytest.approx(thickness, abs=1e-5)
+
+
 def test_a_pencil_through_the_length_of_a_finger_is_found(capsule: HandConfig) -> None:
     pencil = coarse_model(trimesh.creation.cylinder(0.004, 0.12, sections=32))
     for offset, expected in ((0.0, 0.009), (0.003, 0.009), (0.006, 0.007), (0.0128, 0.0002), (0.0132, 0.0)):

@@ -44,9 +44,9 @@ def winding_numbers(
             x = origin[0] + i * spacing
             for j in range(j0, j1 + 1):
                 y = origin[1] + j * spacing
-                ea = _side(b, c, vb < vc, x, y)
-                eb = _side(c, a, vc < va, x, y)
-                ec = _side(a, b, va < vb, x, y)
+                ea = side(b, c, vb < vc, x, y)
+                eb = side(c, a, vc < va, x, y)
+                ec = side(a, b, va < vb, x, y)
                 if (ea > 0.0) != (eb > 0.0) or (ea > 0.0) != (ec > 0.0):
                     continue
                 z = (ea * a[2] + eb * b[2] + ec * c[2]) / (ea + eb + ec)
@@ -63,7 +63,7 @@ def winding_numbers(
 
 
 @inlined
-def _side(p, q, in_order, x, y):
+def side(p, q, in_order, x, y):
     """Which side of the line p q the point (x, y) is on; never zero, and bitwise opposite for q p."""
     if in_order:
         side = (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0])

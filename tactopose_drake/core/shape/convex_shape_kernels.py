@@ -6,8 +6,11 @@ import numpy as np
 
 from tactopose_drake.core.compilation import inlined, kernel, part
 from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats4, Longs1, OutFloats1, OutFloats2, OutLongs1
+from tactopose_drake.core.mesh.winding_kernels import side
 
 _BISECTIONS = 60  # which bring the parameter of the nearest point of an ellipsoid to the last digits
+_TINY = 1e-100  # of that parameter, m^2, where the point is the middle
+_BESIDE = 1e-9, 2.1e-9  # m, which no depth shows: below a regular mesh's middle lie vertices
 _LEVELS = 200  # that a triangle is halved, and that a tree has, at the most
 
 
@@ -20,6 +23,7 @@ class Shapes(NamedTuple):
         semi_axes: of an ellipsoid, m; zero where there is none, shape (s, 3).
         first: the first plane of each shape, and behind the last one's, shape (s + 1,).
         planes: outward normals n and offsets d of half-spaces n^T p <= d, m, shape (n, 4).
+        deepest: a point of the greatest depth of each shape, shape (s, 3), m.
     """
 
     radius: Floats1
@@ -27,6 +31,7 @@ class Shapes(NamedTuple):
     semi_axes: Floats2
     first: Longs1
     planes: Floats2
+    deepest: Floats2
 
 
 class Tree(NamedTuple):
@@ -45,32 +50,30 @@ class Tree(NamedTuple):
 def _in_ellipsoid(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """The depth of a point in an ellipsoid, and how it rises.
 
-    The nearest point q of the surface is that with p - q along the normal: q_i = a_i^2 p_i / (t + a_i^2), where t makes
-    it a point of the surface. Of all such t the largest is the nearest point's; at an axis' end, where p_i = 0 of the
-    smallest a_i, what is missing of q lies along that.
+    The nearest point q of the surface is that with p - q along the normal: q_i = a_i^2 p_i / (u + a_i^2 - a_s^2), where
+    a_s is the smallest semi-axis and u makes q a point of the surface. Of all such u the largest is the nearest
+    point's, which is not negative. Along the smallest semi-axis q is what the others leave: there u may be too small to
+    divide by.
     """
-    least, size = min(a, b, c), np.sqrt((a * x) ** 2 + (b * y) ** 2 + (c * z) ** 2)
-    square = least * least
-    low, high = -square, size - square
+    least = min(a, b, c)
+    da, db, dc = (a - least) * (a + least), (b - least) * (b + least), (c - least) * (c + least)
+    low, high = 0.0, max(_TINY, np.sqrt((a * x) ** 2 + (b * y) ** 2 + (c * z) ** 2))
     for _ in range(_BISECTIONS):
-        t = 0.5 * (low + high)
-        if not low < t < high:
+        u = 0.5 * (low + high)
+        if not low < u < high:
             break
-        over = (a * x / (t + a * a)) ** 2 + (b * y / (t + b * b)) ** 2 + (c * z / (t + c * c)) ** 2
+        over = (a * x / (u + da)) ** 2 + (b * y / (u + db)) ** 2 + (c * z / (u + dc)) ** 2
         if over > 1.0:
-            low = t
+            low = u
         else:
-            high = t
-    qx, qy, qz = a * a * x / (high + a * a), b * b * y / (high + b * b), c * c * z / (high + c * c)
-    missing = max(0.0, 1.0 - (qx / a) ** 2 - (qy / b) ** 2 - (qz / c) ** 2)
-    if missing > 0.0:
-        along = least * np.sqrt(missing)
-        if a == least:
-            qx += np.copysign(along, x)
-        elif b == least:
-            qy += np.copysign(along, y)
-        else:
-            qz += np.copysign(along, z)
+            high = u
+    qx, qy, qz = a * a * x / (high + da), b * b * y / (high + db), c * c * z / (high + dc)
+    if a == least:
+        qx = np.copysign(a * np.sqrt(max(0.0, 1.0 - (qy / b) ** 2 - (qz / c) ** 2)), x)
+    elif b == least:
+        qy = np.copysign(b * np.sqrt(max(0.0, 1.0 - (qx / a) ** 2 - (qz / c) ** 2)), y)
+    else:
+        qz = np.copysign(c * np.sqrt(max(0.0, 1.0 - (qx / a) ** 2 - (qy / b) ** 2)), z)
     nx, ny, nz = qx / (a * a), qy / (b * b), qz / (c * c)
     norm = np.sqrt(nx * nx + ny * ny + nz * nz)
     nx, ny, nz = nx / norm, ny / norm, nz / norm
@@ -190,6 +193,45 @@ def _deepest_in_shape(
     return best
 
 
+@inlined
+def _is_before(p, q):
+    """One order of two points."""
+    if p[0] != q[0]:
+        return p[0] < q[0]
+    return p[1] < q[1] if p[1] != q[1] else p[2] < q[2]
+
+
+@part
+def _is_within(tree: Tree, x: float, y: float, z: float, nodes: OutLongs1) -> bool:
+    """Whether the winding number of a mesh about a point is at least one, by the faces below it; `nodes` is scratch."""
+    spheres, triangles = tree
+    leaves = (spheres.shape[0] + 1) // 2
+    each = triangles.shape[0] // leaves
+    x, y = x + _BESIDE[0], y + _BESIDE[1]
+    nodes[0], count, winding = 0, 1, 0
+    while count > 0:
+        count -= 1
+        node = nodes[count]
+        around = spheres[node]
+        if (x - around[0]) ** 2 + (y - around[1]) ** 2 > around[3] ** 2 or around[2] - around[3] > z:
+            continue
+        if node < leaves - 1:
+            nodes[count], nodes[count + 1] = 2 * node + 1, 2 * node + 2
+            count += 2
+            continue
+        for k in range((node - leaves + 1) * each, (node - leaves + 2) * each):
+            a, b, c = triangles[k, 0:3], triangles[k, 3:6], triangles[k, 6:9]
+            if (b[0] - a[0]) * (c[1] - a[1]) == (b[1] - a[1]) * (c[0] - a[0]):
+                continue
+            ea = side(b, c, _is_before(b, c), x, y)
+            eb = side(c, a, _is_before(c, a), x, y)
+            ec = side(a, b, _is_before(a, b), x, y)
+            is_crossed = (ea > 0.0) == (eb > 0.0) and (ea > 0.0) == (ec > 0.0)
+            if is_crossed and (ea * a[2] + eb * b[2] + ec * c[2]) / (ea + eb + ec) <= z:
+                winding += -1 if ea > 0.0 else 1
+    return winding > 0
+
+
 @kernel
 def find_deepest(
     tree: Tree,
@@ -200,9 +242,11 @@ def find_deepest(
     depth: OutFloats1,
     deepest: OutLongs1,
 ) -> None:
-    """The greatest depths of a mesh in shapes, where those (b,) given on entry are less, and in which shapes, (b,).
+    """The greatest depths of a closed mesh, and of what is within, in shapes, (b,), m, and in which shapes, (b,).
 
-    Depths are short by no more than the tolerance, m; beyond `enough`, m, of a pose no greater one is looked for.
+    Depths are 0 where it is in none, and short by no more than the tolerance, m; beyond `enough`, m, of a pose no
+    greater one is looked for. As depths are concave, the greatest is at the surface of the mesh, or it is that of the
+    shape's deepest point.
 
     Args:
         tree: of the mesh.
@@ -213,7 +257,19 @@ def find_deepest(
         depth: see above.
         deepest: see above.
     """
+    nodes = np.empty(_LEVELS, dtype=np.int64)
     for b in range(depth.shape[0]):
+        depth[b], deepest[b] = 0.0, 0
+        for s in range(shapes.radius.shape[0]):
+            X, d = X_GO[b, s], shapes.deepest[s]
+            x, y, z = d[0] - X[0, 3], d[1] - X[1, 3], d[2] - X[2, 3]
+            px = X[0, 0] * x + X[1, 0] * y + X[2, 0] * z
+            py = X[0, 1] * x + X[1, 1] * y + X[2, 1] * z
+            pz = X[0, 2] * x + X[1, 2] * y + X[2, 2] * z
+            if _is_within(tree, px, py, pz, nodes):
+                thickness = _depth(shapes, s, d[0], d[1], d[2])
+                if thickness > depth[b]:
+                    depth[b], deepest[b] = thickness, s
         for s in range(shapes.radius.shape[0]):
             if depth[b] > enough:
                 break

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linprog
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.shape import convex_shape_kernels
@@ -22,7 +23,7 @@ from tactopose_drake.core.validation import FloatArray
 _LEAF = 4  # triangles, about
 _BITS = 10  # of each coordinate in a Morton code
 
-_NO_PLANES = np.zeros((0, 4))
+_NO_PLANES, _NO_AXES, _MIDDLE = np.zeros((0, 4)), np.zeros(3), np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +32,9 @@ class ConvexShape:
 
     Attributes:
         shapes: it alone, as kernels read it.
-        deepest: a point of the greatest depth, or of a hull one well inside, shape (3,), m.
     """
 
     shapes: Shapes
-    deepest: FloatArray
 
     @classmethod
     def capsule(cls, radius: float, length: float) -> ConvexShape:
@@ -60,9 +59,10 @@ class ConvexShape:
         return cls._make(planes=np.column_stack([normals, np.tile(0.5 * size, 2)]))
 
     @classmethod
-    def hull(cls, normals: FloatArray, offsets: FloatArray, inside: FloatArray) -> ConvexShape:
-        """What is behind all planes of outward normals (n, 3) and offsets (n,), m; `inside` (3,) is a point well so."""
-        return cls._make(planes=np.column_stack([normals, offsets]), deepest=inside)
+    def hull(cls, normals: FloatArray, offsets: FloatArray) -> ConvexShape:
+        """What is behind all planes of outward unit normals (n, 3) and offsets (n,), m, bounded."""
+        planes = np.column_stack([normals, offsets])
+        return cls._make(planes=planes, deepest=_chebyshev_center(planes))
 
     @classmethod
     def _make(
@@ -70,14 +70,14 @@ class ConvexShape:
         *,
         radius: float = math.inf,
         half_length: float = 0.0,
-        semi_axes: FloatArray | None = None,
+        semi_axes: FloatArray = _NO_AXES,
         planes: FloatArray = _NO_PLANES,
-        deepest: FloatArray | None = None,
+        deepest: FloatArray = _MIDDLE,
     ) -> ConvexShape:
         """Of its parts; see `Shapes`."""
-        axes = np.zeros(3) if semi_axes is None else semi_axes
-        numbers = np.array([radius]), np.array([half_length]), np.array([axes]), np.array([0, len(planes)]), planes
-        return cls(Shapes(*map(read_only, numbers)), np.zeros(3) if deepest is None else deepest)
+        first = np.array([0, len(planes)])
+        numbers = np.array([radius]), np.array([half_length]), semi_axes[None], first, planes, deepest[None]
+        return cls(Shapes(*map(read_only, numbers)))
 
     def depths(self, p_GQ: FloatArray) -> FloatArray:
         """How deep points (n, 3), m, are below its surface, shape (n,), m; negative outside."""
@@ -90,8 +90,16 @@ def join_shapes(shapes: Sequence[ConvexShape]) -> Shapes:
     """All of them, at least one, as kernels read them."""
     each = [shape.shapes for shape in shapes]
     first = np.cumsum([0, *(len(one.planes) for one in each)])
-    radius, half_length, semi_axes, _, planes = map(np.concatenate, zip(*each, strict=True))
-    return Shapes(*map(read_only, (radius, half_length, semi_axes, first, planes)))
+    radius, half_length, semi_axes, _, planes, deepest = map(np.concatenate, zip(*each, strict=True))
+    return Shapes(*map(read_only, (radius, half_length, semi_axes, first, planes, deepest)))
+
+
+def _chebyshev_center(planes: FloatArray) -> FloatArray:
+    """The point that is deepest behind planes (n, 4), shape (3,), m, by linear programming in units of their extent."""
+    unit = np.abs(planes[:, 3]).max()
+    gaps = np.column_stack([planes[:, :3], np.ones(len(planes))])
+    found = linprog([0.0, 0.0, 0.0, -1.0], gaps, planes[:, 3] / unit, bounds=(None, None))
+    return np.asarray(unit * found["x"][:3])
 
 
 def build_tree(vertices: FloatArray, faces: np.ndarray) -> Tree:
@@ -101,18 +109,22 @@ def build_tree(vertices: FloatArray, faces: np.ndarray) -> Tree:
 
     Source: [M66] G. Morton, A computer oriented geodetic data base, IBM, 1966.
     """
-    triangles = vertices[faces]
-    order = np.argsort(_morton_codes(triangles.mean(axis=1)), kind="stable")
+    triangles = vertices[faces].reshape(-1, 9)
+    order = np.argsort(_morton_codes(vertices[faces].mean(axis=1)), kind="stable")
     leaves = 1 << max(0, math.ceil(math.log2(len(faces) / _LEAF)))
     count = leaves * math.ceil(len(faces) / leaves)
-    sorted_ones = triangles[order[np.arange(count) * len(faces) // count]]
+    chosen = np.arange(count) * len(faces) // count
+    sorted_ones = triangles[order[chosen]]
+    again = np.flatnonzero(np.diff(chosen) == 0) + 1  # Each counts once: else it is a point, which has no sides.
+    sorted_ones[again] = np.tile(sorted_ones[again, :3], 3)
+    coordinates = np.ascontiguousarray(sorted_ones.reshape(-1, 3).T)
     spheres = [np.zeros((0, 4))]
     for level in range(leaves.bit_length()):
-        points = sorted_ones.reshape(1 << level, -1, 3)
-        center = 0.5 * (points.min(axis=1) + points.max(axis=1))
-        radius = np.linalg.norm(points - center[:, None], axis=2).max(axis=1)
-        spheres.append(np.column_stack([center, radius]))
-    return Tree(read_only(np.concatenate(spheres)), read_only(sorted_ones.reshape(count, 9)))
+        points = coordinates.reshape(3, 1 << level, -1)
+        center = 0.5 * (points.min(axis=2) + points.max(axis=2))
+        radius = np.sqrt(((points - center[:, :, None]) ** 2).sum(axis=0).max(axis=1))
+        spheres.append(np.column_stack([*center, radius]))
+    return Tree(read_only(np.concatenate(spheres)), read_only(sorted_ones))
 
 
 def _morton_codes(points: FloatArray) -> np.ndarray:
