@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.geometry import Role
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.framework import Context
 
 from tactopose_drake.core.poses import compose, inverse
 from tactopose_drake.core.shape import ConvexShape, ObjectModel, build_tree, join_shapes
@@ -25,6 +25,7 @@ from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import add_fixed_hand
 from tactopose_drake.hand.reading_ranges import ReadingRanges
 from tactopose_drake.hand.shape_depth import convex_shape
+from tactopose_drake.resources import passing_builder
 
 _TOLERANCE = 2e-5  # m, by which depths may be short
 
@@ -55,9 +56,10 @@ class HandCollision:
         Raises:
             InvalidInputError: if the hand has no collision geometry.
         """
-        self._plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), time_step=0.001)
-        self._hand = add_fixed_hand(self._plant, hand)
-        self._plant.Finalize()
+        with passing_builder() as builder:
+            self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+            self._hand = add_fixed_hand(self._plant, hand)
+            self._plant.Finalize()
         self._ranges = ReadingRanges.of(self._plant)
         inspector = scene_graph.model_inspector()
         shapes: list[ConvexShape] = []

@@ -8,7 +8,10 @@ from tactopose_drake.core.compilation import inlined, kernel, part
 from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats4, Longs1, OutFloats1, OutFloats2, OutLongs1
 from tactopose_drake.core.mesh.winding_kernels import side
 
-_BISECTIONS = 60  # which bring the parameter of the nearest point of an ellipsoid to the last digits
+_STEPS = (
+    30  # of Newton's method, at the most, which bring the parameter of an ellipsoid's nearest point to the last digits
+)
+_LEAST_STEP = 1e-15  # relative
 _TINY = 1e-100  # of that parameter, m^2, where the point is the middle
 _BESIDE = 1e-9, 2.1e-9  # m, which no depth shows: below a regular mesh's middle lie vertices
 _LEVELS = 200  # that a triangle is halved, and that a tree has, at the most
@@ -57,17 +60,15 @@ def _in_ellipsoid(a: float, b: float, c: float, x: float, y: float, z: float) ->
     """
     least = min(a, b, c)
     da, db, dc = (a - least) * (a + least), (b - least) * (b + least), (c - least) * (c + least)
-    low, high = 0.0, max(_TINY, np.sqrt((a * x) ** 2 + (b * y) ** 2 + (c * z) ** 2))
-    for _ in range(_BISECTIONS):
-        u = 0.5 * (low + high)
-        if not low < u < high:
+    # What makes q one is convex and falls with u: where one term alone does not, Newton's method rises to where all do.
+    u = max(_TINY, abs(a * x) - da, abs(b * y) - db, abs(c * z) - dc)
+    for _ in range(_STEPS):
+        ex, ey, ez = (a * x / (u + da)) ** 2, (b * y / (u + db)) ** 2, (c * z / (u + dc)) ** 2
+        step = 0.5 * (ex + ey + ez - 1.0) / (ex / (u + da) + ey / (u + db) + ez / (u + dc))
+        if not step > _LEAST_STEP * u:
             break
-        over = (a * x / (u + da)) ** 2 + (b * y / (u + db)) ** 2 + (c * z / (u + dc)) ** 2
-        if over > 1.0:
-            low = u
-        else:
-            high = u
-    qx, qy, qz = a * a * x / (high + da), b * b * y / (high + db), c * c * z / (high + dc)
+        u += step
+    qx, qy, qz = a * a * x / (u + da), b * b * y / (u + db), c * c * z / (u + dc)
     if a == least:
         qx = np.copysign(a * np.sqrt(max(0.0, 1.0 - (qy / b) ** 2 - (qz / c) ** 2)), x)
     elif b == least:
@@ -261,6 +262,8 @@ def find_deepest(
     for b in range(depth.shape[0]):
         depth[b], deepest[b] = 0.0, 0
         for s in range(shapes.radius.shape[0]):
+            if depth[b] > enough:
+                break
             X, d = X_GO[b, s], shapes.deepest[s]
             x, y, z = d[0] - X[0, 3], d[1] - X[1, 3], d[2] - X[2, 3]
             px = X[0, 0] * x + X[1, 0] * y + X[2, 0] * z
