@@ -2,10 +2,10 @@
 
 Each mode predicts what a guarded motion would feel: whether it meets the object, after which way, and with which
 normal. The prediction is spread as the mode is: the motion is made at the cubature points of the mode's Gaussian
-[AH09] and at its mean, the points so much farther out that all together have its covariance, and the sensor's noise is
-added. The information of a touch about the pose is the sum of two parts, by the chain rule: what it tells of which mode
-is true, bounded from below by how well the predictions can be told apart in pairs, by their Bhattacharyya coefficients
-[KT17]; and what it tells of where in each mode the pose is, by the Gaussian's update. No random numbers are needed.
+[AH09], and the sensor's noise is added. The information of a touch about the pose is the sum of two parts, by the chain
+rule: what it tells of which mode is true, bounded from below by how well the predictions can be told apart in pairs, by
+their Bhattacharyya coefficients [KT17]; and what it tells of where in each mode the pose is, by the Gaussian's update.
+No random numbers are needed.
 
 Sources: [AH09] I. Arasaratnam and S. Haykin, Cubature Kalman filters, IEEE Trans. Automatic Control 54, 2009. [KT17] A.
 Kolchinsky and B. Tracey, Estimating mixture entropy with pairwise distances, Entropy 19, 2017.
@@ -74,7 +74,7 @@ class Foreseen:
 
 def foresee(model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, noise: TouchNoise) -> Foreseen:
     """What each mode foresees of each motion."""
-    spread = math.sqrt(0.5 * _POINTS) * np.swapaxes(belief.roots(), 1, 2)  # rows
+    spread = math.sqrt(6.0) * np.swapaxes(belief.roots(), 1, 2)  # rows, [AH09] eq. 23
     increments = np.concatenate([np.zeros((len(belief), 1, 6)), spread, -spread], axis=1)
     X_PO = retract(np.repeat(belief.X_PO, _POINTS, axis=0), increments.reshape(-1, 6))
     felt = moves.feel(model, X_PO)

@@ -155,11 +155,6 @@ def test_predictions_have_the_spread_of_the_mode_and_the_sensor(mug: ObjectModel
     np.testing.assert_allclose(foreseen.mean[0, 0, 1:], [-1, 0, 0], atol=0.03)
 
 
-def test_where_every_point_is_touched_the_mode_is_as_wide_as_before(mug: ObjectModel) -> None:
-    foreseen = foresee(mug, spins(0.0), inward(np.pi), TouchNoise())
-    np.testing.assert_allclose(foreseen.given_hit[0, 0], COVARIANCE, atol=1e-15)
-
-
 HELD = np.array([[0.0, 0.03, 0.0], [0.0, -0.03, 0.02], [0.0, -0.03, -0.02], [-0.03, 0.0, 0.03]])
 NAMES = ("thumb", "first", "middle", "ring")
 
