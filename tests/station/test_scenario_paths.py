@@ -78,6 +78,7 @@ def test_names_stay_names(project: Path) -> None:
 def test_every_other_path_counts_from_the_file_too(project: Path) -> None:
     scenarios = project / "scenarios"
     (scenarios / "joints.csv").write_text("time,left_slide\n0.0,0.01\n")
+    (scenarios / "felt").mkdir()
     (scenarios / "prior.yaml").write_text("X_PO: {translation: [0, 0, 0], quaternion_wxyz: [1, 0, 0, 0]}\n")
     can = """
 senses: !CanSenses

@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import ConvexHull
 
 from tactopose_drake.core.mesh.bodies import cross_products
 from tactopose_drake.core.mesh.loading import MeshSource, mesh_name
@@ -116,7 +116,7 @@ class ObjectModel(SimpleBodies):
     @cached_property
     def hull_vertices(self) -> FloatArray:
         """Those of the vertices that span the convex hull, shape (k, 3), m; found when first needed."""
-        return np.ascontiguousarray(self.vertices[ConvexHull(self.vertices).vertices])
+        return np.ascontiguousarray(self.vertices[scipy.spatial.ConvexHull(self.vertices).vertices])
 
     @cached_property
     def about_middle(self) -> ObjectModel:
