@@ -2,12 +2,14 @@
 
 import numpy as np
 import trimesh
-from pydrake.geometry import Box, Capsule, Cylinder, Role, Shape
+from pydrake.geometry import Box, Capsule, Convex, Cylinder, Mesh, Role, Shape, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
+from scipy.spatial import ConvexHull
 
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.estimation.hull_vertices import hull_vertices
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import add_hand
 
@@ -44,10 +46,15 @@ def brute_force(
 
 
 def depths(shape: Shape, p_GQ: np.ndarray) -> np.ndarray:
+    if isinstance(shape, Mesh | Convex):
+        planes = ConvexHull(hull_vertices(shape.GetConvexHull())).equations  # n^T p + d <= 0 within
+        return -np.max(p_GQ @ planes[:, :3].T + planes[:, 3], axis=1)
     if isinstance(shape, Box):
         return np.min(shape.size() / 2 - np.abs(p_GQ), axis=1)
     across, along = np.linalg.norm(p_GQ[:, :2], axis=1), np.abs(p_GQ[:, 2])
     if isinstance(shape, Cylinder):
         return np.minimum(shape.radius() - across, shape.length() / 2 - along)
+    if not isinstance(shape, Capsule | Sphere):
+        raise NotImplementedError(f"depths in a {type(shape).__name__}")
     half = shape.length() / 2 if isinstance(shape, Capsule) else 0.0
     return shape.radius() - np.hypot(across, np.maximum(along - half, 0.0))

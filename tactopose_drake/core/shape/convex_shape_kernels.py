@@ -8,9 +8,8 @@ from tactopose_drake.core.compilation import inlined, kernel, part
 from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats4, Longs1, OutFloats1, OutFloats2, OutLongs1
 from tactopose_drake.core.mesh.winding_kernels import side
 
-_STEPS = (
-    30  # of Newton's method, at the most, which bring the parameter of an ellipsoid's nearest point to the last digits
-)
+# Of Newton's method, at the most: they bring the parameter of an ellipsoid's nearest point to the last digits.
+_STEPS = 30
 _LEAST_STEP = 1e-15  # relative
 _TINY = 1e-100  # of that parameter, m^2, where the point is the middle
 _BESIDE = 1e-9, 2.1e-9  # m, which no depth shows: below a regular mesh's middle lie vertices
