@@ -6,7 +6,6 @@ import trimesh
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.objectives.plane_support import PlaneSupport
 from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations, transform_points
-from tactopose_drake.core.shape import object_model
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tests.core.objectives.laws import check_derivatives
 
@@ -40,7 +39,6 @@ def test_the_hull_is_found_once_for_an_object(monkeypatch: pytest.MonkeyPatch) -
     model = ObjectModel.from_box([0.03, 0.04, 0.05], samples=200)
     first = PlaneSupport(model, [table()]).residuals(np.eye(3, 4)[None])
     monkeypatch.setattr(scipy.spatial, "ConvexHull", None)
-    monkeypatch.setattr(object_model, "ConvexHull", None)
     assert PlaneSupport(model, [table()]).residuals(np.eye(3, 4)[None]) == first == pytest.approx(-0.025 / SIGMA)
 
 
