@@ -166,22 +166,26 @@ def weigh_poses(
     problem = make_problem(model, evidence)
     search = METHODS[method](model, evidence)
     generator = np.random.default_rng(seed)
-    found = _search(problem, search, generator, deadline)
     images = indistinct_images(model, float(np.min(evidence.touch.sigma_position)))
-    modes = _modes_of(model, evidence, problem, found, images, most_modes)
-    explained = evidence.prior is None or _judge(model, evidence, problem, modes, params)[1].any()
-    wider_search = None if explained else search.widened()
+
+    def answer(search: Search) -> tuple[Modes, Judgement | None, NDArray[np.bool_]]:
+        """The modes that a search finds, as far as there is time weighed, what is said of them, and which explain."""
+        found = _search(problem, search, generator, deadline)
+        modes = _modes_of(model, evidence, problem, found, images, most_modes)
+        if not deadline():
+            posterior = make_posterior(model, evidence, problem, params, images)
+            modes = weigh_modes(modes, posterior, np.random.default_rng(_SAMPLES_SEED))
+        if model.near_symmetries or len(images) < len(model.symmetry_poses):
+            modes = join_alike(modes, model, params.modes)
+        return modes, *_judge(model, evidence, problem, modes, params)
+
+    modes, judged, explains = answer(search)
+    wider_search = None if evidence.prior is None or explains.any() else search.widened()
     if wider_search is not None and not deadline():
         # The valley with the pose may be a narrow one that no start has led to.
-        found = _search(problem, wider_search, generator, deadline)
-        wider = _modes_of(model, evidence, problem, found, images, most_modes)
-        modes = min(modes, wider, key=lambda either: float(either.cost.min()))
-    if not deadline():
-        posterior = make_posterior(model, evidence, problem, params, images)
-        modes = weigh_modes(modes, posterior, np.random.default_rng(_SAMPLES_SEED))
-    if model.near_symmetries or len(images) < len(model.symmetry_poses):
-        modes = join_alike(modes, model, params.modes)
-    judged, explains = _judge(model, evidence, problem, modes, params)
+        modes, judged, explains = min(
+            (modes, judged, explains), answer(wider_search), key=lambda each: float(each[0].cost.min())
+        )
     hypotheses = _hypotheses(modes, _inlier_probability(problem, evidence, modes, judged), explains)
     undetermined = _is_undetermined(model, evidence, params.modes.fewest_contacts, hypotheses[0])
     estimate = PoseEstimate(

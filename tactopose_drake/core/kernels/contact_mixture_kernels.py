@@ -212,8 +212,9 @@ def find_shares(i: int, lanes: int, doubts: Doubts, work: MixtureScratch) -> Non
             own = point[lane] * turn[lane] + ((f_m * back[lane] + f_n) * point[lane] + f_d * displaced + f_p)
             one = (g_m * back[lane] + g_n) * point[lane] + g_d * displaced + g_p
             # What the other contacts weigh where none of them is the one, and where that may be.
-            none = by_itself[lane] / own
-            others = max((total[lane] - none * one) / own, none)
+            per_own = 1.0 / own
+            none = by_itself[lane] * per_own
+            others = max((total[lane] - none * one) * per_own, none)
             as_told, flipped = others * point[lane] * turn[lane], (others * f_m + none * g_m) * by_back
             turned, displaced = (others * f_n + none * g_n) * point[lane], (others * f_d + none * g_d) * displaced
             shares[lane] += as_told

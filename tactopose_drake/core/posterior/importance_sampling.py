@@ -15,6 +15,7 @@ Truncated importance sampling, J. Comput. Graph. Stat. 17, 2008.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -45,7 +46,9 @@ class Samples(NamedTuple):
         cost: their exact costs, shape (B,).
         increments: from the sampled modes to them.
         density: of the modes' proposals there, times the number of all samples, shape (B, g).
-        proposals: of which they are drawn, one a round.
+        proposals: of which they are drawn, one a round, as long as these are made better.
+        times: how often they are drawn from all of these.
+        drawn: how many are drawn of each component, a part for each mixture and each time, in the samples' order.
         weights: in the modes' shares, over the density exp(lowest - cost), shape (B, g).
         weighed: what they say together.
     """
@@ -55,13 +58,15 @@ class Samples(NamedTuple):
     increments: Increments
     density: FloatArray
     proposals: tuple[StudentTMixture, ...]
+    times: int
+    drawn: tuple[NDArray[np.intp], ...]
     weights: FloatArray
     weighed: Weighed
 
     @property
     def draws(self) -> Draws:
         """They as they were drawn."""
-        return Draws(self.cost, self.density, np.concatenate([each.count for each in self.proposals]))
+        return Draws(self.cost, self.density, np.concatenate(self.drawn))
 
 
 class Weighing(NamedTuple):
@@ -145,7 +150,7 @@ def _first_round(cover: Cover, families: Families, posterior: Posterior, generat
     proposal.add_to(density, increments)
     cost = _cost_of_one_image(X_PO, cover.X_PO, posterior)
     nothing = Weighed(cover.lowest, 0.0, 0.0, 0.0)
-    drawn = Samples(X_PO, cost, increments, density, (proposal,), density, nothing)
+    drawn = Samples(X_PO, cost, increments, density, (proposal,), 1, (proposal.count,), density, nothing)
     return _weighed_anew(drawn, cover, families, posterior)
 
 
@@ -161,8 +166,21 @@ def _next_count(samples: Samples, cover: Cover, posterior: Posterior) -> int:
     """How many samples the next round has: none where the modes' probabilities are sure enough, or all are drawn."""
     params, drawn, weighed = posterior.params.sampling, len(samples.X_PO), samples.weighed
     sure = weighed.error <= params.standard_error and weighed.worth >= params.effective_samples
-    count = max(params.round_of(cover.tiles), int(params.growth * drawn))
-    return 0 if sure or weighed.worth == 0.0 or drawn + count > params.most_samples else count
+    if sure or weighed.worth == 0.0:
+        return 0
+    count, left = max(params.round_of(cover.tiles), int(params.growth * drawn)), params.most_samples - drawn
+    if _are_proposed_well(samples, posterior):
+        # Errors fall with the root of the number of samples. There are as many as all rounds before, or more times.
+        count = drawn // samples.times
+        wanted = math.ceil(samples.times * (weighed.error / params.standard_error) ** 2) - samples.times
+        count *= max(1, min(wanted, left // count))
+    return count if count <= left else 0
+
+
+def _are_proposed_well(samples: Samples, posterior: Posterior) -> bool:
+    """Whether the proposals are drawn from as they are, from now on."""
+    params, worth, drawn = posterior.params.sampling, samples.weighed.worth, len(samples.X_PO)
+    return samples.times > 1 or worth >= max(params.effective_samples, params.efficiency * drawn)
 
 
 def _next_round(
@@ -170,24 +188,45 @@ def _next_round(
 ) -> Samples:
     """The samples and those of another round.
 
-    These are drawn about the ones before as their weights say [CDG08]; all are weighed by all proposals together
-    [CMMR12].
+    As long as they are worth few of the posterior, it is drawn about those that are there, as their weights say
+    [CDG08], and all are weighed by all proposals together [CMMR12]. That makes of a heavy sample many light ones, and
+    so all that is likely a little likelier. Therefore, once they are worth enough, the same proposals are drawn from.
     """
-    proposal = tile_samples(samples.X_PO, samples.weights, cover, _next_count(samples, cover, posterior), posterior)
-    X_PO = proposal.sample(generator)
-    increments, density = find_increments(cover.X_PO, X_PO), np.zeros((len(X_PO), len(cover.X_PO)))
-    for earlier in samples.proposals:
-        earlier.add_to(density, increments)
-    cost = _cost_of_one_image(X_PO, cover.X_PO, posterior)
-    joined = samples._replace(
-        X_PO=np.concatenate([samples.X_PO, X_PO]),
-        cost=np.concatenate([samples.cost, cost]),
-        increments=Increments(*map(np.concatenate, zip(samples.increments, increments, strict=True))),
-        density=np.concatenate([samples.density, density]),
-        proposals=(*samples.proposals, proposal),
-    )
-    proposal.add_to(joined.density, joined.increments)
+    count = _next_count(samples, cover, posterior)
+    if not _are_proposed_well(samples, posterior):
+        proposal = tile_samples(samples.X_PO, samples.weights, cover, count, posterior)
+        joined = _joined(samples, proposal.sample(generator), samples.proposals, 1.0, cover, posterior)
+        joined = joined._replace(proposals=(*samples.proposals, proposal), drawn=(*samples.drawn, proposal.count))
+        proposal.add_to(joined.density, joined.increments)
+    else:
+        more = count * samples.times // len(samples.X_PO)
+        times = samples.times + more
+        again = [copied(each, count=more * each.count) for each in samples.proposals]
+        X_PO = np.concatenate([each.sample(generator) for each in again])
+        earlier = samples._replace(density=samples.density * (times / samples.times))
+        joined = _joined(earlier, X_PO, samples.proposals, float(times), cover, posterior)
+        joined = joined._replace(times=times, drawn=(*samples.drawn, *(each.count for each in again)))
     return _weighed_anew(joined, cover, families, posterior)
+
+
+def _joined(
+    samples: Samples,
+    X_PO: FloatArray,
+    proposals: tuple[StudentTMixture, ...],
+    times: float,
+    cover: Cover,
+    posterior: Posterior,
+) -> Samples:
+    """The samples and others (B, 3, 4), by these proposals, of which each has been drawn from so many times."""
+    increments, density = find_increments(cover.X_PO, X_PO), np.zeros((len(X_PO), len(cover.X_PO)))
+    for proposal in proposals:
+        proposal.add_to(density, increments)
+    return samples._replace(
+        X_PO=np.concatenate([samples.X_PO, X_PO]),
+        cost=np.concatenate([samples.cost, _cost_of_one_image(X_PO, cover.X_PO, posterior)]),
+        increments=Increments(*map(np.concatenate, zip(samples.increments, increments, strict=True))),
+        density=np.concatenate([samples.density, times * density]),
+    )
 
 
 def _cost_of_one_image(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterior) -> FloatArray:

@@ -46,17 +46,18 @@ class SamplingParams:
 
     samples: int = 128  # poses that are drawn in a round, at the least
     samples_a_tile: int = 4  # likewise
-    # Or this share of all before it: a hard touch is settled in few rounds, each of whose proposals weighs all samples.
-    growth: float = 0.25
+    # Or this share of all before it, as long as rounds make new proposals, each of which weighs all samples.
+    growth: float = 0.5
     # What costs so much more than its mode is no part of it: far off, where contacts are taken for false, there is much
     # room for little. A thousandth of a Gaussian mode lies further up (half of chi-square's, 6 degrees).
     depth: float = 11.2
     truncation: float = 0.4  # no sample weighs more than the mean of all times this power of their number
     # Rounds end when no mode's probability has a larger standard error than this, and the samples are worth as many of
-    # the posterior itself.
-    standard_error: float = 0.014
+    # the posterior itself. Once they are, and as this share of their number, no round makes new proposals.
+    standard_error: float = 0.019
     effective_samples: float = 40.0
-    most_samples: int = 4096  # after which there is no other round
+    efficiency: float = 0.1
+    most_samples: int = 6144  # after which there is no other round
     most_densities: int = 40_000  # of contacts at samples, which is where the time goes; one round at the least
     # Densities that cover the modes, beside one at each: so many times the modes' volume, weighed by their masses, over
     # that of a tile.

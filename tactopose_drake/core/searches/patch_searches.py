@@ -1,6 +1,5 @@
 """Our search for tactile arrays: pairs of touches say where the object may be, the arrays' cells say where it is."""
 
-import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,7 +7,8 @@ import numpy as np
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.searches.evolution_strategy import EvolutionStrategy
-from tactopose_drake.core.searches.pair_search import PairSearch, global_stages, near_stages
+from tactopose_drake.core.searches.pair_search import PairSearch, Start, global_stages, near_stages
+from tactopose_drake.core.searches.pairs.contact_pairs import PairChoice
 from tactopose_drake.core.searches.search import PoseSpace
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -30,7 +30,8 @@ def patch_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contact
         model=model,
         contacts=with_patches(Contacts.empty() if contacts is None else contacts, patches),
         stages=global_stages(starts=60, kept=20),
-        near_start=dataclasses.replace(PairSearch.near_start, samples=30, fewest=30, kept=20),
+        near_choice=PairChoice(poses=1500),
+        near_start=Start(candidates=120, samples=30, fewest=30, kept=20),
         near_stages=near_stages(kept=8),
     )
 
@@ -48,8 +49,7 @@ def corner_search(model: ObjectModel, patches: Sequence[Patch]) -> EvolutionStra
     pairs = patch_search(model, patches)
 
     def propose(space: PoseSpace, generator: np.random.Generator) -> FloatArray:
-        if space.reach[0] < np.pi:
-            return pairs.propose(pairs.near_start.choice, pairs.near_start.candidates, space, generator)
-        return pairs.propose(pairs.start.choice, pairs.start.candidates, space, generator)
+        start = pairs.near_start if space.reach[0] < np.pi else pairs.start
+        return pairs.proposals(space, generator).best(start.candidates)
 
     return EvolutionStrategy(proposals=propose)
