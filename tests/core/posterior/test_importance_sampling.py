@@ -1,14 +1,17 @@
 import dataclasses
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tactopose_drake.core.objectives.objective import NormalEquations
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
+from tactopose_drake.core.posterior import importance_sampling
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
-from tactopose_drake.core.posterior.importance_sampling import weigh_modes
+from tactopose_drake.core.posterior.importance_sampling import Samples, weigh_modes
 from tactopose_drake.core.posterior.mode_moments import toward_the_mean, weigh_moments
 from tactopose_drake.core.posterior.posterior_params import PosteriorParams, SamplingParams
 from tactopose_drake.core.posterior.student_t_mixture import find_increments
@@ -210,8 +213,8 @@ def test_the_worth_of_samples_is_their_number_where_they_weigh_the_same() -> Non
     np.testing.assert_allclose(moments.second[0], u.T @ u / 50, rtol=1e-9)
 
 
-def test_the_standard_error_is_that_of_the_weights_from_seed_to_seed() -> None:
-    """Two modes far apart, of which the exact cost makes one rarer: its share varies as is said."""
+def two_modes() -> tuple[Modes, Valley, Callable[[FloatArray], FloatArray]]:
+    """Two modes far apart, their smooth cost, and the exact one, which makes one of them rarer."""
     far = retract(pose(), np.array([0.0, 0.0, 0.0, 0.4, 0.0, 0.0]))
     near, away = Valley(pose(), SIGMAS), Valley(far, SIGMAS)
 
@@ -233,8 +236,57 @@ def test_the_standard_error_is_that_of_the_weights_from_seed_to_seed() -> None:
     X_PO = np.concatenate([pose()[None], far[None]])
     covariance = np.linalg.inv(both.normal_equations(X_PO).hessian + 1e-9 * np.eye(6))
     start = Modes(GaussianMixture(X_PO, np.array([0.5, 0.5]), covariance), exact(X_PO), (np.empty((0, 6)),) * 2, 0.0)
+    return start, both, exact
+
+
+def test_the_standard_error_is_that_of_the_weights_from_seed_to_seed() -> None:
+    """Two modes far apart, of which the exact cost makes one rarer: its share varies as is said."""
+    start, both, exact = two_modes()
     found = [weigh_modes(start, posterior(both, exact), np.random.default_rng(seed)) for seed in range(40)]
     spread = np.std([modes.mixture.weights[0] for modes in found])
     stated = np.median([modes.standard_error for modes in found])
     assert 0.0 < stated <= 0.021
     assert 0.4 * stated < spread < 2.0 * stated
+
+
+def first_and_last(start: Modes, smooth: Valley, exact: Callable[[FloatArray], FloatArray]) -> tuple[Samples, Samples]:
+    """The samples after the first round and after the last one."""
+    told, seen = posterior(smooth, exact), []
+    weighed_anew = importance_sampling._weighed_anew
+
+    def watched(*arguments: Any) -> Samples:
+        seen.append(weighed_anew(*arguments))
+        return seen[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(importance_sampling, "_weighed_anew", watched)
+        weigh_modes(start, told, np.random.default_rng(0))
+    return seen[0], seen[-1]
+
+
+def test_proposals_that_are_good_enough_are_drawn_from_again_as_they_are() -> None:
+    first, last = first_and_last(*two_modes())
+    assert first.weighed.error > 0.019 >= last.weighed.error
+    assert last.times > 1
+    assert last.proposals == first.proposals
+    assert len(last.X_PO) == last.times * len(first.X_PO)
+    # All samples are weighed by the density that all of them have.
+    density = np.zeros_like(last.density)
+    for proposal in last.proposals:
+        dataclasses.replace(proposal, count=last.times * proposal.count).add_to(density, last.increments)
+    np.testing.assert_allclose(last.density, density, rtol=1e-9)
+    assert sum(count.sum() for count in last.drawn) == len(last.X_PO)
+
+
+def test_proposals_that_are_not_are_made_anew_first() -> None:
+    # The exact posterior lies beside the smooth one, where few of the first samples are.
+    beside = Valley(retract(pose(), 1.6 * SIGMAS), 0.6 * SIGMAS)
+    first, last = first_and_last(modes(Valley(pose(), SIGMAS), pose()[None]), Valley(pose(), SIGMAS), beside.cost)
+    worths = [each.weighed.worth / len(each.X_PO) for each in (first, last)]
+    assert worths[0] < 0.1
+    assert len(last.proposals) > 1
+    assert worths[1] > 2.0 * worths[0]
+    density = np.zeros_like(last.density)
+    for proposal in last.proposals:
+        proposal.add_to(density, last.increments)
+    np.testing.assert_allclose(last.density, last.times * density, rtol=1e-9)
