@@ -191,13 +191,15 @@ class PairSearch(Search):
         touch. Then it has its say in which of them go on.
         """
         if _is_near(proposals.space):
-            X_PO, quick, stages = self._starts(self.near_start, proposals, generator), believed.quick, self.near_stages
-            # They are enough.
-            X_PO = X_PO[believed.cost(X_PO).argsort(kind="stable")[: self.near_start.kept]]
+            start, quick, judge, stages = self.near_start, believed.quick, believed, self.near_stages
         else:
-            X_PO, quick, stages = self._starts(self.start, proposals, generator), believed, self.stages
+            start, quick, stages = self.start, believed, self.stages
             if not believed.is_touch:
                 quick = SurfaceContact(self.model.grid, self.contacts)
+            judge = quick
+        X_PO = self._starts(start, proposals, generator)
+        if start.kept is not None and len(X_PO) > start.kept:
+            X_PO = X_PO[judge.cost(X_PO).argsort(kind="stable")[: start.kept]]
         for stage, following in zip(stages, (*stages[1:], None), strict=True):
             found = stage.refinement.refine(quick, X_PO, should_stop)
             if quick is not believed:
