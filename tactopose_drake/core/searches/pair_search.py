@@ -19,8 +19,8 @@ from tactopose_drake.core.objectives.objective import DoubtedObjective, LeastSqu
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import compose
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.searches.pair_proposals import PairProposals
 from tactopose_drake.core.searches.pairs.contact_pairs import PairChoice
-from tactopose_drake.core.searches.pairs.proposals import PairProposals
 from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.shape.free_spin import turn_alike
 from tactopose_drake.core.shape.object_model import ObjectModel
