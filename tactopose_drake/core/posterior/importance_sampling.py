@@ -193,39 +193,38 @@ def _next_round(
     so all that is likely a little likelier. Therefore, once they are worth enough, the same proposals are drawn from.
     """
     count = _next_count(samples, cover, posterior)
-    if not _are_proposed_well(samples, posterior):
+    if _are_proposed_well(samples, posterior):
+        times = samples.times + count * samples.times // len(samples.X_PO)
+        joined = _drawn_again(samples, times, cover, posterior, generator)
+    else:
         proposal = tile_samples(samples.X_PO, samples.weights, cover, count, posterior)
-        joined = _joined(samples, proposal.sample(generator), samples.proposals, 1.0, cover, posterior)
+        joined = _joined(samples, proposal.sample(generator), cover, posterior)
         joined = joined._replace(proposals=(*samples.proposals, proposal), drawn=(*samples.drawn, proposal.count))
         proposal.add_to(joined.density, joined.increments)
-    else:
-        more = count * samples.times // len(samples.X_PO)
-        times = samples.times + more
-        again = [copied(each, count=more * each.count) for each in samples.proposals]
-        X_PO = np.concatenate([each.sample(generator) for each in again])
-        earlier = samples._replace(density=samples.density * (times / samples.times))
-        joined = _joined(earlier, X_PO, samples.proposals, float(times), cover, posterior)
-        joined = joined._replace(times=times, drawn=(*samples.drawn, *(each.count for each in again)))
     return _weighed_anew(joined, cover, families, posterior)
 
 
-def _joined(
-    samples: Samples,
-    X_PO: FloatArray,
-    proposals: tuple[StudentTMixture, ...],
-    times: float,
-    cover: Cover,
-    posterior: Posterior,
+def _drawn_again(
+    samples: Samples, times: int, cover: Cover, posterior: Posterior, generator: np.random.Generator
 ) -> Samples:
-    """The samples and others (B, 3, 4), by these proposals, of which each has been drawn from so many times."""
+    """With as many more as it takes until all proposals have been drawn from so many times."""
+    again = [copied(each, count=(times - samples.times) * each.count) for each in samples.proposals]
+    X_PO = np.concatenate([each.sample(generator) for each in again])
+    joined = _joined(samples._replace(density=samples.density / samples.times), X_PO, cover, posterior)
+    drawn = *samples.drawn, *(each.count for each in again)
+    return joined._replace(density=times * joined.density, times=times, drawn=drawn)
+
+
+def _joined(samples: Samples, X_PO: FloatArray, cover: Cover, posterior: Posterior) -> Samples:
+    """With others (B, 3, 4), not yet weighed, whose densities are those of the proposals."""
     increments, density = find_increments(cover.X_PO, X_PO), np.zeros((len(X_PO), len(cover.X_PO)))
-    for proposal in proposals:
+    for proposal in samples.proposals:
         proposal.add_to(density, increments)
     return samples._replace(
         X_PO=np.concatenate([samples.X_PO, X_PO]),
         cost=np.concatenate([samples.cost, _cost_of_one_image(X_PO, cover.X_PO, posterior)]),
         increments=Increments(*map(np.concatenate, zip(samples.increments, increments, strict=True))),
-        density=np.concatenate([samples.density, times * density]),
+        density=np.concatenate([samples.density, density]),
     )
 
 
