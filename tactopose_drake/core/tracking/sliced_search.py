@@ -121,9 +121,9 @@ def _next_slice(
 ) -> tuple[SearchState, WeighedModes | None]:
     """Likewise; no poses are left in what a search has come to when it ends."""
     if search.weighing is not None:  # It is as of the slice that began it.
-        drawn = search.weighing.weighing.samples
-        rounds = 0 if drawn is None else len(drawn.proposals)
-        generator = np.random.default_rng([params.seed, search.searches, 1 + rounds])
+        samples = search.weighing.weighing.samples
+        parts = 0 if samples is None else len(samples.drawn)  # Rounds from the same proposals are no copies.
+        generator = np.random.default_rng([params.seed, search.searches, 1 + parts])
         weighed = _weigh_on(model, params.relocalisation, search.weighing, generator)
         if isinstance(weighed, TouchWeighing):
             return search._replace(weighing=weighed), None

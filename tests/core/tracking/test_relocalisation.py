@@ -1,3 +1,4 @@
+import copy
 import dataclasses
 import pickle
 
@@ -9,6 +10,7 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.poses import compose, increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.posterior import importance_sampling
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -272,6 +274,23 @@ def test_further_rounds_of_samples_make_searches_agree(box: ObjectModel) -> None
     (few, fast), (many, slow) = spread
     assert many < 0.7 * few
     assert slow > fast
+
+
+def test_no_round_draws_the_samples_of_another_again(box: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    params, count = copy.deepcopy(PARAMS), importance_sampling._next_count
+    params.relocalisation.standard_error, params.relocalisation.most_samples = 1e-6, 1536
+    monkeypatch.setattr(  # From the same proposals, one time more each round.
+        importance_sampling,
+        "_next_count",
+        lambda drawn, *told: min(count(drawn, *told), len(drawn.X_PO) // drawn.times),
+    )
+    touched, state, times, X = touch_of(touch(X_PO, np.random.default_rng(1))), SearchState(), 0, X_PO[None]
+    while state.searches < 1:
+        state, _ = search_on(box, params, touched, modes_at(X_PO), state)
+        if state.weighing is not None and state.weighing.weighing.samples is not None:
+            X, times = state.weighing.weighing.samples.X_PO, state.weighing.weighing.samples.times
+    assert times > 2
+    assert len(np.unique(X.round(12).reshape(-1, 12), axis=0)) == len(X)
 
 
 def test_the_belief_drops_flips_that_lie_in_the_hand(box: ObjectModel) -> None:
