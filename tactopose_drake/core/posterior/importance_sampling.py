@@ -168,13 +168,14 @@ def _next_count(samples: Samples, cover: Cover, posterior: Posterior) -> int:
     sure = weighed.error <= params.standard_error and weighed.worth >= params.effective_samples
     if sure or weighed.worth == 0.0:
         return 0
-    count, left = max(params.round_of(cover.tiles), int(params.growth * drawn)), params.most_samples - drawn
-    if _are_proposed_well(samples, posterior):
-        # Errors fall with the root of the number of samples. There are as many as all rounds before, or more times.
-        count = drawn // samples.times
-        wanted = math.ceil(samples.times * (weighed.error / params.standard_error) ** 2) - samples.times
-        count *= max(1, min(wanted, left // count))
-    return count if count <= left else 0
+    if not _are_proposed_well(samples, posterior):
+        count = max(params.round_of(cover.tiles), int(params.growth * drawn))
+        return count if drawn + count <= params.most_samples else 0
+    # Errors fall with the root of how often all proposals are drawn from: so often, but as often as there may be.
+    once = drawn // samples.times
+    most = params.most_samples // once
+    wanted = math.ceil(samples.times * min(weighed.error / params.standard_error, most) ** 2)
+    return once * max(0, min(max(wanted, samples.times + 1), most) - samples.times)
 
 
 def _are_proposed_well(samples: Samples, posterior: Posterior) -> bool:
@@ -194,7 +195,7 @@ def _next_round(
     """
     count = _next_count(samples, cover, posterior)
     if _are_proposed_well(samples, posterior):
-        times = samples.times + count * samples.times // len(samples.X_PO)
+        times = samples.times + count // (len(samples.X_PO) // samples.times)
         joined = _drawn_again(samples, times, cover, posterior, generator)
     else:
         proposal = tile_samples(samples.X_PO, samples.weights, cover, count, posterior)

@@ -249,9 +249,13 @@ def test_the_standard_error_is_that_of_the_weights_from_seed_to_seed() -> None:
     assert 0.4 * stated < spread < 2.0 * stated
 
 
-def first_and_last(start: Modes, smooth: Valley, exact: Callable[[FloatArray], FloatArray]) -> tuple[Samples, Samples]:
+def first_and_last(
+    start: Modes, smooth: Valley, exact: Callable[[FloatArray], FloatArray], **sampling: float
+) -> tuple[Samples, Samples]:
     """The samples after the first round and after the last one."""
     told, seen = posterior(smooth, exact), []
+    params = dataclasses.replace(told.params, sampling=dataclasses.replace(told.params.sampling, **sampling))
+    told = dataclasses.replace(told, params=params)
     weighed_anew = importance_sampling._weighed_anew
 
     def watched(*arguments: Any) -> Samples:
@@ -276,6 +280,12 @@ def test_proposals_that_are_good_enough_are_drawn_from_again_as_they_are() -> No
         dataclasses.replace(proposal, count=last.times * proposal.count).add_to(density, last.increments)
     np.testing.assert_allclose(last.density, density, rtol=1e-9)
     assert sum(count.sum() for count in last.drawn) == len(last.X_PO)
+
+
+@pytest.mark.parametrize(("error", "most"), [(1e-3, 1), (1e-3, 500), (1e-200, 1000)])
+def test_however_sure_shares_shall_be_there_are_no_more_samples_than_allowed(error: float, most: int) -> None:
+    first, last = first_and_last(*two_modes(), standard_error=error, most_samples=most)
+    assert len(last.X_PO) == len(first.X_PO) * max(1, most // len(first.X_PO))
 
 
 def test_proposals_that_are_not_are_made_anew_first() -> None:
