@@ -121,7 +121,7 @@ class PairSearch(Search):
 
     model: ObjectModel
     contacts: Contacts
-    choice: PairChoice = PairChoice(poses=24000)
+    choice: PairChoice = PairChoice()
     start: Start = Start()
     stages: tuple[Stage, ...] = global_stages()
     start_but_for_one: Start = Start(candidates=150)
@@ -191,15 +191,14 @@ class PairSearch(Search):
         touch. Then it has its say in which of them go on.
         """
         if _is_near(proposals.space):
-            start, quick, judge, stages = self.near_start, believed.quick, believed, self.near_stages
+            start, quick, stages = self.near_start, believed.quick, self.near_stages
         else:
             start, quick, stages = self.start, believed, self.stages
             if not believed.is_touch:
                 quick = SurfaceContact(self.model.grid, self.contacts)
-            judge = quick
         X_PO = self._starts(start, proposals, generator)
         if start.kept is not None and len(X_PO) > start.kept:
-            X_PO = X_PO[judge.cost(X_PO).argsort(kind="stable")[: start.kept]]
+            X_PO = X_PO[believed.cost(X_PO).argsort(kind="stable")[: start.kept]]
         for stage, following in zip(stages, (*stages[1:], None), strict=True):
             found = stage.refinement.refine(quick, X_PO, should_stop)
             if quick is not believed:

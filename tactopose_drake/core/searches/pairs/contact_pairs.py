@@ -40,7 +40,7 @@ class PairChoice:
     contacts: int = 5
     pairs: int = 8
     spins: int = 24
-    poses: int = 8000
+    poses: int = 24000
 
     def choose(self, features: PairFeatures, contacts: Contacts, generator: np.random.Generator) -> MatchedPairs:
         """The pairs of contacts, the most telling first; none where no two contacts match any samples.
