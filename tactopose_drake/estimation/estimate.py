@@ -184,7 +184,10 @@ def weigh_poses(
     if wider_search is not None and not deadline():
         # The valley with the pose may be a narrow one that no start has led to.
         modes, judged, explains = min(
-            (modes, judged, explains), answer(wider_search), key=lambda each: float(each[0].cost.min())
+            (modes, judged, explains),
+            answer(wider_search),
+            # What explains, then what is weighed where there was no time for both.
+            key=lambda each: (not each[2].any(), math.isinf(each[0].standard_error), float(each[0].cost.min())),
         )
     hypotheses = _hypotheses(modes, _inlier_probability(problem, evidence, modes, judged), explains)
     undetermined = _is_undetermined(model, evidence, params.modes.fewest_contacts, hypotheses[0])

@@ -14,6 +14,7 @@ from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.search import SearchResult, never
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.estimation.descriptions import status_line
+from tactopose_drake.estimation.estimate import _Deadline
 from tactopose_drake.resources import model_path
 from tests.displaced_poses import displaced, error, random_pose
 
@@ -201,6 +202,28 @@ def test_a_time_limit_cuts_the_search_short(bottle: tp.ObjectModel) -> None:
     # A mode's mean, which is its pose, may cost so much more than its minimum.
     assert min(h.cost for h in whole.hypotheses) <= min(h.cost for h in cut.hypotheses) + 0.3
     assert tp.estimate_pose(bottle, contacts).finished
+
+
+def test_time_that_ends_while_it_is_looked_wider_leaves_the_modes_weighed(
+    bottle: tp.ObjectModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, limit = 0, math.inf
+
+    def is_over(deadline: _Deadline) -> bool:
+        nonlocal asked
+        asked += 1
+        deadline.passed = asked >= limit
+        return deadline.passed
+
+    monkeypatch.setattr(_Deadline, "__call__", is_over)
+    contacts = tp.Contacts([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.5, 0.0]], np.eye(3))
+    near = tp.PosePrior(RigidTransform())
+    whole = tp.estimate_pose(bottle, contacts, prior=near)
+    assert (whole.status, whole.finished) == ("no_solution", True)
+    asked, limit = 0, asked  # As the wider search has ended.
+    cut = tp.estimate_pose(bottle, contacts, prior=near)
+    assert (cut.status, cut.finished) == ("no_solution", False)
+    assert cut.standard_error < 0.05
 
 
 @pytest.mark.parametrize(
