@@ -27,7 +27,7 @@ _PARTICLES_OF_PADS, _POPULATION_OF_PADS = 75_000, 3_750
 def _pair_search(model: ObjectModel, evidence: Evidence) -> PairSearch:
     if evidence.felt:
         return patch_search(model, evidence.felt, evidence.contacts)
-    return PairSearch(model=model, contacts=evidence.contacts)
+    return PairSearch.of(model, evidence.contacts)
 
 
 def _monte_carlo(model: ObjectModel, evidence: Evidence) -> MonteCarlo:

@@ -70,6 +70,11 @@ class Start:
     fewest: int | None = 20
     kept: int | None = None
 
+    def widened(self) -> "Start":
+        """Four times as many."""
+        kept = None if self.kept is None else 4 * self.kept
+        return dataclasses.replace(self, candidates=4 * self.candidates, samples=4 * self.samples, kept=kept)
+
 
 def _is_near(space: PoseSpace) -> bool:
     """Whether a prior bounds the space."""
@@ -81,7 +86,7 @@ _LEAST_REFUSED = 0.1
 _FIRST_STEPS = LevenbergMarquardt(max_iterations=3, tolerance=3e-4, initial_damping=1e-2, least_refused=_LEAST_REFUSED)
 _FURTHER_STEPS = dataclasses.replace(_FIRST_STEPS, max_iterations=4)
 # Most poses are on their way to the same few minima: of those that come together on it, one is left.
-_ON_THE_WAY = Stage(refinement=_FURTHER_STEPS, kept=20, worth=8.0, apart=1.0)
+_ON_THE_WAY = Stage(refinement=_FURTHER_STEPS, kept=20, worth=20.0, apart=1.0)
 # A descent may get stuck where the field has a kink; from the best another one goes on.
 _AGAIN = dataclasses.replace(_ON_THE_WAY, kept=3)
 # All that come out have arrived: a pose on its way down a valley would count as a mode of its own.
@@ -125,24 +130,25 @@ class PairSearch(Search):
     start: Start = Start()
     stages: tuple[Stage, ...] = global_stages()
     start_but_for_one: Start = Start(candidates=150)
-    near_choice: PairChoice = PairChoice(poses=600)
+    near_choice: PairChoice = PairChoice(poses=1500)
     near_start: Start = Start(candidates=60, samples=20, fewest=50, kept=30)
     near_stages: tuple[Stage, ...] = near_stages()
     near_start_but_for_one: Start = Start(candidates=30, samples=10, fewest=20)
 
-    def widened(self) -> Search:
+    @classmethod
+    def of(cls, model: ObjectModel, contacts: Contacts) -> "PairSearch":
+        """The search for these contacts. Where they are without normals, a match leaves a turn open: it looks wider."""
+        search = cls(model=model, contacts=contacts)
+        return search if contacts.n_PC is not None else search.widened()
+
+    def widened(self) -> "PairSearch":
         """The search with four times the starts where there is a prior."""
-        start = self.near_start
         return dataclasses.replace(
             self,
             near_choice=dataclasses.replace(self.near_choice, poses=4 * self.near_choice.poses),
-            near_start=dataclasses.replace(
-                start,
-                candidates=4 * start.candidates,
-                samples=4 * start.samples,
-                kept=None if start.kept is None else 4 * start.kept,
-            ),
+            near_start=self.near_start.widened(),
             near_stages=near_stages(kept=3 * self.near_stages[0].kept),
+            near_start_but_for_one=self.near_start_but_for_one.widened(),
         )
 
     def minimize(

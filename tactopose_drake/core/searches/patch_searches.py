@@ -8,7 +8,6 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.searches.evolution_strategy import EvolutionStrategy
 from tactopose_drake.core.searches.pair_search import PairSearch, Start, global_stages, near_stages
-from tactopose_drake.core.searches.pairs.contact_pairs import PairChoice
 from tactopose_drake.core.searches.search import PoseSpace
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -30,7 +29,6 @@ def patch_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contact
         model=model,
         contacts=with_patches(Contacts.empty() if contacts is None else contacts, patches),
         stages=global_stages(starts=60, kept=20),
-        near_choice=PairChoice(poses=1500),
         near_start=Start(candidates=120, samples=30, fewest=30, kept=20),
         near_stages=near_stages(kept=8),
     )

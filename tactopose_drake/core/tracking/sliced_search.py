@@ -164,7 +164,7 @@ def _propose_poses(
     starts = params.starts
     touch = dataclasses.replace(near, hand=None, untouched=None, balance=None, friction=None, patches=near.felt)
     problem = make_problem(model, touch)
-    pairs = PairSearch(model=model, contacts=touch.contacts)
+    pairs = PairSearch.of(model, touch.contacts)
     if touch.felt:
         pairs = patch_search(model, touch.felt, touch.contacts)
     stages = global_stages(-(-starts // 2), -(-starts // 8))

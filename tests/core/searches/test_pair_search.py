@@ -228,3 +228,17 @@ def test_of_nearly_equal_images_the_better_one_is_found() -> None:
         worse += other > least + 0.5
         assert search(box, contacts).cost[0] <= least + 0.05
     assert worse > 8
+
+
+def test_near_a_prior_contacts_without_normals_are_looked_up_more_widely(blob: ObjectModel) -> None:
+    contacts = touch_surface(blob, np.eye(3, 4), 6, np.random.default_rng(0))
+    told = PairSearch.of(blob, contacts)
+    points = PairSearch.of(blob, Contacts(contacts.p_PC))
+    assert told == PairSearch(model=blob, contacts=contacts)
+    assert points.near_choice.poses == 4 * told.near_choice.poses
+    for wider, start in (
+        (points.near_start, told.near_start),
+        (points.near_start_but_for_one, told.near_start_but_for_one),
+    ):
+        assert (wider.candidates, wider.samples) == (4 * start.candidates, 4 * start.samples)
+    assert points.start == told.start
