@@ -47,10 +47,10 @@ class PairProposals:
         table = contact_table(model.coarse_field, contacts, offset, 2.0 * bend)
         return cls(model, space, choice.choose(model.pair_features, contacts, generator), table, (bend, offset))
 
-    def best(self, count: int, spared: int = 0) -> FloatArray:
+    def best(self, count: int, but_for_one: int = 0) -> tuple[FloatArray, FloatArray]:
         """So many distinct poses (n, 3, 4), at most, within the space's reach that suit all contacts, the best first.
 
-        But for one, whichever each suits least, where one is spared.
+        And so many that suit all but one, whichever each suits least.
         """
         model, center, reach = self.model, self.space.center, self.space.reach
         turns = model.symmetry_turns
@@ -58,12 +58,16 @@ class PairProposals:
             reach = np.pi, np.inf  # All poses that lay a contact on the surface are within reach.
         if len(model.continuous_symmetries) > 1:
             turns, reach = turns[:1], (np.pi, reach[1])  # A sphere's rotation is always within reach.
-        X_PO, _ = best_poses(
-            self.matched, model.pair_features, model.coarse_field, self.table, count, center, reach, turns, spared
-        )
+        features, field, counts = model.pair_features, model.coarse_field, (count, but_for_one)
+        by_all, by_others = best_poses(self.matched, features, field, self.table, counts, center, reach, turns)
+        return self._one_of_each(by_all.X_PO), self._one_of_each(by_others.X_PO)
+
+    def _one_of_each(self, X_PO: FloatArray) -> FloatArray:
+        """Of poses (n, 3, 4) that look the same, or nearly coincide, the first."""
+        model = self.model
         if len(model.symmetry_turns) > 1:
             # Near the prior; without one, wherever, but of all that look the same only one.
-            X_PO = nearest_images(X_PO, center, model.symmetry_turns, model.symmetries)
+            X_PO = nearest_images(X_PO, self.space.center, model.symmetry_turns, model.symmetries)
         return self.distinct(X_PO)
 
     def distinct(self, X_PO: FloatArray) -> FloatArray:

@@ -160,10 +160,14 @@ class PairSearch(Search):
     ) -> SearchResult:
         """The minima that the candidates lead to, by rising cost."""
         is_near, believed, proposals = _is_near(space), objective.believed, self.proposals(space, generator)
-        last, found = self._approach(believed, proposals, generator, should_stop)
+        start = self.near_start if is_near else self.start
+        start_but_for_one = self.near_start_but_for_one if is_near else self.start_but_for_one
+        is_one_doubted = objective.but_for_one is not None
+        by_all, by_others = proposals.best(start.candidates, start_but_for_one.candidates if is_one_doubted else 0)
+        X_PO = self._starts(start, by_all, proposals, generator)
+        last, found = self._approach(believed, X_PO, space, should_stop)
         if objective.but_for_one is not None:
-            start = self.near_start_but_for_one if is_near else self.start_but_for_one
-            X_PO = self._starts(start, proposals, generator, spared=1)
+            X_PO = self._starts(start_but_for_one, by_others, proposals, generator)
             found = join_results(found, _FIRST_STEPS.refine(objective.but_for_one, X_PO, should_stop))
         if objective is not believed:
             found = found._replace(cost=objective.cost(found.X_PO)).ranked()
@@ -187,22 +191,21 @@ class PairSearch(Search):
     def _approach(
         self,
         believed: LeastSquaresObjective,
-        proposals: PairProposals,
-        generator: np.random.Generator,
+        X_PO: FloatArray,
+        space: PoseSpace,
         should_stop: StopSignal,
     ) -> tuple[Stage, SearchResult]:
-        """The last of the first stages, and what it leads to, with Hessians, of which it says what goes on.
+        """The last of the first stages, and what it leads poses (n, 3, 4) to, with Hessians; it says what goes on.
 
         These stages are by the touch alone, as the proposals are: other evidence is slow, and tells most once they
         touch. Then it has its say in which of them go on.
         """
-        if _is_near(proposals.space):
+        if _is_near(space):
             start, quick, stages = self.near_start, believed.quick, self.near_stages
         else:
             start, quick, stages = self.start, believed, self.stages
             if not believed.is_touch:
                 quick = SurfaceContact(self.model.grid, self.contacts)
-        X_PO = self._starts(start, proposals, generator)
         if start.kept is not None and len(X_PO) > start.kept:
             X_PO = X_PO[believed.cost(X_PO).argsort(kind="stable")[: start.kept]]
         for stage, following in zip(stages, (*stages[1:], None), strict=True):
@@ -210,7 +213,7 @@ class PairSearch(Search):
             if quick is not believed:
                 found = found._replace(cost=believed.cost(found.X_PO), hessian=None).ranked()
             if following is not None:
-                X_PO = self._apart(found, believed, proposals.space, stage)
+                X_PO = self._apart(found, believed, space, stage)
         if found.hessian is None:
             found = found._replace(hessian=believed.normal_equations(found.X_PO).hessian)
         return stages[-1], found
@@ -221,10 +224,10 @@ class PairSearch(Search):
         return PairProposals.match(self.model, self.contacts, choice, space, generator)
 
     def _starts(
-        self, start: Start, proposals: PairProposals, generator: np.random.Generator, spared: int = 0
+        self, start: Start, X_PO: FloatArray, proposals: PairProposals, generator: np.random.Generator
     ) -> FloatArray:
-        """Proposals that suit all contacts, or all but one, and random poses, shape (n, 3, 4)."""
-        X_PO, space = proposals.best(start.candidates, spared), proposals.space
+        """Those of the proposals (m, 3, 4), and random poses, shape (n, 3, 4)."""
+        space = proposals.space
         if _is_near(space):
             missing = 0 if start.fewest is None else start.fewest - len(X_PO)
             samples = space.sample(generator, max(start.samples, missing) - 1)

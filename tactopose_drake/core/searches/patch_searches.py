@@ -48,6 +48,6 @@ def corner_search(model: ObjectModel, patches: Sequence[Patch]) -> EvolutionStra
 
     def propose(space: PoseSpace, generator: np.random.Generator) -> FloatArray:
         start = pairs.near_start if space.reach[0] < np.pi else pairs.start
-        return pairs.proposals(space, generator).best(start.candidates)
+        return pairs.proposals(space, generator).best(start.candidates)[0]
 
     return EvolutionStrategy(proposals=propose)

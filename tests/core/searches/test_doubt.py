@@ -24,8 +24,7 @@ def test_where_one_contact_is_false_poses_are_proposed_that_the_others_suit(blob
         p_PC[seed % 5] += 0.025 * felt.n_PC[seed % 5]
         contacts = Contacts(p_PC, felt.n_PC)
         search, space = PairSearch(model=blob, contacts=contacts), TouchSpace(blob, contacts)
-        for spared in near:
-            X = search.proposals(space, generator).best(30, spared)
+        for spared, X in enumerate(search.proposals(space, generator).best(30, 30)):
             errors = increments_between(X_PO, X)
             near[spared] += bool(
                 np.any((np.linalg.norm(errors[:, :3], axis=1) < 0.3) & (np.linalg.norm(errors[:, 3:], axis=1) < 0.02))

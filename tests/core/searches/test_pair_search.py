@@ -131,11 +131,11 @@ def test_a_prior_keeps_the_proposed_poses_within_its_reach(blob: ObjectModel) ->
     contacts = touch_surface(blob, X_PO, 5, generator)
     space = PriorSpace(GaussianPrior(X_PO, sigma_translation=0.0015, sigma_rotation=0.1))
     pairs = PairSearch(model=blob, contacts=contacts, near_choice=PairSearch.choice)
-    near = pairs.proposals(space, generator).best(500)
+    near = pairs.proposals(space, generator).best(500)[0]
     assert len(near) > 0
     assert np.all(rotation_angles(near[:, :, :3], X_PO[:, :3]) <= space.reach[0])
     assert np.all(np.linalg.norm(near[:, :, 3] - X_PO[:, 3], axis=1) <= space.reach[1])
-    anywhere = pairs.proposals(TouchSpace(blob, contacts), generator).best(500)
+    anywhere = pairs.proposals(TouchSpace(blob, contacts), generator).best(500)[0]
     assert np.linalg.norm(anywhere[:, :, 3] - X_PO[:, 3], axis=1).max() > 2 * space.reach[1]
 
 
@@ -148,7 +148,7 @@ def test_of_a_symmetric_object_the_images_near_the_prior_are_proposed(name: str)
         contacts = touch_surface(model, X_PO, 5, generator)
         space = PriorSpace(GaussianPrior(X_PO, sigma_translation=0.02, sigma_rotation=0.15))
         pairs = PairSearch(model=model, contacts=contacts)
-        near = pairs.proposals(space, generator).best(100)
+        near = pairs.proposals(space, generator).best(100)[0]
         assert rotation_angles(near[:, :, :3], X_PO[:, :3]).min() < 0.2
         # Continuous symmetries are turned all the way to the prior, finite ones to within half a turn of theirs.
         assert rotation_angles(near[:, :, :3], X_PO[:, :3]).max() <= space.reach[0] + 1e-9
@@ -161,7 +161,7 @@ def test_of_poses_that_look_the_same_one_is_proposed(name: str) -> None:
     contacts = touch_surface(model, random_pose(generator), 5, generator)
     space = TouchSpace(model, contacts)
     pairs = PairSearch(model=model, contacts=contacts)
-    X_PO = pairs.proposals(space, generator).best(250)
+    X_PO = pairs.proposals(space, generator).best(250)[0]
     alike = nearest_images(X_PO, space.center, model.symmetry_turns, model.symmetries)
     np.testing.assert_allclose(alike, X_PO, atol=1e-9)
     # Turned away from there, they would come back.

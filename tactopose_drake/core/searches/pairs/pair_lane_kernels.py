@@ -17,9 +17,9 @@ LANES = 64
 MIDDLE, AXES, _NORMALS, COSINE, SINE = (np.uintp(LANES * row) for row in (0, 3, 12, 18, 19))
 # Of a contact: its voxel's number; how far outside of the field it is, in voxels; its normal in O.
 _VOXEL, _OUTSIDE, _TURNED = (np.uintp(LANES * row) for row in (20, 21, 22))
-# What all contacts cost together, the dearest of them by itself, and all that count.
-COST, DEAREST, TOTAL = (np.uintp(LANES * row) for row in (25, 26, 27))
-SIZE = LANES * 28
+# What all contacts cost together, and the dearest of them by itself.
+COST, DEAREST = (np.uintp(LANES * row) for row in (25, 26))
+SIZE = LANES * 27
 """Numbers that the rows take."""
 
 _1, _2, _3, _4, _5, _6, _7, _8 = (np.uintp(LANES * row) for row in range(1, 9))

@@ -6,13 +6,18 @@ import numpy as np
 
 from tactopose_drake.core.compilation import inlined, kernel, part
 from tactopose_drake.core.kernel_types import (
+    Floats1,
     Floats2,
     Ints1,
     Longs1,
     Longs2,
-    OutFloats3,
+    OutFloats1,
+    OutFloats4,
+    OutInts3,
+    OutLongs1,
     OutLongs2,
     OutSingles1,
+    OutSingles2,
     Singles2,
 )
 from tactopose_drake.core.kernels.matrix_kernels import orthonormalize
@@ -27,7 +32,6 @@ from tactopose_drake.core.searches.pairs.pair_lane_kernels import (
     MIDDLE,
     SINE,
     SIZE,
-    TOTAL,
     Field,
     Samples,
     add_cost,
@@ -45,6 +49,36 @@ class Matched(NamedTuple):
     begins: Longs1
     ends: Longs2
     spins: Longs1
+
+
+class Best(NamedTuple):
+    """What `keep_best` fills, of poses that suit all contacts and, in the second row, all but the one each suits least.
+
+    Attributes:
+        X: poses, shape (2, n, 3, 4).
+        cost: what they cost, rising, shape (2, n).
+        counts: how many are wanted, and then how many there are, shape (2,).
+    """
+
+    X: OutFloats4
+    cost: OutSingles2
+    counts: OutLongs1
+
+
+class _Kept(NamedTuple):
+    """The best so far, in two rows like `Best`'s; there may be twice as many as are wanted, then half are left.
+
+    Attributes:
+        pose: each as its pair, its match and its spin, shape (2, r, 3).
+        cost: shape (2, r).
+        used: how many there are, shape (2,).
+        limit: what costs more is none of the best, shape (2,).
+    """
+
+    pose: OutInts3
+    cost: OutSingles2
+    used: OutLongs1
+    limit: OutFloats1
 
 
 class _Block(NamedTuple):
@@ -119,42 +153,28 @@ def _place_lanes(samples: Samples, contacts: Singles2, spins: int, lanes: int, b
 
 @kernel
 def keep_best(
-    samples: Samples,
-    matched: Matched,
-    field: Field,
-    table: Floats2,
-    images: Images,
-    alike: float,
-    spared: int,
-    X_best: OutFloats3,
-    cost: OutSingles1,
-) -> int:
-    """Fills the poses and costs, and returns their number. What is worse than so many already is left as it is.
+    samples: Samples, matched: Matched, field: Field, table: Floats2, images: Images, alike: float, best: Best
+) -> None:
+    """Keeps the poses that suit all contacts best, and those that suit all but one.
 
-    Costs below `alike` tell nothing: which of such poses counts as the better one is left to chance. Where one contact
-    is spared (0 or 1 are) a pose costs what all but its dearest one do.
+    Costs below `alike` a contact tell nothing: which of such poses counts as the better one is left to chance.
     """
-    matches, begins, ends, spins = matched
+    spins = matched.spins
     X, axes, frames = np.empty((3, 4)), np.empty((3, 3)), np.empty((spins.shape[0], 4, 3))
     contacts = np.empty((spins.shape[0], table.shape[0], table.shape[1]), dtype=np.float32)
-    count, used, limit = cost.shape[0], 0, np.inf
-    # A pose is kept as its pair, its match and its spin. There may be twice as many as are wanted, then half are left:
-    # soon most poses cost more than is worth adding up.
-    room = 2 * count + LANES
-    kept, kept_cost = np.empty((room, 3), dtype=np.int32), np.empty(room, dtype=np.float32)
-    spare = np.empty(room, dtype=np.float32)
     order = np.empty(table.shape[0], dtype=np.intp)
+    kept = _make_room(best.counts)
     block = _Block(
         np.empty((LANES, 2), dtype=np.int64),
         np.empty((LANES, 2), dtype=np.int64),
         np.empty(SIZE, dtype=np.float32),
     )
     for q in range(spins.shape[0]):
-        _put_last(ends[q, 0], ends[q, 1], order)
+        _put_last(matched.ends[q, 0], matched.ends[q, 1], order)
         frame, laid = frames[q], contacts[q]
-        _lay_out(table, ends[q, 0], ends[q, 1], order, field.inverse_spacing, frame, laid)
-        row, spin = begins[q], 0
-        while row < begins[q + 1]:
+        _lay_out(table, matched.ends[q, 0], matched.ends[q, 1], order, field.inverse_spacing, frame, laid)
+        row, spin = matched.begins[q], 0
+        while row < matched.begins[q + 1]:
             lanes, row, spin = _take(samples, matched, q, frame, images, (row, spin), block)
             _place_lanes(samples, laid, spins[q], lanes, block)
             for lane in range(np.uintp(lanes)):
@@ -163,32 +183,44 @@ def keep_best(
                     _fill_axes(block.w, lane, axes)
                     _fill_pose(frame, axes, block.w, lane, X)
                     block.w[COST + lane] = 0.0 if is_near(X, images) else np.inf
-            _add_costs(field, laid, max(limit, alike), spared, lanes, block.w)
-            for lane in range(np.uintp(lanes)):
-                total, match, turns = float(block.w[TOTAL + lane]), block.match[lane, 0], block.match[lane, 1]
-                if total < alike:
-                    total = alike * _chance(match, turns)
-                if total <= limit and total < np.inf:
-                    kept[used, 0], kept[used, 1], kept[used, 2] = q, match, turns
-                    kept_cost[used] = total
-                    used += 1
-            if used >= 2 * count:
-                limit, used = _drop_worse(count, used, kept, kept_cost, spare)
-    if used > count:
-        limit, used = _drop_worse(count, used, kept, kept_cost, spare)
-    rising, places = np.empty(used), np.empty((2, used), dtype=np.int64)
-    for k in range(used):
-        rising[k] = kept_cost[k]
-    sort_stably(rising, places[0], places[1])
-    for k in range(used):
-        q, row, spin = kept[places[0, k], 0], kept[places[0, k], 1], kept[places[0, k], 2]
-        _note(samples, matches[row], row, spin, 0, block)
-        _place_lanes(samples, contacts[q], spins[q], 1, block)
-        _fill_axes(block.w, np.uintp(0), axes)
-        orthonormalize(axes, 3)  # They are singles.
-        _fill_pose(frames[q], axes, block.w, np.uintp(0), X_best[k])
-        cost[k] = kept_cost[places[0, k]]
-    return used
+            _add_costs(field, laid, kept.limit, alike, lanes, block.w)
+            _keep(q, lanes, alike, laid.shape[0], block, best.counts, kept)
+    for spared in range(2):
+        used, cost = _drop_worse(best.counts[spared], spared, kept), kept.cost[spared]
+        rising, places = np.empty(used), np.empty((2, used), dtype=np.int64)
+        for k in range(used):
+            rising[k] = cost[k]
+        sort_stably(rising, places[0], places[1])
+        for k in range(used):
+            place_of = places[0, k]
+            q, row, spin = (
+                kept.pose[spared, place_of, 0],
+                kept.pose[spared, place_of, 1],
+                kept.pose[spared, place_of, 2],
+            )
+            _note(samples, matched.matches[row], row, spin, 0, block)
+            _place_lanes(samples, contacts[q], spins[q], 1, block)
+            _fill_axes(block.w, np.uintp(0), axes)
+            orthonormalize(axes, 3)  # They are singles.
+            _fill_pose(frames[q], axes, block.w, np.uintp(0), best.X[spared, k])
+            best.cost[spared, k] = cost[place_of]
+        best.counts[spared] = used
+
+
+@part
+def _make_room(count: Longs1) -> _Kept:
+    """For twice so many (2,), and for a block of lanes more."""
+    room = 2 * max(count[0], count[1]) + LANES
+    kept = _Kept(
+        np.empty((2, room, 3), dtype=np.int32),
+        np.empty((2, room), dtype=np.float32),
+        np.zeros(2, dtype=np.int64),
+        np.full(2, np.inf),
+    )
+    for spared in range(2):
+        if count[spared] == 0:
+            kept.limit[spared] = -np.inf
+    return kept
 
 
 @inlined
@@ -218,17 +250,44 @@ def _note(samples, match, row, spin, lane, block):
 
 
 @part
-def _add_costs(field: Field, contacts: Singles2, bound: float, spared: int, lanes: int, w: OutSingles1) -> None:
-    """Adds what contacts (k, 8) cost, but for so many (0 or 1), until all lanes cost more than the bound."""
-    dearest = np.float32(spared)
-    for m in range(contacts.shape[0]):
+def _add_costs(field: Field, contacts: Singles2, limit: Floats1, alike: float, lanes: int, w: OutSingles1) -> None:
+    """Adds what contacts (k, 8) cost, until no lane may be one of the best of either kind any more."""
+    k = contacts.shape[0]
+    # What costs no more than is alike may still be one by chance.
+    most, most_but_for_one = np.float32(_bound(limit[0], alike * k)), np.float32(_bound(limit[1], alike * (k - 1)))
+    for m in range(k):
         add_cost(field, contacts[m], lanes, w)
         good = 0
         for lane in range(np.uintp(lanes)):
-            w[TOTAL + lane] = w[COST + lane] - dearest * w[DEAREST + lane]
-            good += 1 if w[TOTAL + lane] <= np.float32(bound) else 0
+            cost = w[COST + lane]
+            good += 1 if (cost <= most) | (cost - w[DEAREST + lane] <= most_but_for_one) else 0
         if good == 0:
             break
+
+
+@inlined
+def _bound(limit, alike):
+    """Up to which cost poses are added up; none are where none are wanted."""
+    return max(limit, alike) if limit > -np.inf else limit
+
+
+@part
+def _keep(q: int, lanes: int, alike: float, contacts: int, block: _Block, count: Longs1, kept: _Kept) -> None:
+    """Keeps those of the lanes' poses, of a pair of so many contacts, that are among the best."""
+    for spared in range(2):
+        used, limit, tells = kept.used[spared], kept.limit[spared], alike * (contacts - spared)
+        for lane in range(np.uintp(lanes)):
+            total = float(block.w[COST + lane] - np.float32(spared) * block.w[DEAREST + lane])
+            match, turns = block.match[lane, 0], block.match[lane, 1]
+            if total < tells:
+                total = tells * _chance(match, turns)
+            if total <= limit and total < np.inf:
+                kept.pose[spared, used, 0], kept.pose[spared, used, 1] = q, match
+                kept.pose[spared, used, 2], kept.cost[spared, used] = turns, total
+                used += 1
+        kept.used[spared] = used
+        if used >= 2 * count[spared]:
+            _drop_worse(count[spared], spared, kept)
 
 
 @inlined
@@ -248,15 +307,19 @@ def _put_last(a, b, order):
     order[row], order[row + 1] = a, b
 
 
-@inlined
-def _drop_worse(count, used, kept, cost, spare):
-    """Keeps of the first `used`, which are more than `count`, those that cost least; the largest cost, and `count`."""
+@part
+def _drop_worse(count: int, spared: int, kept: _Kept) -> int:
+    """Keeps so many of a row, those that cost least; how many there are now."""
+    used, pose, cost = kept.used[spared], kept.pose[spared], kept.cost[spared]
+    if used <= count:
+        return used
+    spare = np.empty(used, dtype=np.float32)
     for k in range(used):
         spare[k] = cost[k]
     limit, now = select(spare, used, count - 1), 0
     for k in range(used):
         if cost[k] <= limit and now < count:
-            kept[now, 0], kept[now, 1], kept[now, 2] = kept[k, 0], kept[k, 1], kept[k, 2]
-            cost[now] = cost[k]
+            pose[now, 0], pose[now, 1], pose[now, 2], cost[now] = pose[k, 0], pose[k, 1], pose[k, 2], cost[k]
             now += 1
-    return limit, now
+    kept.limit[spared], kept.used[spared] = limit, now
+    return now

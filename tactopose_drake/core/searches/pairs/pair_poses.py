@@ -8,6 +8,7 @@ Source: [K76] W. Kabsch, A solution for the best rotation to relate two sets of 
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.searches.pairs.image_kernels import Images
 from tactopose_drake.core.searches.pairs.pair_lane_kernels import Field, Samples
-from tactopose_drake.core.searches.pairs.pair_pose_kernels import Matched, keep_best
+from tactopose_drake.core.searches.pairs.pair_pose_kernels import Best, Matched, keep_best
 from tactopose_drake.core.shape.coarse_field import CoarseField
 from tactopose_drake.core.shape.pair_features import PairFeatures
 from tactopose_drake.core.validation import FloatArray
@@ -49,22 +50,28 @@ def kernel_field(field: CoarseField) -> Field:
     return Field(values, field.shape, origin, 1.0 / field.spacing, field.spacing / field.step)
 
 
+class BestPoses(NamedTuple):
+    """The best poses (n, 3, 4), and their coarse costs (n,), rising; chance numbers where these tell nothing."""
+
+    X_PO: FloatArray
+    cost: NDArray[np.float32]
+
+
 def best_poses(
     pairs: MatchedPairs,
     features: PairFeatures,
     field: CoarseField,
     table: FloatArray,
-    count: int,
+    counts: tuple[int, int],
     center: FloatArray,
     reach: tuple[float, float],
     turns: FloatArray,
-    spared: int = 0,
-) -> tuple[FloatArray, NDArray[np.float32]]:
-    """Of the poses of all pairs those within reach that cost least, `count` at the most.
+) -> tuple[BestPoses, BestPoses]:
+    """Of the poses of all pairs those within reach that cost least, by all contacts, and by all but one.
 
-    Costs of up to a half for each contact tell nothing: samples, voxels and sensors err as much. Such poses are taken
-    by chance; else those would come first that happen to lie well in the voxels, all on one face of a box that is
-    touched by one.
+    The one is that which a pose suits least, for it may be false. Costs of up to a half for each contact tell nothing:
+    samples, voxels and sensors err as much. Such poses are taken by chance; else those would come first that happen to
+    lie well in the voxels, all on one face of a box that is touched by one.
 
     A pose is in reach when one of its images is, which the object's symmetries make: of those only one is looked up.
 
@@ -73,16 +80,16 @@ def best_poses(
         features: the object's pairs of samples.
         field: the object's coarse field.
         table: all contacts, from `contact_tables.contact_table`.
-        count: so many, at the most.
+        counts: so many of each, at the most.
         center: the middle of the poses that count, shape (3, 4).
         reach: the largest rotation from there, rad, and the largest translation, m.
         turns: the object's symmetries as poses X_OO', shape (g, 3, 4).
-        spared: 1 where the contact that a pose suits least does not count, for it may be false; 0 where all do.
 
     Returns:
-        The poses (n, 3, 4), and their coarse costs, rising, shape (n,); chance numbers where these tell nothing.
+        Those by all contacts, and those by all but one.
     """
-    X_PO, cost = np.empty((count, 3, 4)), np.empty(count, dtype=np.float32)
+    room = 2, max(counts)
+    best = Best(np.empty((*room, 3, 4)), np.empty(room, dtype=np.float32), np.array(counts))
     images = Images(
         read_only(center[:, :3] @ np.swapaxes(turns[:, :, :3], 1, 2)),
         read_only(turns[:, :, 3]),
@@ -90,15 +97,16 @@ def best_poses(
         float(1.0 + 2.0 * np.cos(reach[0]) if reach[0] < np.pi else -np.inf),
         float(reach[1] ** 2),
     )
-    found = keep_best(
+    keep_best(
         Samples(*map(read_only, (features.points, features.normals, features.pairs))),
         Matched(*map(read_only, (pairs.matches, pairs.begins, pairs.ends, pairs.spins))),
         kernel_field(field),
         table,
         images,
-        _ALIKE * (len(table) - spared),
-        spared,
-        X_PO,
-        cost,
+        _ALIKE,
+        best,
     )
-    return X_PO[:found], cost[:found]
+    by_all, but_for_one = best.counts.tolist()
+    return BestPoses(best.X[0, :by_all], best.cost[0, :by_all]), BestPoses(
+        best.X[1, :but_for_one], best.cost[1, :but_for_one]
+    )

@@ -9,7 +9,8 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tests.coarse_costs import cost_at
 
-EVERY = 10**6
+# So many by all contacts, and so many by all but one.
+ALL, BUT_FOR_ONE = (10**6, 0), (0, 10**6)
 EVERYWHERE = (np.eye(3, 4), (np.pi, np.inf), np.eye(3, 4)[None])
 
 
@@ -46,7 +47,7 @@ def test_the_right_match_gives_the_pose(blob: ObjectModel, seed: int) -> None:
     contacts = touch_samples(blob, X_PO, [i, j, *others])
     table = contact_table(blob.coarse_field, contacts, 0.0, 0.1)
     pairs = matched((0, 1, match_of(blob, i, j)))
-    found, cost = best_poses(pairs, blob.pair_features, blob.coarse_field, table, EVERY, *EVERYWHERE)
+    (found, cost), _ = best_poses(pairs, blob.pair_features, blob.coarse_field, table, ALL, *EVERYWHERE)
     assert len(found) == len(cost) == 1
     np.testing.assert_allclose(found[0], X_PO, atol=1e-6)  # Poses are laid out in singles.
     assert cost[0] < 15.0
@@ -57,7 +58,7 @@ def test_both_points_stay_on_the_surface_whatever_the_spin(blob: ObjectModel) ->
     contacts = touch_samples(blob, X_PO, [10, 500, 700])
     table = contact_table(blob.coarse_field, contacts, 0.001, 0.1)
     pairs = matched((0, 1, match_of(blob, 10, 500)), spins=12)
-    found, cost = best_poses(pairs, blob.pair_features, blob.coarse_field, table, EVERY, *EVERYWHERE)
+    (found, cost), _ = best_poses(pairs, blob.pair_features, blob.coarse_field, table, ALL, *EVERYWHERE)
     assert len(found) == 12
     np.testing.assert_allclose(
         found[:, :, :3] @ np.swapaxes(found[:, :, :3], 1, 2), np.tile(np.eye(3), (12, 1, 1)), atol=1e-12
@@ -76,10 +77,10 @@ def test_of_several_pairs_the_best_poses_are_found(blob: ObjectModel) -> None:
     contacts = touch_samples(blob, pose(2), [10, 500, 700, 900])
     table = contact_table(blob.coarse_field, contacts, 0.004, 0.2)
     features, field, matches = blob.pair_features, blob.coarse_field, every_so_many(blob, 997)
-    X_every, every = best_poses(matched((0, 1, matches)), features, field, table, EVERY, *EVERYWHERE)
+    (X_every, every), _ = best_poses(matched((0, 1, matches)), features, field, table, ALL, *EVERYWHERE)
     assert len(every) == len(matches)
     parts = matched(*((0, 1, matches[k::3]) for k in range(3)))
-    X_best, best = best_poses(parts, features, field, table, 50, *EVERYWHERE)
+    (X_best, best), _ = best_poses(parts, features, field, table, (50, 0), *EVERYWHERE)
     # Of those that are alike any counts as the better one.
     told, first = best >= _ALIKE * len(contacts), every[:50] >= _ALIKE * len(contacts)
     assert np.count_nonzero(told) == np.count_nonzero(first) > 40
@@ -91,8 +92,8 @@ def test_where_one_contact_is_spared_a_pose_costs_what_the_others_do(blob: Objec
     contacts = touch_samples(blob, pose(2), [10, 500, 700, 900])
     table = contact_table(blob.coarse_field, contacts, 0.004, 0.2)
     features, field, pairs = blob.pair_features, blob.coarse_field, matched((0, 1, every_so_many(blob, 997)))
-    X_PO, cost = best_poses(pairs, features, field, table, EVERY, *EVERYWHERE, spared=1)
-    assert len(X_PO) == len(best_poses(pairs, features, field, table, EVERY, *EVERYWHERE)[0]) > 50
+    _, (X_PO, cost) = best_poses(pairs, features, field, table, BUT_FOR_ONE, *EVERYWHERE)
+    assert len(X_PO) == len(best_poses(pairs, features, field, table, ALL, *EVERYWHERE)[0].X_PO) > 50
     own = np.array([[cost_at(field, row[None], X) for row in table] for X in X_PO])
     expected = own.sum(axis=1) - own.max(axis=1)
     told = expected >= _ALIKE * 3
@@ -103,13 +104,26 @@ def test_where_one_contact_is_spared_a_pose_costs_what_the_others_do(blob: Objec
     assert (np.diff(cost) >= 0.0).all()
 
 
+def test_poses_of_both_kinds_are_those_of_each_alone(blob: ObjectModel) -> None:
+    contacts = touch_samples(blob, pose(2), [10, 500, 700, 900])
+    table = contact_table(blob.coarse_field, contacts, 0.004, 0.2)
+    given = matched((0, 1, every_so_many(blob, 97))), blob.pair_features, blob.coarse_field, table
+    together = best_poses(*given, (60, 20), *EVERYWHERE)
+    alone = best_poses(*given, (60, 0), *EVERYWHERE)[0], best_poses(*given, (0, 20), *EVERYWHERE)[1]
+    for both, one, count in zip(together, alone, (60, 20), strict=True):
+        assert len(both.X_PO) == count
+        np.testing.assert_array_equal(both.X_PO, one.X_PO)
+        np.testing.assert_array_equal(both.cost, one.cost)
+    assert together[1].cost[0] < together[0].cost[0]
+
+
 def test_poses_out_of_reach_are_left_out(blob: ObjectModel) -> None:
     X_PO = pose(2)
     contacts = touch_samples(blob, X_PO, [10, 500, 700, 900])
     table = contact_table(blob.coarse_field, contacts, 0.004, 0.2)
     features, field, pairs = blob.pair_features, blob.coarse_field, matched((0, 1, every_so_many(blob, 997)))
-    X_all, every = best_poses(pairs, features, field, table, EVERY, *EVERYWHERE)
-    X_near, near = best_poses(pairs, features, field, table, EVERY, X_PO, (1.0, 0.05), np.eye(3, 4)[None])
+    (X_all, every), _ = best_poses(pairs, features, field, table, ALL, *EVERYWHERE)
+    (X_near, near), _ = best_poses(pairs, features, field, table, ALL, X_PO, (1.0, 0.05), np.eye(3, 4)[None])
     within = (rotation_angles(X_all[:, :, :3], X_PO[:, :3]) <= 1.0) & (
         np.linalg.norm(X_all[:, :, 3] - X_PO[:, 3], axis=1) <= 0.05
     )
@@ -125,8 +139,8 @@ def test_a_pose_is_in_reach_when_a_symmetry_brings_it_there(blob: ObjectModel) -
     features, field, pairs = blob.pair_features, blob.coarse_field, matched((0, 1, every_so_many(blob, 997)))
     # A turn of a third about an axis that does not meet O's origin.
     turns = RotationalSymmetry(np.array([0.6, 0.0, 0.8]), np.array([0.03, 0.05, 0.0]), 3).poses()
-    X_all, every = best_poses(pairs, features, field, table, EVERY, *EVERYWHERE)
-    _, near = best_poses(pairs, features, field, table, EVERY, X_PO, (0.8, 0.1), turns)
+    (X_all, every), _ = best_poses(pairs, features, field, table, ALL, *EVERYWHERE)
+    (_, near), _ = best_poses(pairs, features, field, table, ALL, X_PO, (0.8, 0.1), turns)
     images = compose(X_all[:, None], turns)
     within = (rotation_angles(images[..., :3], X_PO[:, :3]) <= 0.8) & (
         np.linalg.norm(images[..., 3] - X_PO[:, 3], axis=-1) <= 0.1
@@ -141,7 +155,7 @@ def test_the_cost_is_that_of_each_contact_once(blob: ObjectModel) -> None:
     features, field = blob.pair_features, blob.coarse_field
     table = contact_table(field, contacts, 0.004, 0.2)
     pairs = matched(*((a, b, every_so_many(blob, 9973)) for a, b in ((0, 1), (2, 3), (4, 2))))
-    X_PO, cost = best_poses(pairs, features, field, table, EVERY, *EVERYWHERE)
+    (X_PO, cost), _ = best_poses(pairs, features, field, table, ALL, *EVERYWHERE)
     assert len(cost) == pairs.begins[-1]
     expected = [cost_at(field, table, X) for X in X_PO]
     np.testing.assert_allclose(cost, expected, rtol=1e-3)
@@ -152,6 +166,6 @@ def test_without_pairs_there_are_no_poses(blob: ObjectModel) -> None:
     none = MatchedPairs(
         np.empty((0, 2), dtype=np.intp), np.empty(0, dtype=np.int64), np.zeros(1, dtype=np.intp), match_of(blob, 1, 2)
     )
-    X_PO, cost = best_poses(none, blob.pair_features, blob.coarse_field, table, 10, *EVERYWHERE)
+    (X_PO, cost), _ = best_poses(none, blob.pair_features, blob.coarse_field, table, (10, 0), *EVERYWHERE)
     assert X_PO.shape == (0, 3, 4)
     assert cost.shape == (0,)
