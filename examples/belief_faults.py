@@ -8,11 +8,13 @@ standard deviations that it declares, 10 mm and 5 degrees. The belief withstands
 of that second and at the end of all, and never "ok" while wrong. In the second the hand lets go, the object is moved by
 50 mm and 90 degrees within 0.3 s, and touched again in other places. The belief has found it if its best pose is right
 0.3 s after the touch; where the touch of that time leaves several poses, as the one-shot estimate then says, that is
-counted apart. Right is within 10 mm and 10 degrees, up to what the touch leaves free.
+counted apart, and so is how often that estimate is right. Right is within 10 mm and 10 degrees, up to what the touch
+leaves free.
 """
 
 import argparse
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from motion_families import CARRIED, PERIOD, load, spread_points
@@ -28,7 +30,7 @@ from tactopose_drake.core.objectives import SurfaceContact
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.posterior import free_directions
 from tactopose_drake.core.synthetic import RollingTouch
-from tactopose_drake.core.tracking import Frame, PoseBelief, PoseMeasurement, PoseTracker
+from tactopose_drake.core.tracking import Frame, PoseMeasurement, PoseTracker
 
 Array = NDArray[np.float64]
 RIGHT, WRONG = np.array([0.010, 10.0]), np.array([0.020, 20.0])  # m, deg
@@ -42,10 +44,10 @@ def lay(generator: np.random.Generator) -> tuple[tp.ObjectModel, Array]:
     return model, make_poses(R_PO, 0.03 * generator.normal(size=3) - R_PO @ model.vertices.mean(axis=0))
 
 
-def error(model: tp.ObjectModel, belief: PoseBelief, X_true: Array, contacts: Contacts) -> Array:
-    """[m, deg] of the best pose to the nearest image of the truth, without the part along the free directions."""
+def error(model: tp.ObjectModel, X_PO: Array, X_true: Array, contacts: Contacts) -> Array:
+    """[m, deg] of a pose to the nearest image of the truth, without the part along the free directions."""
     information = SurfaceContact(model.grid, contacts).normal_equations(X_true[None]).hessian
-    u = least_error(model, belief.X_PO[0], X_true, free_directions(information, model.size)[0])
+    u = least_error(model, X_PO, X_true, free_directions(information, model.size)[0])
     return np.array([np.linalg.norm(u[3:]), np.degrees(np.linalg.norm(u[:3]))])
 
 
@@ -73,15 +75,29 @@ def withstands_vision(seed: int) -> bool:
             X_seen[:, 3] += way * (0.5 < now <= 1.5)
             vision = PoseMeasurement(now - 0.5 * PERIOD, X_seen, np.diag(SIGMAS**2))
         belief = tracker.step(belief, Frame(now, Evidence(contacts), touch.sources, velocities, vision))
-        errors.append(error(model, belief, touch.X_PO, contacts))
+        errors.append(error(model, belief.X_PO[0], touch.X_PO, contacts))
         said.append(belief.status == "ok")
     off = np.array(errors)[50:]
     misled = np.any(off > WRONG, axis=1) & np.array(said)[50:]
     return bool(np.all(off[99] < RIGHT) and np.all(off[-1] < RIGHT) and not misled.any())
 
 
-def finds_again(seed: int) -> tuple[bool, bool]:
-    """Whether the pose is right 0.3 s after an object that was moved is touched again; whether the touch is unique."""
+class Found(NamedTuple):
+    """Whether the pose is right 0.3 s after an object that was moved is touched again.
+
+    Attributes:
+        right: whether the belief's best pose is.
+        estimate_right: whether that of the one-shot estimate of that touch is.
+        unique: whether the estimate says that there is one pose.
+    """
+
+    right: bool
+    estimate_right: bool
+    unique: bool
+
+
+def finds_again(seed: int) -> Found:
+    """Moves an object out of its touch and touches it again."""
     generator = np.random.default_rng([1, seed])
     model, X_PO = lay(generator)
     touch = RollingTouch(model, X_PO, spread_points(model, generator, 5), generator)
@@ -99,8 +115,10 @@ def finds_again(seed: int) -> tuple[bool, bool]:
     for contacts, velocities in hold(again, 0.3):
         now += PERIOD
         belief = tracker.step(belief, Frame(now, Evidence(contacts, prior=guess), again.sources, velocities))
-    right = bool(np.all(error(model, belief, again.X_PO, contacts) < RIGHT))
-    return right, tp.estimate_pose(model, contacts).status == "ok"
+    estimate = tp.estimate_pose(model, contacts)
+    best = belief.X_PO[0], estimate.best.X_PO.GetAsMatrix34()
+    right, estimate_right = (bool(np.all(error(model, X, again.X_PO, contacts) < RIGHT)) for X in best)
+    return Found(right, estimate_right, estimate.status == "ok")
 
 
 def main() -> None:
@@ -112,11 +130,12 @@ def main() -> None:
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.trials)
     withstood = [withstands_vision(seed) for seed in track(seeds, description="vision")]
     found = [finds_again(seed) for seed in track(seeds, description="moved away")]
-    unique = [right for right, is_unique in found if is_unique]
-    table = Table("study", "trials", "passed")
-    table.add_row("one second of vision 100 mm off", str(len(withstood)), str(sum(withstood)))
-    table.add_row("moved by 50 mm and 90 degrees out of touch", str(len(found)), str(sum(right for right, _ in found)))
-    table.add_row("of those, where the touch is unique", str(len(unique)), str(sum(unique)))
+    unique = [each for each in found if each.unique]
+    table = Table("study", "trials", "passed", "one-shot estimate right")
+    table.add_row("one second of vision 100 mm off", str(len(withstood)), str(sum(withstood)), "")
+    for title, trials in (("moved by 50 mm and 90 degrees out of touch", found), ("of those, unique touches", unique)):
+        passed, right = sum(each.right for each in trials), sum(each.estimate_right for each in trials)
+        table.add_row(title, str(len(trials)), str(passed), str(right))
     Console().print(table)
 
 
