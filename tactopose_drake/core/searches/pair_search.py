@@ -21,7 +21,15 @@ from tactopose_drake.core.poses import compose
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_proposals import PairProposals
 from tactopose_drake.core.searches.pairs.contact_pairs import PairChoice
-from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, join_results, never
+from tactopose_drake.core.searches.search import (
+    PoseSpace,
+    Search,
+    SearchResult,
+    StopSignal,
+    is_near,
+    join_results,
+    never,
+)
 from tactopose_drake.core.shape.free_spin import turn_alike
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -74,11 +82,6 @@ class Start:
         """Four times as many."""
         kept = None if self.kept is None else 4 * self.kept
         return dataclasses.replace(self, candidates=4 * self.candidates, samples=4 * self.samples, kept=kept)
-
-
-def _is_near(space: PoseSpace) -> bool:
-    """Whether a prior bounds the space."""
-    return space.reach[0] < np.pi
 
 
 # Less damping than this changes a step too little to be tried after a refused one: a tenth of the trials are saved.
@@ -159,9 +162,9 @@ class PairSearch(Search):
         should_stop: StopSignal = never,
     ) -> SearchResult:
         """The minima that the candidates lead to, by rising cost."""
-        is_near, believed, proposals = _is_near(space), objective.believed, self.proposals(space, generator)
-        start = self.near_start if is_near else self.start
-        start_but_for_one = self.near_start_but_for_one if is_near else self.start_but_for_one
+        near, believed, proposals = is_near(space), objective.believed, self.proposals(space, generator)
+        start = self.near_start if near else self.start
+        start_but_for_one = self.near_start_but_for_one if near else self.start_but_for_one
         is_one_doubted = objective.but_for_one is not None
         by_all, by_others = proposals.best(start.candidates, start_but_for_one.candidates if is_one_doubted else 0)
         X_PO = self._starts(start, by_all, proposals, generator)
@@ -175,7 +178,7 @@ class PairSearch(Search):
             X_PO = self._apart(found, believed, space, stage)
             found = following.refine(objective, X_PO, should_stop)
         best = self._apart(found, believed, space, _AGAIN)
-        again = _TO_THE_MINIMUM.refine(objective, best if is_near else self._with_images(best), should_stop)
+        again = _TO_THE_MINIMUM.refine(objective, best if near else self._with_images(best), should_stop)
         return join_results(found, again).ranked()
 
     def minimize_with_doubt(
@@ -200,7 +203,7 @@ class PairSearch(Search):
         These stages are by the touch alone, as the proposals are: other evidence is slow, and tells most once they
         touch. Then it has its say in which of them go on.
         """
-        if _is_near(space):
+        if is_near(space):
             start, quick, stages = self.near_start, believed.quick, self.near_stages
         else:
             start, quick, stages = self.start, believed, self.stages
@@ -220,7 +223,7 @@ class PairSearch(Search):
 
     def proposals(self, space: PoseSpace, generator: np.random.Generator) -> PairProposals:
         """What pairs of contacts propose for poses of this space."""
-        choice = self.near_choice if _is_near(space) else self.choice
+        choice = self.near_choice if is_near(space) else self.choice
         return PairProposals.match(self.model, self.contacts, choice, space, generator)
 
     def _starts(
@@ -228,7 +231,7 @@ class PairSearch(Search):
     ) -> FloatArray:
         """Those of the proposals (m, 3, 4), and random poses, shape (n, 3, 4)."""
         space = proposals.space
-        if _is_near(space):
+        if is_near(space):
             missing = 0 if start.fewest is None else start.fewest - len(X_PO)
             samples = space.sample(generator, max(start.samples, missing) - 1)
             return np.concatenate([space.center[None], samples, X_PO])

@@ -77,6 +77,11 @@ class PoseSpace(Protocol):
         ...
 
 
+def is_near(space: PoseSpace) -> bool:
+    """Whether a prior bounds the space: without one all rotations are worth a look."""
+    return space.reach[0] < np.pi
+
+
 class PriorSpace:
     """The poses around a prior, normally distributed as it says.
 

@@ -13,7 +13,15 @@ from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.searches.baselines.initial_population import near_particles, scattered_particles
 from tactopose_drake.core.searches.baselines.roulette_kernels import breed, mark_different, place, weigh
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, join_results, never
+from tactopose_drake.core.searches.search import (
+    PoseSpace,
+    Search,
+    SearchResult,
+    StopSignal,
+    is_near,
+    join_results,
+    never,
+)
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
@@ -134,11 +142,11 @@ class MonteCarlo(Search):
         should_stop: StopSignal = never,
     ) -> tuple[FloatArray, FloatArray]:
         """All particles (n, 7) in the order in which they were made, see `roulette_kernels`, and their costs (n,)."""
-        is_near = space.reach[0] < np.pi
-        design = self.correction if is_near else self.anywhere
+        near = is_near(space)
+        design = self.correction if near else self.anywhere
         particles, cost = np.empty((design.particles, 7)), np.empty(design.particles)
         weight, sums = np.empty(design.particles), np.empty(design.particles)
-        if is_near:
+        if near:
             sigma = 1.0 / np.sqrt(np.diag(space.information))
             size = np.repeat([0.5 * sigma[:3].mean(), sigma[3:].mean()], [4, 3])  # A quaternion counts half angles.
             particles[: design.population] = near_particles(generator, design.population, size[0], size[-1])
