@@ -58,7 +58,9 @@ def doors(process: int) -> set[Door]:
         for entry in (PROC / str(process) / "fd").iterdir():
             with contextlib.suppress(OSError):
                 inodes.add(os.readlink(entry))
-        for protocol in ("tcp", "tcp6", "udp", "udp6"):
+        # The tables of TCP take the kernel milliseconds each: they are asked for a process that has sockets.
+        has_sockets = any(inode.startswith("socket:") for inode in inodes)
+        for protocol in ("tcp", "tcp6", "udp", "udp6") if has_sockets else ():
             for line in (PROC / str(process) / "net" / protocol).read_text().splitlines()[1:]:
                 (
                     _,
