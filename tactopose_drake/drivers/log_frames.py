@@ -12,6 +12,7 @@ from can.io.blf import OBJ_HEADER_BASE_STRUCT, BLFParseError
 from tactopose_drake.errors import EndOfLogError, InvalidFileError
 
 _LONGEST_GAP = 600.0  # s between two frames; the devices are polled, so a longer one is none of theirs
+_MOST_BYTES = 8  # of a frame of classic CAN, whatever length it says
 _LARGEST_STEP_BACK = 1.0  # s; buses with several channels do not sort their frames
 
 
@@ -38,10 +39,9 @@ def log_frames(path: Path) -> Iterator[can.Message]:
                 frame = next(frames, None)
             except Exception:  # python-can's readers raise whatever their parsing runs into
                 frame, whole = None, False
-            # A line that was cut off may still parse.
-            if frame is None or (frame.dlc != len(frame.data) and not frame.is_remote_frame):
+            if frame is None:
                 break
-            if not _follows(frame.timestamp, last if count else None):
+            if not _has_all(frame) or not _follows(frame.timestamp, last if count else None):
                 whole = False
                 break
             count, last = count + 1, frame.timestamp
@@ -51,6 +51,12 @@ def log_frames(path: Path) -> Iterator[can.Message]:
     if whole:
         raise EndOfLogError(f"{path}: ended after {count} frames.")
     raise EndOfLogError(f"{path}: is cut off or damaged after {count} whole frames, at {last:.6f} s.", whole=False)
+
+
+def _has_all(frame: can.Message) -> bool:
+    """Whether a frame has all of its bytes: a line that was cut off may still parse. Lengths 9 to 15 are 8 bytes, too."""
+    length = frame.dlc if frame.is_fd else min(frame.dlc, _MOST_BYTES)
+    return frame.is_remote_frame or len(frame.data) == length
 
 
 def _follows(time: float, last: float | None) -> bool:

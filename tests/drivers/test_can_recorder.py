@@ -177,6 +177,19 @@ def test_fd_frames_of_others_on_the_bus_pass_by(tmp_path: Path, suffix: str) -> 
     np.testing.assert_array_equal([sample.F_S for sample in played], [sample.F_S for sample in live])
 
 
+@pytest.mark.parametrize("suffix", [".blf", ".asc"])
+@pytest.mark.parametrize("length", [9, 15])
+def test_a_length_beyond_eight_bytes_does_not_end_a_log(tmp_path: Path, suffix: str, length: int) -> None:
+    path = tmp_path / f"log{suffix}"
+    with CanRecorder(path) as recorder:
+        for k in range(5):
+            data = {"dlc": length, "data": bytes(8)} if k == 2 else {"data": bytes([k])}
+            recorder.write(can.Message(timestamp=1.0e9 + k, arbitration_id=0x12, is_extended_id=False, **data), 0)
+    frames, end = frames_of(path)
+    assert [len(frame.data) for frame in frames] == [1, 1, 8, 1, 1]
+    assert "ended after 5 frames" in end
+
+
 def test_commands_of_then_are_passed_over(tmp_path: Path) -> None:
     path = tmp_path / "log.blf"
     with virtual_bus(make_hand()) as bus, CanRecorder(path) as recorder:
