@@ -8,11 +8,13 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
+import yaml
 from pydrake.common.yaml import yaml_dump_typed
 
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
-from tactopose_drake.resources import load_typed_yaml
+from tactopose_drake.resources import load_typed_yaml, read_yaml
+from tactopose_drake.resources.yaml_files import bare
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.senses import CanSenses, RecordedSenses
 
@@ -110,9 +112,8 @@ def load_manifest(folder: Path) -> Manifest:
     """
     if not os.path.isfile(folder / MANIFEST):
         raise InvalidFileError(f"{folder}: is no recording; it has no {MANIFEST}.")
+    _check_format(folder / MANIFEST)
     manifest = load_typed_yaml(Manifest, folder / MANIFEST)
-    if manifest.format != _FORMAT:
-        raise InvalidFileError(f"{folder / MANIFEST}: has the format {manifest.format}; allowed is {_FORMAT}.")
     try:
         manifest.validate()
     except InvalidInputError as error:
@@ -121,6 +122,15 @@ def load_manifest(folder: Path) -> Manifest:
         if Path(file).name != file or not os.path.isfile(folder / file):
             raise InvalidFileError(f"{folder / MANIFEST}: the log {file!r} of the bus {name!r} is not in the folder.")
     return manifest
+
+
+def _check_format(path: Path) -> None:
+    """Raises InvalidFileError if a manifest is of another format, whose keys may be unknown here."""
+    root = read_yaml(path)
+    pairs = root.value if isinstance(root, yaml.MappingNode) else []
+    for key, value in pairs:
+        if key.value == "format" and value.value != str(_FORMAT):
+            raise InvalidFileError(f"{path}: has the format {bare(str(value.value))}; allowed is {_FORMAT}.")
 
 
 def prepare_folder(folder: Path) -> bool:

@@ -50,12 +50,14 @@ def test_recordings_that_are_none_are_refused(recording: Path, folder: Path, tmp
     scenario = load_scenario(folder / "cube.scenario.yaml")
     with pytest.raises(InvalidInputError, match="new or empty"):
         run_scenario(scenario, record=recording)
-    for damage, message in (
+    damages = (
         (lambda copy: (copy / "manifest.yaml").unlink(), "is no recording"),
         (lambda copy: (copy / "left.blf").unlink(), "the log 'left.blf' of the bus 'left' is not in the folder"),
         (lambda copy: (copy / "manifest.yaml").write_text("format: 99\n"), "has the format 99"),
-    ):
-        copy = Path(shutil.copytree(recording, tmp_path / message.replace("/", " ")))
+        (lambda copy: (copy / "manifest.yaml").write_text("key_of_then: 1\nformat: 98\n"), "has the format 98"),
+    )
+    for number, (damage, message) in enumerate(damages):
+        copy = Path(shutil.copytree(recording, tmp_path / str(number)))
         damage(copy)
         with pytest.raises(InvalidFileError, match=message):
             load_manifest(copy)
