@@ -15,7 +15,7 @@ from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix
-from tactopose_drake.runs.known_signals import check_ends, known_signals
+from tactopose_drake.runs.known_signals import check_spans, known_signals
 from tactopose_drake.runs.recording import Recording
 from tactopose_drake.runs.rehearsal import rehearse
 from tactopose_drake.runs.simulated_devices import SimulatedRig, loads_of_files, simulated_loads
@@ -92,8 +92,8 @@ def check_devices(scenario: Scenario, duration: float | None) -> None:
         duration: of the run, s; if not given, the scenario's with simulated devices, and endless with real ones.
 
     Raises:
-        InvalidInputError: if a value of a device is out of its range, a name leads nowhere, or a file ends long before
-            the run does.
+        InvalidInputError: if a value of a device is out of its range, a name leads nowhere, or a file begins long
+            after the run or ends long before it does.
     """
     senses = scenario.senses
     assert isinstance(senses, CanSenses)
@@ -105,7 +105,7 @@ def check_devices(scenario: Scenario, duration: float | None) -> None:
             if pad not in hand.pad_frames:
                 raise UnknownNameError(f"scenario: the hand {scenario.hand!r} lacks a pad", pad, hand.pad_frames)
     if senses.simulated != SimulatedDevices():
-        check_ends(scenario, known_signals(scenario), _end(scenario, duration))
+        check_spans(scenario, known_signals(scenario), _end(scenario, duration))
     if senses.simulated is not None and senses.simulated.folder:
         loads_of_files(senses, Path(senses.simulated.folder))
 

@@ -55,8 +55,8 @@ def known_signals(scenario: Scenario) -> dict[str, Signal]:
     return signals
 
 
-def check_ends(scenario: Scenario, signals: Mapping[str, Signal], end: float) -> None:
-    """Checks that no file's last row is too old by the end of a run: what is after it, nobody knows.
+def check_spans(scenario: Scenario, signals: Mapping[str, Signal], end: float) -> None:
+    """Checks that each file begins with the run, and that its last row is not too old by the end of it.
 
     Args:
         scenario: with CAN devices; the longest `max_age` among them counts.
@@ -64,7 +64,7 @@ def check_ends(scenario: Scenario, signals: Mapping[str, Signal], end: float) ->
         end: of the run, s; infinite where an interrupt ends it.
 
     Raises:
-        InvalidInputError: if one is.
+        InvalidInputError: if one does not.
     """
     senses = scenario.senses
     assert isinstance(senses, CanSenses)
@@ -72,6 +72,11 @@ def check_ends(scenario: Scenario, signals: Mapping[str, Signal], end: float) ->
     max_age = max([*ages, *([] if senses.barrett_hand is None else [senses.barrett_hand.max_age])])
     joints = senses.joints.path if isinstance(senses.joints, JointFile) else ""
     for name, path in (("joint_positions", joints), ("palm_pose", senses.palm)):
+        if path and signals[name].times[0] > max_age:
+            raise InvalidInputError(
+                f"{path}: begins at {signals[name].times[0]:.10g} s; allowed is a file that begins with the run, whose "
+                "time 0 is its start."
+            )
         if path and signals[name].times[-1] + max_age < end:
             run = f"the run ends at {end:g} s" if np.isfinite(end) else "the run has no end"
             raise InvalidInputError(

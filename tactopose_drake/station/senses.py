@@ -270,6 +270,8 @@ class CanSenses:
                 "allowed is none, or simulated devices with a folder."
             )
         joints = self.joints.path if isinstance(self.joints, JointFile) else ""
+        if isinstance(self.joints, JointFile) and not joints:
+            raise InvalidInputError("CanSenses.joints.path: is not given; allowed is a CSV file of joint positions.")
         for key, path in {"prior": self.prior, "palm": self.palm, "joints.path": joints}.items():
             if path and not os.path.isfile(path):
                 raise InvalidInputError(f"CanSenses.{key}: there is no file {path}.")

@@ -115,6 +115,28 @@ def test_a_run_does_not_outlast_the_files_of_joints_and_palm(folder: Path, tmp_p
     check_devices(scenario, 0.6)  # the last row is not older by then than a sample may be
 
 
+@pytest.mark.parametrize("name", ["joints.csv", "palm.csv"])
+def test_files_of_joints_and_palm_begin_with_the_run(folder: Path, tmp_path: Path, name: str) -> None:
+    scenario = load_scenario(folder / "cube.scenario.yaml")
+    header, row = {"joints.csv": ("FFJ3", "0.1"), "palm.csv": ("x, y, z, qw, qx, qy, qz", "0, 0, 0, 1, 0, 0, 0")}[name]
+    (tmp_path / name).write_text(f"time, {header}\n1795793561, {row}\n1795793661, {row}\n")  # s since the epoch
+    if name == "palm.csv":
+        scenario.senses.joints, scenario.senses.palm = FixedJoints(), str(tmp_path / name)
+    else:
+        scenario.senses.joints.path = str(tmp_path / name)
+    told: list[str] = []
+    with pytest.raises(InvalidInputError, match=rf"{name}: begins at 1795793561 s; allowed is a file that begins with"):
+        run_scenario(scenario, tell=told.append)
+    assert told == []
+
+
+def test_a_joint_file_without_a_path_is_named(folder: Path) -> None:
+    scenario = load_scenario(folder / "cube.scenario.yaml")
+    scenario.senses.joints.path = ""
+    with pytest.raises(InvalidInputError, match=r"CanSenses\.joints\.path: is not given"):
+        run_scenario(scenario)
+
+
 def test_what_simulated_devices_feel_is_read_before_any_work(folder: Path, tmp_path: Path) -> None:
     scenario = load_scenario(folder / "cube.scenario.yaml")
     scenario.senses.simulated.folder = str(shutil.copytree(folder, tmp_path / "felt"))
