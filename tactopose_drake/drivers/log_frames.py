@@ -54,7 +54,7 @@ def log_frames(path: Path) -> Iterator[can.Message]:
 
 
 def _has_all(frame: can.Message) -> bool:
-    """Whether a frame has all of its bytes: a line that was cut off may still parse. Lengths 9 to 15 are 8 bytes, too."""
+    """Whether a frame has all of its bytes: a line that was cut off may still parse. Lengths 9 to 15 are 8 bytes."""
     length = frame.dlc if frame.is_fd else min(frame.dlc, _MOST_BYTES)
     return frame.is_remote_frame or len(frame.data) == length
 

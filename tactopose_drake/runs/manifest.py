@@ -60,11 +60,13 @@ class Manifest:
     def check_scenario(self, scenario: Scenario, folder: Path) -> None:
         """Raises InvalidInputError if a scenario is not one that the recording can be replayed with.
 
-        What is estimated and how may differ; which hand held which object, and the devices, may not.
+        What is estimated and how may differ; which hand held which object, and the devices, may not. Of files only the
+        names count: a project's folder may have moved since, or be on another machine.
         """
         for name in ("hand", "object"):
             given, recorded = getattr(scenario, name), getattr(self.scenario, name)
-            if given != recorded:
+            is_moved = os.path.isabs(recorded) and os.path.isabs(given) and Path(given).name == Path(recorded).name
+            if given != recorded and not is_moved:
                 raise InvalidInputError(
                     f"{folder}: was recorded with the {name} {recorded!r}; the scenario has {given!r}."
                 )

@@ -10,11 +10,12 @@ from typing import Any
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
+from tactopose_drake.core.validation import told_of
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
-from tactopose_drake.runs.manifest import ESTIMATES, SIGNALS, Manifest, load_manifest
+from tactopose_drake.runs.manifest import ESTIMATES, MANIFEST, SIGNALS, Manifest, load_manifest
 from tactopose_drake.runs.scenario_replay import as_recorded, have_ended, logged_devices, missing_signals
 from tactopose_drake.runs.simulation import BESIDE_DEVICES, sense_ports
 from tactopose_drake.runs.stepping import advance
@@ -51,8 +52,11 @@ def read_recording(folder: Path) -> RecordedRun:
 
     Raises:
         InvalidFileError: if the folder is no recording, or a file of it cannot be read.
+        InvalidInputError: if the hand's or the object's files are not where they were at the run.
     """
     manifest = load_manifest(folder)
+    with told_of(f"{folder / MANIFEST}: scenario.hand: "):
+        joints = NamedJoints(*make_hand_plant(load_hand_config(manifest.scenario.hand))).names
     signals, cut = read_signals(folder / SIGNALS)
     problems = [cut] if cut else []
     if missing := missing_signals(signals, manifest.scenario):
@@ -61,7 +65,6 @@ def read_recording(folder: Path) -> RecordedRun:
         played, ends = _play(folder, manifest, signals)
         signals, problems = signals | played, problems + ends
     estimates, damage = _read_estimates(folder / ESTIMATES)
-    joints = NamedJoints(*make_hand_plant(load_hand_config(manifest.scenario.hand))).names
     return RecordedRun(manifest, signals, joints, estimates, (*problems, *damage))
 
 
@@ -71,7 +74,8 @@ def _play(folder: Path, manifest: Manifest, signals: dict[str, Signal]) -> tuple
     estimation = dataclasses.replace(
         manifest.scenario.estimation, estimator=estimator, check_collisions=False, use_hand_volume=False
     )
-    scenario = as_recorded(dataclasses.replace(manifest.scenario, estimation=estimation, tracking=None), manifest)
+    with told_of(f"{folder / MANIFEST}: "):
+        scenario = as_recorded(dataclasses.replace(manifest.scenario, estimation=estimation, tracking=None), manifest)
     with contextlib.ExitStack() as parts:
         recorder = parts.enter_context(SignalRecorder())
         devices = logged_devices(folder, manifest)

@@ -81,7 +81,8 @@ def replay(
     signals, cut = read_signals(folder / SIGNALS)
     last = max((signal.times[-1] for signal in signals.values()), default=0.0)  # What is beyond is not known.
     signals.pop(TRUE_POSE, None)
-    _check_signals(signals, manifest.scenario, cut or f"{folder / SIGNALS}: is whole.")
+    run = dataclasses.replace(manifest.scenario, hand=scenario.hand)  # whose file may have moved since
+    _check_signals(signals, run, cut or f"{folder / SIGNALS}: is whole.")
     devices = logged_devices(folder, manifest)
     tell("reading the object")
     with contextlib.ExitStack() as parts:
@@ -143,8 +144,8 @@ def as_recorded(scenario: Scenario, manifest: Manifest) -> Scenario:
     estimator = dataclasses.replace(scenario.estimation.estimator, max_duration=None)
     estimation = dataclasses.replace(scenario.estimation, estimator=estimator)
     senses = manifest.scenario.senses
-    if isinstance(senses, CanSenses):  # What came from files then is among the signals.
-        senses = dataclasses.replace(senses, joints=JointPort(), prior="", palm="")
+    if isinstance(senses, CanSenses):  # What came from files then is among the signals and in the logs.
+        senses = dataclasses.replace(senses, joints=JointPort(), prior="", palm="", simulated=None)
     tracking = None if scenario.tracking is None else dataclasses.replace(scenario.tracking, live=False)
     played = dataclasses.replace(scenario, senses=senses, estimation=estimation, tracking=tracking)
     played.validate()

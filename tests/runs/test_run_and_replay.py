@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.resources import model_path
 from tactopose_drake.runs.manifest import load_manifest
+from tactopose_drake.runs.monitor import explained_estimate
+from tactopose_drake.runs.recorded_senses import read_recording
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.runs.stepping import RunView
@@ -165,6 +168,37 @@ def test_a_recording_without_the_prior_that_the_run_had_is_refused(
     (copy / "signals.jsonl").write_text("".join(line for line in signals if '"name": "prior"' not in line))
     with pytest.raises(InvalidFileError, match="has no prior, which the run has recorded"):
         replay(copy, load_scenario(folder / "cube.scenario.yaml"))
+
+
+def test_a_recording_whose_project_has_moved_replays(recording: Path, folder: Path, tmp_path: Path) -> None:
+    shutil.copy(model_path("hands", "shadow_like", "shadow_like.hand.yaml"), tmp_path / "my.hand.yaml")
+    shutil.copy(model_path("objects", "cube.obj"), tmp_path / "box.obj")
+    mine = tmp_path / "my.scenario.yaml"
+    text = (folder / "cube.scenario.yaml").read_text().replace("hand: shadow_like", "hand: my.hand.yaml")
+    mine.write_text(text.replace("object: cube", "object: box.obj"))
+    moved = Path(shutil.copytree(recording, tmp_path / "moved"))
+    text = (moved / "manifest.yaml").read_text().replace("hand: shadow_like", "hand: /gone/my.hand.yaml")
+    text = text.replace(f"folder: {folder}", "folder: /gone/felt")
+    (moved / "manifest.yaml").write_text(text.replace("object: cube", "object: /gone/box.obj"))
+    result = replay(moved, load_scenario(mine))
+    assert result.whole
+    assert explained_estimate(result.view) is not None
+    (tmp_path / "my.hand.yaml").rename(tmp_path / "other.hand.yaml")
+    mine.write_text(mine.read_text().replace("my.hand", "other.hand"))
+    with pytest.raises(InvalidInputError, match=r"was recorded with the hand '/gone/my\.hand\.yaml'"):
+        replay(moved, load_scenario(mine))
+
+
+def test_what_a_recording_needs_is_named_where_it_says_so(recording: Path, tmp_path: Path) -> None:
+    moved = Path(shutil.copytree(recording, tmp_path / "moved"))
+    text = (moved / "manifest.yaml").read_text()
+    for old, new, place in (
+        ("hand: shadow_like", "hand: /gone/my.hand.yaml", r"scenario\.hand: "),
+        ("object: cube", "object: /gone/box.obj", r"Scenario\.object: "),
+    ):
+        (moved / "manifest.yaml").write_text(text.replace(old, new))
+        with pytest.raises(InvalidInputError, match=rf"moved/manifest\.yaml: {place}/gone/"):
+            read_recording(moved)
 
 
 def test_a_scenario_may_name_a_recording(recording: Path, folder: Path, tmp_path: Path) -> None:
