@@ -57,6 +57,16 @@ class Manifest:
             finite_array(f"Manifest.biases[{finger}]", bias, (6,))
         positive_number("Manifest.start", self.start, allow_zero=True)
 
+    def version_change(self) -> str:
+        """Which versions are others here than at the run, in a sentence; empty where none is."""
+        here = versions()
+        changed = [
+            f"{name} {then}, which here is {here.get(name, 'none')}"
+            for name, then in self.versions.items()
+            if here.get(name) != then
+        ]
+        return f"It was recorded with {'; '.join(changed)}." if changed else ""
+
     def check_scenario(self, scenario: Scenario, folder: Path) -> None:
         """Raises InvalidInputError if a scenario is not one that the recording can be replayed with.
 

@@ -36,8 +36,8 @@ class Replay:
         view: of the run at its end.
         ends: how each file ended, in a sentence: after how many frames, and whether it was cut off.
         whole: whether none was cut off.
-        difference: from when on the estimates are not those of the run, and by how much, or why where that is known;
-            empty where they are, or where the scenario estimates otherwise.
+        difference: from when on the estimates are not those of the run, and by how much, or why where that is known,
+            and which versions are others; empty where they are, or where the scenario estimates otherwise.
     """
 
     view: RunView
@@ -110,7 +110,10 @@ def replay(
         with contextlib.suppress(KeyboardInterrupt):
             advance(simulator, devices, scenario.estimation.estimator.period, until, compare_and_show, at_end)
         view = RunView(simulator.get_system(), simulator.get_context())
-        return _replay(view, [bus.log_end for bus in buses if bus.log_end is not None], cut, comparison.difference)
+        difference = comparison.difference
+        if difference:
+            difference = f"{difference} {manifest.version_change()}".rstrip()
+        return _replay(view, [bus.log_end for bus in buses if bus.log_end is not None], cut, difference)
 
 
 def _replay(view: RunView, ends: list[EndOfLogError], cut: str, difference: str) -> Replay:

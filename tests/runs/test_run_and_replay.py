@@ -1,7 +1,9 @@
 """Whole runs on simulated devices, recorded; and their replay, here and in another process."""
 
+import importlib.metadata
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -145,7 +147,14 @@ def test_a_replay_says_from_when_on_it_is_not_the_run(
         other["hypotheses"][0]["translation"][0] += change
         (copy / "estimates.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
         assert replay_here(copy, folder, out) == 0
-        assert text + why in capsys.readouterr().out
+        said = capsys.readouterr().out
+        assert text + why in said
+        assert "recorded with" not in said
+    manifest = copy / "manifest.yaml"
+    manifest.write_text(re.sub(r"\n  drake: .*", "\n  drake: 0.1.0", manifest.read_text()))
+    assert replay_here(copy, folder, out) == 0
+    here = importlib.metadata.version("drake")
+    assert f"up to 31 mm apart. It was recorded with drake 0.1.0, which here is {here}." in capsys.readouterr().out
     # A period's delay of the touch is a live run's; that of half the run is not.
     rows = lines(out)
     for row in reversed(range(1, len(rows))):
