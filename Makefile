@@ -5,30 +5,40 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test test-portable wheel bench docs notebooks report full-report format clean
+.PHONY: demo test lint types tests test-portable wheel bench docs notebooks report full-report format clean
 
 demo: $(STAMP)
 	$(BIN)/tactopose demo
 
-test: $(STAMP)
+# Three things that `make -j3 test` does at a time: mypy keeps one core busy for the better part of a minute.
+test: lint types tests
+
+lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+
+types: $(STAMP)
 	$(BIN)/mypy
+
+tests: $(STAMP)
 	$(BIN)/pytest
 
 # The same tests, or those that TESTS names, under the plainest instruction set of this kind of processor. The compiled
 # kernels, NumPy, OpenBLAS and the C library's functions round otherwise there, so what passes here as well rests on no
-# processor's last bits. Nothing that was compiled or computed for this machine is taken over.
+# processor's last bits. Nothing that was compiled or computed for this machine is taken over; kernels are compiled first,
+# which the tests' processes would each do for themselves.
 TESTS ?= tests
 PLAIN_BLAS := $(if $(filter x86_64,$(shell uname -m)),Nehalem,ARMV8)
 FOUND_BY_NUMPY := import numpy; print(*numpy.show_config(mode="dicts")["SIMD Extensions"].get("found", []))
 
-test-portable: $(STAMP)
-	NUMBA_CPU_NAME=generic NUMBA_CACHE_DIR=$(CURDIR)/out/portable/kernels \
+PLAIN = NUMBA_CPU_NAME=generic NUMBA_CACHE_DIR=$(CURDIR)/out/portable/kernels \
 	TACTOPOSE_CACHE_DIR=$(CURDIR)/out/portable/models \
 	NPY_DISABLE_CPU_FEATURES="$$($(BIN)/python -c '$(FOUND_BY_NUMPY)')" \
-	OPENBLAS_CORETYPE=$(PLAIN_BLAS) GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4 \
-	$(BIN)/pytest $(TESTS)
+	OPENBLAS_CORETYPE=$(PLAIN_BLAS) GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4
+
+test-portable: $(STAMP)
+	$(PLAIN) $(BIN)/tactopose warm-up
+	$(PLAIN) $(BIN)/pytest $(TESTS)
 
 # A wheel for this version of Python on Linux and x86-64, with its kernels compiled.
 wheel: $(STAMP)
