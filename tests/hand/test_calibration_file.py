@@ -189,8 +189,7 @@ def test_the_uncertainty_is_what_the_calibration_left(blob: ObjectModel, tmp_pat
     said, fingers = contacts_of(hand, config, grasp)
     assert said.covariance is not None
     draws = []
-    for _ in range(60):
-        drawn = generator.multivariate_normal(hand.truth, covariance)
+    for drawn in generator.multivariate_normal(hand.truth, covariance, 60):
         exact = calibration_of(hand.errors, drawn, np.zeros_like(covariance), 0.0)
         for finger in exact.fingers.values():
             finger.correlation = []  # of nothing, and long to read
