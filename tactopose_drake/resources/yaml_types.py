@@ -123,6 +123,10 @@ def _check_scalar(options: tuple[Any, ...], node: yaml.Node, place: str) -> None
         if name == "bool":
             raise InvalidFileError(f"{where(node, place)}is {shown(node.value)}, a yes or no; allowed are numbers.")
         number_of(node, place, whole=float not in options)
+        if name == "str" and DECIMAL.fullmatch(node.value) is None:  # Drake's loader reads 0x20 only without quotes.
+            raise InvalidFileError(
+                f"{where(node, place)}is {shown(node.value)}, in quotes; allowed is it without them."
+            )
     elif str in options and name != "str" and not (name == "bool" and bool in options):
         raise InvalidFileError(f"{where(node, place)}is {_shown_node(node)}; allowed is text, in quotes if need be.")
     elif str not in options and name != "bool" and node.value not in ("true", "false"):

@@ -36,6 +36,7 @@ FAULTS = {
     "X_WC: {base_frame: camera}": "Scenario.X_WC.base_frame: is 'camera'; allowed is none",
     "seed: 1.5": "line 1: seed: is '1.5'; allowed are integers",
     "seed: yes": "line 1: seed: is 'yes', a yes or no; allowed are numbers",
+    'seed: "0x20"': "line 1: seed: is '0x20', in quotes; allowed is it without them",
     "seed: -1": "Scenario.seed: is -1; allowed are integers from 0",
     "seed: 9" + "9" * 400: "line 1: seed: is '9999",
     "duration: .inf": "line 1: duration: is '.inf'; allowed are finite numbers",
