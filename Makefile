@@ -10,8 +10,9 @@ STAMP := $(VENV)/.installed
 demo: $(STAMP)
 	$(BIN)/tactopose demo
 
-# Three things that `make -j3 test` does at a time: mypy keeps one core busy for the better part of a minute.
-test: lint types tests
+# Three things at a time: mypy keeps one core busy for the better part of a minute.
+test: $(STAMP)
+	$(MAKE) --no-print-directory -j3 lint types tests
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check .
