@@ -90,6 +90,8 @@ _FIRST_STEPS = LevenbergMarquardt(max_iterations=3, tolerance=3e-4, initial_damp
 _FURTHER_STEPS = dataclasses.replace(_FIRST_STEPS, max_iterations=4)
 # Most poses are on their way to the same few minima: of those that come together on it, one is left.
 _ON_THE_WAY = Stage(refinement=_FURTHER_STEPS, kept=20, worth=20.0, apart=1.0)
+# So few contacts leave many poses that explain them, most without a prior: more are followed.
+_FEW_CONTACTS, _MANY_ON_THE_WAY = 4, dataclasses.replace(_ON_THE_WAY, kept=80)
 # A descent may get stuck where the field has a kink; from the best another one goes on.
 _AGAIN = dataclasses.replace(_ON_THE_WAY, kept=3)
 # All that come out have arrived: a pose on its way down a valley would count as a mode of its own.
@@ -124,6 +126,7 @@ class PairSearch(Search):
         choice: how pairs are matched and chosen where there is no prior.
         start, stages: what is refined, and how. These stages are by the touch alone.
         start_but_for_one: the poses that are given beside where one of the contacts may be false.
+        on_the_way: what goes on to the minima, by all the evidence.
         near_choice, near_start, near_stages, near_start_but_for_one: the same near a prior.
     """
 
@@ -133,6 +136,7 @@ class PairSearch(Search):
     start: Start = Start()
     stages: tuple[Stage, ...] = global_stages()
     start_but_for_one: Start = Start(candidates=150)
+    on_the_way: Stage = _ON_THE_WAY
     near_choice: PairChoice = PairChoice(poses=1500)
     near_start: Start = Start(candidates=60, samples=20, fewest=50, kept=30)
     near_stages: tuple[Stage, ...] = near_stages()
@@ -140,8 +144,13 @@ class PairSearch(Search):
 
     @classmethod
     def of(cls, model: ObjectModel, contacts: Contacts) -> "PairSearch":
-        """The search for these contacts. Where they are without normals, a match leaves a turn open: it looks wider."""
+        """The search for these contacts, wider where they are few.
+
+        And where they are without normals: then a match leaves a turn open.
+        """
         search = cls(model=model, contacts=contacts)
+        if len(contacts.p_PC) <= _FEW_CONTACTS:
+            search = dataclasses.replace(search, stages=global_stages(320, 160), on_the_way=_MANY_ON_THE_WAY)
         return search if contacts.n_PC is not None else search.widened()
 
     def widened(self) -> "PairSearch":
@@ -174,7 +183,7 @@ class PairSearch(Search):
             found = join_results(found, _FIRST_STEPS.refine(objective.but_for_one, X_PO, should_stop))
         if objective is not believed:
             found = found._replace(cost=objective.cost(found.X_PO)).ranked()
-        for stage, following in ((last, _FURTHER_STEPS), (_ON_THE_WAY, _TO_THE_MINIMUM)):
+        for stage, following in ((last, _FURTHER_STEPS), (self.on_the_way, _TO_THE_MINIMUM)):
             X_PO = self._apart(found, believed, space, stage)
             found = following.refine(objective, X_PO, should_stop)
         best = self._apart(found, believed, space, _AGAIN)
