@@ -91,8 +91,9 @@ class PoseBeliefEstimator(CollectableSystem):
     - pads: tuple of the names of those pads, by which a patch is known again; without it, by its place among them.
     - contact_status, patch_status: str, "ok", or which fingers and pads do not feel the object and why; remarks of the
       status.
-    - prior: `PosePrior`, or None while there is none. It counts once, and as well as it says until the object is felt.
-      Where an object that was gone is felt again, one that has not changed says nothing of it.
+    - prior: `PosePrior`, or None while there is none. It counts once, and as well as it says until the object is felt;
+      one that changes before that takes its place. Where an object that was gone is felt again, one that has not
+      changed says nothing of it.
     - vision: `PoseMeasurement`, with the time of its picture, or `PosePrior`, which counts as of when its pose changes
       or is surer than before, and the first as a prior; None while there is none.
     - hand: `HandGeometry` in P, where the object is not, or None.

@@ -43,8 +43,8 @@ class VisionRecord:
         last: of them; None before the first.
         accepted_time: when the best mode last took one for an inlier, s.
         remark: what is wrong with it; empty where nothing is.
-        prior: the prior that this belief began with; None where it had none.
-        spent: the last one that an earlier belief began with, which says nothing of another grasp; likewise.
+        prior: the last prior that has counted, before the object was felt; None where there was none.
+        spent: the last one that counted for an earlier belief, which says nothing of another grasp; likewise.
     """
 
     times: tuple[float, ...] = ()

@@ -90,10 +90,11 @@ def see(
     never_felt = belief.touch_time == -np.inf
     prior = None if frame.evidence.prior == belief.vision.spent else frame.evidence.prior
     sighting, record = read_vision(belief.vision, frame.vision, belief.history, frame.time, params)
-    begins = standing is None and never_felt and prior is not None
-    if begins and prior is not None:
-        standing = PoseMeasurement.from_prior(prior, frame.time)
-        record = dataclasses.replace(record, prior=prior)
+    guess = PoseMeasurement.from_prior(prior, frame.time) if never_felt and prior is not None else None
+    begins = standing is None and guess is not None
+    if begins:
+        standing, record = guess, dataclasses.replace(record, prior=prior)
+    is_counted = guess is None or _has_counted(guess, record)
     if sighting is not None:
         if len(modes):
             log_outlier = math.log(params.outlier_probability / (8.0 * math.pi**2 * params.outlier_volume))
@@ -109,14 +110,25 @@ def see(
             # A prior is a guess of the same kind, which the first picture takes the place of.
             is_first = begins or len(record.times) == 1
             standing = sighting.pose if is_first else fuse(model, standing, sighting, params)
-            record = dataclasses.replace(record, accepted_time=sighting.pose.time)
+            is_counted, told = True, record.prior if is_counted else prior
+            record = dataclasses.replace(record, accepted_time=sighting.pose.time, prior=told)
+    # Vision that is not believed may be an outlier; it is none where nothing else has been seen for so long.
+    waits = record.remark == _NOT_BELIEVED and frame.time <= record.accepted_time + params.max_age
+    if not is_counted and not waits:
+        is_counted, standing = True, guess
+        record = dataclasses.replace(record, prior=prior, remark="")
     if never_felt and standing is not None and not reading.has_contact:
         modes = TrackedModes.independent(standing.X_PO[None], standing.covariance[None], len(reading.sources))
-        if prior is not None:
+        if prior is not None and is_counted:
             record = dataclasses.replace(record, accepted_time=frame.time)
     if modes is belief.modes and standing is belief.standing and record is belief.vision:
         return belief, is_outlier
     return dataclasses.replace(belief, modes=modes, standing=standing, vision=record), is_outlier
+
+
+def _has_counted(guess: PoseMeasurement, record: VisionRecord) -> bool:
+    """Whether a prior says no more than that which has counted."""
+    return record.prior is not None and not guess.is_news_after(PoseMeasurement.from_prior(record.prior, guess.time))
 
 
 def fuse(
