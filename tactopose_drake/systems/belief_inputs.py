@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from tactopose_drake.systems.ports import eval_items, eval_optional_input, port_
 
 # Noise moves a reading that is alive within less than this, s.
 _FROZEN = 0.5
+_ROUNDING = 1e-12  # by which the size of a force differs, relatively, that is turned with its fingertip
 
 
 def pad_source(pad: str) -> str:
@@ -40,11 +41,12 @@ class Remembered:
 
     Attributes:
         prior: what vision said, as a measurement of then; None before the first.
-        points: where each finger or pad touched, shape (3,), m, and since when, s, by its name.
+        felt: what each finger or pad felt, and since when, s, by its name: the size of a force, shape (1,), N, which no
+            motion of the joints changes, or where there is none the point, shape (3,), m.
     """
 
     prior: PoseMeasurement | None = None
-    points: Mapping[str, tuple[FloatArray, float]] = dataclasses.field(default_factory=dict)
+    felt: Mapping[str, tuple[FloatArray, float]] = dataclasses.field(default_factory=dict)
 
     def __deepcopy__(self, memo: Any) -> Remembered:
         return self
@@ -88,7 +90,7 @@ class BeliefInputs:
             PortTypeError: if an input holds what it cannot, or neither contacts nor patches are connected.
         """
         now = context.get_time()
-        times = [time for _, time in before.points.values()] + ([] if before.prior is None else [before.prior.time])
+        times = [time for _, time in before.felt.values()] + ([] if before.prior is None else [before.prior.time])
         if max(times, default=now) > now:
             before = Remembered()
         contacts, patches, sources = self._read_touch(context)
@@ -102,10 +104,10 @@ class BeliefInputs:
             planes=eval_items(self._planes, context, PlaneContact),
         )
         remarks: list[str] = []
-        points = _points_since(before.points, sources, evidence.touch.p_PC, now)
-        before = dataclasses.replace(before, points=points)
-        if frozen := {name: time for name, (_, time) in points.items() if now > time + _FROZEN}:
-            of = "" if len(frozen) == len(points) else f" of {', '.join(frozen)}"
+        felt = _felt_since(before.felt, dict(zip(sources, _readings(evidence), strict=True)), now)
+        before = dataclasses.replace(before, felt=felt)
+        if frozen := {name: time for name, (_, time) in felt.items() if now > time + _FROZEN}:
+            of = "" if len(frozen) == len(felt) else f" of {', '.join(frozen)}"
             remarks.append(f"the touch{of} has been the same for {now - max(frozen.values()):.1f} s")
         vision, before = self._read_vision(context, before)
         velocities = self._read_velocities(context, remarks)
@@ -189,12 +191,21 @@ class BeliefInputs:
         return X_WP
 
 
-def _points_since(
-    before: Mapping[str, tuple[FloatArray, float]], sources: Sequence[str], p_PC: FloatArray, now: float
-) -> dict[str, tuple[FloatArray, float]]:
-    """Each source's point and since when it is there: since before where it has not moved at all, or else now."""
-    points = {}
-    for name, p in zip(sources, p_PC, strict=True):
-        last, time = before.get(name, (None, now))
-        points[name] = (p, time) if last is not None and np.array_equal(p, last) else (p, now)
+def _readings(evidence: Evidence) -> list[FloatArray]:
+    """What each source of the touch reads that changes whenever its sensor does, as `Remembered` keeps it."""
+    points, forces = list(evidence.touch.p_PC), evidence.contacts.f_PC
+    if forces is not None:
+        points[: len(forces)] = list(np.linalg.norm(forces, axis=1, keepdims=True))
     return points
+
+
+def _felt_since(
+    before: Mapping[str, tuple[FloatArray, float]], readings: Mapping[str, FloatArray], now: float
+) -> dict[str, tuple[FloatArray, float]]:
+    """Each source's reading and since when it is so: since before where it has not changed at all, or else now."""
+    since = {}
+    for name, reading in readings.items():
+        last, time = before.get(name, (reading, now))
+        is_same = last.shape == reading.shape and np.allclose(reading, last, rtol=_ROUNDING, atol=0.0)
+        since[name] = (reading, time if is_same else now)
+    return since

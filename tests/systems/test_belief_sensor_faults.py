@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.resources import model_path
-from tactopose_drake.systems.pose_tracking import MakePoseTracking
+from tactopose_drake.systems.pose_tracking import MakePoseTracking, PoseTrackingParams
 from tests import held_cube
 from tests.systems.belief_runs import Run, Signal
 
@@ -81,6 +81,26 @@ def test_slow_sensors_are_neither_frozen_nor_lost_between_their_samples(cube: Ob
     )
     run.until(1.5)
     assert {instant.status for instant in run.instants if instant.time > 0.2} == {"ok"}
+
+
+@pytest.mark.parametrize("freezing", [("thumb",), tuple(held_cube.WRENCHES)])
+def test_a_board_that_hangs_is_named_although_the_joints_are_read_on(cube: ObjectModel, freezing: tuple[str]) -> None:
+    def wrench(finger: str, seed: int, time: float) -> np.ndarray:
+        noise = np.random.default_rng([seed, round(1e4 * time)]).normal(size=6) * np.repeat([2e-5, 4e-3], 3)
+        return held_cube.WRENCHES[finger] + noise * (finger not in freezing or time < 0.205)
+
+    run = Run(
+        MakePoseTracking(load_hand_config("shadow_like"), cube, PoseTrackingParams(use_joint_velocities=False)),
+        **{
+            f"wrench_{finger}": lambda time, finger=finger, i=i: wrench(finger, i, time)
+            for i, finger in enumerate(held_cube.WRENCHES)
+        },
+        joint_positions=lambda time: held_cube.Q + 1e-5 * np.random.default_rng(round(1e4 * time)).normal(size=24),
+        vision=lambda time: held_cube.prior(),
+    )
+    assert "the same" not in run.until(0.7).status
+    of = " of thumb" if len(freezing) == 1 else ""
+    assert f"the touch{of} has been the same for 0.6 s" in run.until(0.81).status
 
 
 @pytest.mark.parametrize(
