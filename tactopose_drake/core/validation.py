@@ -242,6 +242,22 @@ def params_of(kind: type[Params], value: Params | None) -> Params:
     return params
 
 
+def check_parts(params: object, **kinds: type[Checked]) -> None:
+    """Checks parameters that are made of others.
+
+    Args:
+        params: of all.
+        kinds: of what type each part is, by its name.
+
+    Raises:
+        InvalidInputError: a part of another type, or a parameter in it that is out of its range.
+    """
+    for name, kind in kinds.items():
+        part = getattr(params, name)
+        instance_of(f"{type(params).__name__}.{name}", part, kind)
+        part.validate()
+
+
 def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
     """Returns rows of unit length, normalised exactly.
 

@@ -16,7 +16,7 @@ from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
-from tactopose_drake.core.validation import FloatArray, instance_of, params_of, positive_number
+from tactopose_drake.core.validation import FloatArray, check_parts, instance_of, params_of, positive_number
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.systems.belief_hypotheses import estimate_of
@@ -36,7 +36,7 @@ class PoseBeliefParams:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range."""
-        self.tracker.validate()
+        check_parts(self, tracker=PoseTrackerParams)
         positive_number("PoseBeliefParams.period", self.period)
         positive_number("PoseBeliefParams.latency", self.latency, allow_zero=True)
 

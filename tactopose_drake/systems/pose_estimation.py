@@ -6,7 +6,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import flag, instance_of, params_of
+from tactopose_drake.core.validation import check_parts, flag, instance_of, params_of
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import Hand
@@ -26,7 +26,7 @@ class PoseEstimationParams(TouchParams):
         """Raises InvalidInputError if a value is out of its range."""
         TouchParams.validate(self)
         flag("PoseEstimationParams.check_collisions", self.check_collisions)
-        self.estimator.validate()
+        check_parts(self, estimator=PoseEstimatorParams)
 
 
 def AddPoseEstimation(

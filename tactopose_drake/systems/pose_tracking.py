@@ -7,7 +7,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
 from tactopose_drake.core.calibration.offset_refinement import OffsetRefinementParams
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import flag, instance_of, params_of
+from tactopose_drake.core.validation import check_parts, flag, instance_of, params_of
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
@@ -36,9 +36,9 @@ class PoseTrackingParams(TouchParams):
         TouchParams.validate(self)
         for name in ("check_collisions", "use_joint_velocities", "live"):
             flag(f"PoseTrackingParams.{name}", getattr(self, name))
-        self.belief.validate()
+        check_parts(self, belief=PoseBeliefParams)
         if self.refinement is not None:
-            self.refinement.validate()
+            check_parts(self, refinement=OffsetRefinementParams)
 
 
 def AddPoseTracking(

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import params_of
+from tactopose_drake.core.validation import check_parts, params_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig
@@ -28,8 +28,7 @@ class TouchExplorationParams:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
-        for part in (self.estimator, self.chooser, self.explorer):
-            part.validate()
+        check_parts(self, estimator=PoseEstimatorParams, chooser=NextTouchParams, explorer=TouchExplorerParams)
         if self.estimator.balance:
             raise InvalidInputError(
                 "TouchExplorationParams.estimator.balance: is True; allowed is False, for touches of several instants "

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from tactopose_drake.core.validation import flag
+from tactopose_drake.core.validation import check_parts, flag
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig
@@ -35,8 +35,7 @@ class TouchParams:
         """Raises InvalidInputError if a value is out of its range."""
         for name in ("use_uncertainty", "use_hand_volume"):
             flag(f"{type(self).__name__}.{name}", getattr(self, name))
-        for part in (self.solver, self.contacts, self.patches):
-            part.validate()
+        check_parts(self, solver=ContactSolverParams, contacts=ContactsInPalmParams, patches=PatchDescriptorParams)
 
 
 def add_touch(

@@ -12,9 +12,11 @@ from tactopose_drake.systems.measured_joints import MeasuredJoints
 from tactopose_drake.systems.next_touch_chooser import NextTouchChooser
 from tactopose_drake.systems.palm_pose import PalmPose
 from tactopose_drake.systems.played_signal import PlayedValue, PlayedVector
+from tactopose_drake.systems.pose_belief_estimator import PoseBeliefParams
 from tactopose_drake.systems.pose_estimation import PoseEstimationParams
 from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
+from tactopose_drake.systems.touch_exploration import TouchExplorationParams
 from tactopose_drake.systems.touch_explorer import TouchExplorer
 
 
@@ -51,4 +53,22 @@ def test_what_is_on_or_off_is_neither_text_nor_a_number(
     params: PoseEstimationParams | PoseEstimatorParams | PoseTrackingParams, name: str
 ) -> None:
     with pytest.raises(InvalidInputError, match=f"^{name}: is .*; allowed are True and False"):
+        params.validate()
+
+
+@pytest.mark.parametrize(
+    ("params", "message"),
+    [
+        (PoseEstimationParams(estimator=PoseTrackingParams()), "PoseEstimationParams.estimator: is a PoseTrackingP"),
+        (PoseEstimationParams(solver={"min_force": 0.1}), "PoseEstimationParams.solver: is a dict; allowed is a Cont"),
+        (PoseTrackingParams(belief={"period": 0.1}), "PoseTrackingParams.belief: is a dict; allowed is a PoseBeliefP"),
+        (PoseTrackingParams(refinement=True), "PoseTrackingParams.refinement: is a bool; allowed is an OffsetRefinem"),
+        (PoseBeliefParams(tracker=None), "PoseBeliefParams.tracker: is a NoneType; allowed is a PoseTrackerParams"),
+        (TouchExplorationParams(chooser=3), "TouchExplorationParams.chooser: is a int; allowed is a NextTouchParams"),
+    ],
+)
+def test_a_part_of_another_type_is_named(
+    params: PoseEstimationParams | PoseTrackingParams | PoseBeliefParams | TouchExplorationParams, message: str
+) -> None:
+    with pytest.raises(InvalidInputError, match=f"^{message}"):
         params.validate()
