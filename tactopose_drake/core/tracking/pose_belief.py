@@ -227,7 +227,7 @@ def judge(belief: PoseBelief, params: PoseTrackerParams, *, has_contact: bool) -
     if time < belief.slip_time + params.slip_time or not belief.explains_touch[0]:
         return "slipping", ()
     if belief.probability[0] < params.answer_probability:
-        return "ambiguous", ()
+        return "ambiguous", (f"the likeliest of several poses carries less than {params.answer_probability:.0%}",)
     if time < belief.unsettled_time + params.settling_time - 1e-9:
         return "ambiguous", ("the touch is new",)
     return "ok", ()
