@@ -70,7 +70,7 @@ def main() -> None:
     logging.getLogger("can").setLevel(logging.ERROR)  # What a damaged log holds is said once, at its end.
     try:
         # It gives back what `Context.exit` and `click.exceptions.Exit` were given; commands give nothing.
-        status = cli.main(standalone_mode=False)
+        status = cli.main(prog_name="tactopose", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
         sys.exit(_UNUSABLE_INPUT)
