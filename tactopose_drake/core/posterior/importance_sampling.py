@@ -106,24 +106,24 @@ def begin_weighing(modes: Modes, posterior: Posterior, generator: np.random.Gene
 
 
 def weigh_on(weighing: Weighing, posterior: Posterior, generator: np.random.Generator) -> Weighing:
-    """The next step, of modes that are covered: what is one, samples, what these make one, and further rounds."""
+    """The next step, of modes that are covered: what is one, samples, what these make one, further rounds, the end."""
     modes, cover, families, samples, X_between, is_joined = weighing
     assert cover is not None
     if families is None:
-        return weighing._replace(families=join_modes(cover, posterior))
-    if samples is None:
+        families = join_modes(cover, posterior)
+    elif samples is None:
         samples = _first_round(cover, families, posterior, generator)
         is_joined = samples.weighed.error <= posterior.params.sampling.standard_error
-    elif is_joined:
-        samples = _next_round(samples, cover, families, posterior, generator)
-    elif X_between is None:  # Maybe minima between the modes have been missed.
+    elif not is_joined and X_between is None:  # Maybe minima between the modes have been missed.
         X_between = minima_between(samples.X_PO, samples.weights, cover, posterior)
-    else:
+    elif not is_joined:
         families, is_joined = join_modes(cover, posterior, X_between), True
         samples = _weighed_anew(samples, cover, families, posterior)
-    if not is_joined or _next_count(samples, cover, posterior):
-        return Weighing(modes, cover, families, samples, X_between, is_joined)
-    return Weighing(_as_sampled(modes, cover, families, samples, posterior), None)
+    elif _next_count(samples, cover, posterior):
+        samples = _next_round(samples, cover, families, posterior, generator)
+    else:
+        return Weighing(_as_sampled(modes, cover, families, samples, posterior), None)
+    return Weighing(modes, cover, families, samples, X_between, is_joined)
 
 
 def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples, posterior: Posterior) -> Modes:
