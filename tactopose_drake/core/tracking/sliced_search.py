@@ -52,7 +52,8 @@ class SearchState(NamedTuple):
         X_PO: what the slices so far have found, as of the last of them, shape (n, 3, 4); None between two searches.
         is_settled: whether these are minima of all the evidence.
         minima: what the last search has found, as of that time, shape (m, 3, 4): modes led astray are found again.
-        weighing: of the modes, which the next slice goes on with; None where that does something else.
+        weighing: of the modes, which the next slice goes on with, or asks of them whether they are clear of the hand;
+            None where that does something else.
         X_PP: the motion of the object in P since then, which acts from the left, shape (3, 4).
         searches: how many there were.
         agreeing: how many of them since something happened that makes what they said before worthless.
@@ -62,7 +63,7 @@ class SearchState(NamedTuple):
     X_PO: FloatArray | None = None
     is_settled: bool = False
     minima: FloatArray = np.empty((0, 3, 4))
-    weighing: TouchWeighing | None = None
+    weighing: TouchWeighing | WeighedModes | None = None
     X_PP: FloatArray = np.eye(3, 4)
     searches: int = 0
     agreeing: int = 0
@@ -120,15 +121,14 @@ def _next_slice(
     model: ObjectModel, params: PoseTrackerParams, touch: Touch, modes: TrackedModes, search: SearchState
 ) -> tuple[SearchState, WeighedModes | None]:
     """Likewise; no poses are left in what a search has come to when it ends."""
-    if search.weighing is not None:  # It is as of the slice that began it.
+    if isinstance(search.weighing, WeighedModes):  # They are as of the slice that began to weigh.
+        weighed, search = search.weighing.moved(search.X_PP), search.as_of_now()
+        return search.ended(), _clear_of_the_hand(model, params.relocalisation, touch, weighed)
+    if search.weighing is not None:
         samples = search.weighing.weighing.samples
         parts = 0 if samples is None else len(samples.drawn)  # Rounds from the same proposals are no copies.
         generator = np.random.default_rng([params.seed, search.searches, 1 + parts])
-        weighed = _weigh_on(model, params.relocalisation, search.weighing, generator)
-        if isinstance(weighed, TouchWeighing):
-            return search._replace(weighing=weighed), None
-        weighed, search = weighed.moved(search.X_PP), search.as_of_now()
-        return search.ended(), _clear_of_the_hand(model, params.relocalisation, touch, weighed)
+        return search._replace(weighing=_weigh_on(model, params.relocalisation, search.weighing, generator)), None
     search = search.as_of_now()
     evidence, settings = touch.averaged(params), params.relocalisation
     generator = np.random.default_rng([params.seed, search.searches])

@@ -21,7 +21,7 @@ from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, make_window
 from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.relocalisation import relocalise
-from tactopose_drake.core.tracking.sliced_search import SearchState, search_on
+from tactopose_drake.core.tracking.sliced_search import SearchState, TouchWeighing, search_on
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.weighed_modes import WeighedModes
@@ -287,7 +287,7 @@ def test_no_round_draws_the_samples_of_another_again(box: ObjectModel, monkeypat
     touched, state, times, X = touch_of(touch(X_PO, np.random.default_rng(1))), SearchState(), 0, X_PO[None]
     while state.searches < 1:
         state, _ = search_on(box, params, touched, modes_at(X_PO), state)
-        if state.weighing is not None and state.weighing.weighing.samples is not None:
+        if isinstance(state.weighing, TouchWeighing) and state.weighing.weighing.samples is not None:
             X, times = state.weighing.weighing.samples.X_PO, state.weighing.weighing.samples.times
     assert times > 2
     assert len(np.unique(X.round(12).reshape(-1, 12), axis=0)) == len(X)
