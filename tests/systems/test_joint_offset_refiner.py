@@ -141,7 +141,7 @@ def test_contacts_do_not_jump_while_something_is_held(bottle: ObjectModel) -> No
 def test_a_touch_that_drops_out_for_a_moment_counts_once(bottle: ObjectModel) -> None:
     run = Run(4, bottle)
     (grasp,) = run.hand.close(bottle, 1, GRASPS)
-    run.hold(grasp)
+    run.hold(grasp, frames=30)
     found, sigma = run.said("joint_offsets"), run.said("joint_offset_sigmas")
     assert np.any(found != 0.0)
     for wrenches, frames in (({}, 8), (dict(grasp.recorded.wrenches), 40)):
