@@ -26,7 +26,7 @@ from tactopose_drake.core.validation import FloatArray
 # Shares of the way between two minima at which the density is asked for.
 _SHARES, _HALF = np.arange(1.0, 6.0) / 6.0, np.array([3.0 / 6.0])
 # So many pairs are asked for at once; of more, first those that are likely to settle the others.
-_FEW_PAIRS = 30
+_FEW_PAIRS = 10
 # Of the ways from a minimum between modes so many are asked for, the shortest ones.
 _NEAREST = 5
 
