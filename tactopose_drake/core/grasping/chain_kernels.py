@@ -7,6 +7,7 @@ import numpy as np
 from tactopose_drake.core.compilation import kernel
 from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, Floats4, Longs1, OutFloats3, OutFloats4
 from tactopose_drake.core.kernels.pose_kernels import compose_one, retract_one
+from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
 
 
 class Joints(NamedTuple):
@@ -32,7 +33,7 @@ def sweep(joints: Joints, positions: Floats2, X_PB: OutFloats4, axis_P: OutFloat
     for b in range(positions.shape[0]):
         for i in range(positions.shape[1]):
             if i == 0:
-                joint[:] = joints.X_parent[0]
+                copy_matrix(joints.X_parent[0], joint)
             else:
                 compose_one(X_PB[b, i - 1], joints.X_parent[i], joint)
             turn = positions[b, i] * (1.0 - joints.slides[i])

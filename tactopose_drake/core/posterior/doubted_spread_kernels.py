@@ -17,6 +17,7 @@ from tactopose_drake.core.kernel_types import (
 )
 from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, solve
+from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 
 # On each side of a line, in standard deviations of the mode with all contacts as told: places as far as these are known
 # well, and then farther and farther ones, to so many standard deviations of the mode with one of them false.
@@ -82,7 +83,7 @@ def lay_lines(X: Floats3, information: Floats3, left: Floats4, lines: Lines) -> 
                 u[i] = lost[i, column]
             kept = 0.0
             for _ in range(_STEPS):
-                d[:] = u
+                copy_vector(u, d)
                 solve(L, d)
                 square = 0.0
                 for i in range(6):
@@ -97,7 +98,8 @@ def lay_lines(X: Floats3, information: Floats3, left: Floats4, lines: Lines) -> 
                         kept += d[i] * left[b, z, i, j] * d[j]
             if not 0.0 < kept <= 1.0 / _LEAST_WIDER**2:
                 continue
-            lines.mode[n], lines.direction[n] = b, d
+            lines.mode[n] = b
+            copy_vector(d, lines.direction[n])
             grown = (_LAST / (np.sqrt(kept) * _NEAR[-1])) ** (1.0 / (_POINTS - len(_NEAR)))
             place = _NEAR[-1]
             for q in range(_POINTS):
