@@ -220,8 +220,8 @@ class PoseTracker:
             belief = copied(belief, search=belief.search._replace(agreeing=0))
         # By when a touch has settled a search has begun to look at it, however rare frames are. And where the best mode
         # does not explain it, any other is worth more sooner than well known.
-        slices = 1 if explained else max(1, math.ceil(duration / params.relocalisation.slice_time - 1e-9))
-        slices = None if duration >= params.settling_time else slices
+        some = 1 if explained else max(1, math.ceil(duration / params.relocalisation.slice_time - 1e-9))
+        slices = None if duration >= params.settling_time else some
         belief = self._search(belief, frame, reading, is_urgent=is_urgent, slices=slices, thorough=explained)
         modes, test = belief.modes, belief.slip_test
         if len(modes):
