@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 
@@ -218,10 +217,9 @@ class PoseTracker:
         is_urgent = slips or is_outlier or not explained or time < unsettled_time + params.settling_time
         if slips or is_outlier or is_new:
             belief = copied(belief, search=belief.search._replace(agreeing=0))
-        # By when a touch has settled a search has begun to look at it, however rare frames are. And where the best mode
-        # does not explain it, any other is worth more sooner than well known.
-        some = 1 if explained else max(1, math.ceil(duration / params.relocalisation.slice_time - 1e-9))
-        slices = None if duration >= params.settling_time else some
+        # By when a touch has settled a search has begun to look at it, however rare frames are. And what the best mode
+        # does not explain is worth more of a frame's time than that mode, and any other sooner than well known.
+        slices = None if duration >= params.settling_time else 1 if explained else 2
         belief = self._search(belief, frame, reading, is_urgent=is_urgent, slices=slices, thorough=explained)
         modes, test = belief.modes, belief.slip_test
         if len(modes):

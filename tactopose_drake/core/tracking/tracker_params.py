@@ -141,13 +141,11 @@ class RelocalisationParams:
 
     period: float = 0.15  # s between two searches, while all is well
     urgent_period: float = 0.03  # s between two searches, while it is not
-    slice_time: float = 0.01  # s between frames, for which a slice of the search is taken
     starts: int = 120  # poses with which a search without a prior begins, at the most
     found: int = 12  # poses that it ends with, at the most
     joined: int = 8  # of these, of which it is asked which are minima of one valley, at the most: ways are many
     led: int = 32  # samples that lead to minima between these,
     most_between: int = 16  # of which so many are asked as well, at the most
-    most_tiles: int = 64  # densities that cover these, at the most
     samples: int = 96  # by which these are weighed at the least, in a round
     most_samples: int = 768  # and at the most, in several,
     standard_error: float = 0.03  # until no mode's probability is less sure: some searches are the mean's
@@ -164,7 +162,6 @@ class RelocalisationParams:
         sampling = dataclasses.replace(
             DEFAULT_PARAMS.sampling,
             samples=self.samples,
-            most_tiles=self.most_tiles,
             most_samples=self.most_samples,
             standard_error=self.standard_error,
         )
