@@ -10,12 +10,12 @@ thousands: none weighs more than so many times the mean [I08].
 Source: [OZ00] A. Owen and Y. Zhou, Safe and effective importance sampling, J. Am. Stat. Assoc. 95, 2000 (deterministic
 mixture weights). [CDG08] O. Cappe et al., Adaptive importance sampling in general mixture classes, Stat. Comput. 18,
 2008. [CMMR12] J.-M. Cornuet et al., Adaptive multiple importance sampling, Scand. J. Stat. 39, 2012. [I08] E. Ionides,
-Truncated importance sampling, J. Comput. Graph. Stat. 17, 2008.
+Truncated importance sampling, J. Comput. Graph. Stat. 17, 2008. [N34] J. Neyman, On the two different aspects of the
+representative method, J. R. Stat. Soc. 97, 1934.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +29,7 @@ from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
 from tactopose_drake.core.posterior.importance_sampling_kernels import Draws, Weighed, find_nearest_images, weigh
 from tactopose_drake.core.posterior.joined_modes import Families
 from tactopose_drake.core.posterior.mode_cover import Cover, cover_modes, join_modes, minima_between, tile_samples
-from tactopose_drake.core.posterior.mode_moments import Moments, toward_the_mean, weigh_moments
+from tactopose_drake.core.posterior.mode_moments import Moments, spread, toward_the_mean, weigh_moments
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.student_t_mixture import Increments, StudentTMixture, find_increments
 from tactopose_drake.core.validation import FloatArray
@@ -47,9 +47,10 @@ class Samples(NamedTuple):
         increments: from the sampled modes to them.
         density: of the modes' proposals there, times the number of all samples, shape (B, g).
         proposals: of which they are drawn, one a round, as long as these are made better.
-        times: how often they are drawn from all of these.
+        times: how often they are drawn from all of these that are of each mode, shape (g,).
         drawn: how many are drawn of each component, a part for each mixture and each time, in the samples' order.
         weights: in the modes' shares, over the density exp(lowest - cost), shape (B, g).
+        variance: of the noisiest share, what the samples from each mode's proposals have of it, shape (g,).
         weighed: what they say together.
     """
 
@@ -58,15 +59,23 @@ class Samples(NamedTuple):
     increments: Increments
     density: FloatArray
     proposals: tuple[StudentTMixture, ...]
-    times: int
+    times: NDArray[np.intp]
     drawn: tuple[NDArray[np.intp], ...]
     weights: FloatArray
+    variance: FloatArray
     weighed: Weighed
 
     @property
     def draws(self) -> Draws:
         """They as they were drawn."""
-        return Draws(self.cost, self.density, np.concatenate(self.drawn))
+        group = [each.group for each in self.proposals] * (len(self.drawn) // len(self.proposals))
+        return Draws(self.cost, self.density, np.concatenate(self.drawn), np.concatenate(group))
+
+    @property
+    def once(self) -> NDArray[np.intp]:
+        """How many are drawn of each mode's proposals (g,) at a time."""
+        count, group = (np.concatenate([getattr(each, name) for each in self.proposals]) for name in ("count", "group"))
+        return np.bincount(group, count, len(self.times)).astype(np.intp)
 
 
 class Weighing(NamedTuple):
@@ -119,8 +128,8 @@ def weigh_on(weighing: Weighing, posterior: Posterior, generator: np.random.Gene
     elif not is_joined:
         families, is_joined = join_modes(cover, posterior, X_between), True
         samples = _weighed_anew(samples, cover, families, posterior)
-    elif _next_count(samples, cover, posterior):
-        samples = _next_round(samples, cover, families, posterior, generator)
+    elif (further := _next_round(samples, cover, families, posterior, generator)) is not None:
+        samples = further
     else:
         return Weighing(_as_sampled(modes, cover, families, samples, posterior), None)
     return Weighing(modes, cover, families, samples, X_between, is_joined)
@@ -150,54 +159,41 @@ def _first_round(cover: Cover, families: Families, posterior: Posterior, generat
     proposal.add_to(density, increments)
     cost = _cost_of_one_image(X_PO, cover.X_PO, posterior)
     nothing = Weighed(cover.lowest, 0.0, 0.0, 0.0)
-    drawn = Samples(X_PO, cost, increments, density, (proposal,), 1, (proposal.count,), density, nothing)
-    return _weighed_anew(drawn, cover, families, posterior)
+    times, drawn = np.ones(g, dtype=np.intp), (proposal.count,)
+    samples = Samples(X_PO, cost, increments, density, (proposal,), times, drawn, density, density[0], nothing)
+    return _weighed_anew(samples, cover, families, posterior)
 
 
 def _weighed_anew(samples: Samples, cover: Cover, families: Families, posterior: Posterior) -> Samples:
     """The samples weighed by these families, in arrays of their own."""
-    params, weights = posterior.params.sampling, np.empty_like(samples.density)
+    params, weights, variance = posterior.params.sampling, np.empty_like(samples.density), np.empty(len(cover.X_PO))
     limits = params.depth, params.truncation
-    weighed = weigh(samples.draws, cover.low, families.family, cover.lowest, *limits, weights)
-    return samples._replace(weights=weights, weighed=weighed)
-
-
-def _next_count(samples: Samples, cover: Cover, posterior: Posterior) -> int:
-    """How many samples the next round has: none where the modes' probabilities are sure enough, or all are drawn."""
-    params, drawn, weighed = posterior.params.sampling, len(samples.X_PO), samples.weighed
-    sure = weighed.error <= params.standard_error and weighed.worth >= params.effective_samples
-    if sure or weighed.worth == 0.0:
-        return 0
-    if not _are_proposed_well(samples, posterior):
-        count = max(params.round_of(cover.tiles), int(params.growth * drawn))
-        return count if drawn + count <= params.most_samples else 0
-    # Errors fall with the root of how often all proposals are drawn from: so often, but as often as there may be.
-    once = drawn // samples.times
-    most = params.most_samples // once
-    wanted = math.ceil(samples.times * min(weighed.error / params.standard_error, most) ** 2)
-    return once * max(0, min(max(wanted, samples.times + 1), most) - samples.times)
-
-
-def _are_proposed_well(samples: Samples, posterior: Posterior) -> bool:
-    """Whether the proposals are drawn from as they are, from now on."""
-    params, worth, drawn = posterior.params.sampling, samples.weighed.worth, len(samples.X_PO)
-    return samples.times > 1 or worth >= max(params.effective_samples, params.efficiency * drawn)
+    weighed = weigh(samples.draws, cover.low, families.family, cover.lowest, *limits, weights, variance)
+    return samples._replace(weights=weights, variance=variance, weighed=weighed)
 
 
 def _next_round(
     samples: Samples, cover: Cover, families: Families, posterior: Posterior, generator: np.random.Generator
-) -> Samples:
-    """The samples and those of another round.
+) -> Samples | None:
+    """The samples and those of another round; None where they are sure enough, or there may be no other.
 
     As long as they are worth few of the posterior, it is drawn about those that are there, as their weights say
     [CDG08], and all are weighed by all proposals together [CMMR12]. That makes of a heavy sample many light ones, and
     so all that is likely a little likelier. Therefore, once they are worth enough, the same proposals are drawn from.
     """
-    count = _next_count(samples, cover, posterior)
-    if _are_proposed_well(samples, posterior):
-        times = samples.times + count // (len(samples.X_PO) // samples.times)
+    params, weighed, drawn = posterior.params.sampling, samples.weighed, len(samples.X_PO)
+    sure = weighed.error <= params.standard_error and weighed.worth >= params.effective_samples
+    if sure or weighed.worth == 0.0:
+        return None
+    if samples.times.max() > 1 or weighed.worth >= max(params.effective_samples, params.efficiency * drawn):
+        times = _times_wanted(samples, posterior)
+        if (times == samples.times).all():
+            return None
         joined = _drawn_again(samples, times, cover, posterior, generator)
     else:
+        count = max(params.round_of(cover.tiles), int(params.growth * drawn))
+        if drawn + count > params.most_samples:
+            return None
         proposal = tile_samples(samples.X_PO, samples.weights, cover, count, posterior)
         joined = _joined(samples, proposal.sample(generator), cover, posterior)
         joined = joined._replace(proposals=(*samples.proposals, proposal), drawn=(*samples.drawn, proposal.count))
@@ -205,11 +201,33 @@ def _next_round(
     return _weighed_anew(joined, cover, families, posterior)
 
 
+def _times_wanted(samples: Samples, posterior: Posterior) -> NDArray[np.intp]:
+    """How often each mode's proposals (g,) are drawn from until the noisiest share is as sure as it shall be.
+
+    Where n samples of a mode's proposals have the part v of that share's variance, m have n v / m. Of all samples that
+    are as many together, the least is left by those of which m is as sqrt(n v) [N34]. But v is of few samples itself:
+    half of them are as n.
+    """
+    params, once, drawn = posterior.params.sampling, samples.once, len(samples.X_PO)
+    count = samples.times * once
+    squares = count * samples.variance
+    noise = np.sqrt(squares)
+    shares = 0.5 * (count / drawn + noise / max(noise.sum(), 1e-300))
+    wanted = float((squares / shares).sum()) / max(params.standard_error, 1e-9) ** 2
+    wanted = min(max(wanted, drawn + params.samples), params.most_samples)
+    more = np.maximum(shares * wanted / once - samples.times, 0.0)
+    room = max(params.most_samples - drawn, 0)
+    if np.ceil(more) @ once > room:
+        more = np.floor(more * min(1.0, room / (more @ once)))
+    return np.asarray(samples.times + np.ceil(more).astype(np.intp))
+
+
 def _drawn_again(
-    samples: Samples, times: int, cover: Cover, posterior: Posterior, generator: np.random.Generator
+    samples: Samples, times: NDArray[np.intp], cover: Cover, posterior: Posterior, generator: np.random.Generator
 ) -> Samples:
-    """With as many more as it takes until all proposals have been drawn from so many times."""
-    again = [copied(each, count=(times - samples.times) * each.count) for each in samples.proposals]
+    """With as many more as it takes until each mode's proposals have been drawn from so many times (g,)."""
+    more = times - samples.times
+    again = [copied(each, count=more[each.group] * each.count) for each in samples.proposals]
     X_PO = np.concatenate([each.sample(generator) for each in again])
     joined = _joined(samples._replace(density=samples.density / samples.times), X_PO, cover, posterior)
     drawn = *samples.drawn, *(each.count for each in again)
@@ -264,7 +282,7 @@ def _update(
     X_PO[index], cost[index], second = toward_the_mean(
         X_PO[index], cost[index], laplace, moments, posterior.objective, params.moments
     )
-    covariance[index] = _spread(X_PO[index], moments._replace(second=second), laplace, posterior)
+    covariance[index] = spread(X_PO[index], moments._replace(second=second), laplace, posterior)
     # Bumps along a valley's floor may hide from the curvature that it is one.
     by_touch = inverses(covariance[index])[0] - posterior.prior_information
     free = list(modes.free_directions)
@@ -274,16 +292,3 @@ def _update(
     order = (-mass).argsort(kind="stable")[: np.count_nonzero(mass)]
     named = tuple(free[i] for i in order)
     return Modes(GaussianMixture(X_PO[order], mass[order], covariance[order]), cost[order], named, log_mass)
-
-
-def _spread(X_PO: FloatArray, moments: Moments, laplace: FloatArray, posterior: Posterior) -> FloatArray:
-    """Covariances (n, 6, 6) of modes at poses (n, 3, 4) by their moments, and by Laplace's as far as those know little.
-
-    That is what the next sample of an inverse Wishart distribution is expected to be, with Laplace's as prior.
-    """
-    spread = moments.second
-    if len(posterior.turns[0]):
-        directions = posterior.turn_directions(X_PO)
-        spread = spread + posterior.turn_variance * directions @ np.swapaxes(directions, 1, 2)
-    prior_share = posterior.params.moments.pseudo_samples / moments.effective_samples[:, None, None]
-    return np.asarray(spread + prior_share * laplace)

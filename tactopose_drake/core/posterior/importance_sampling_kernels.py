@@ -38,11 +38,13 @@ class Draws(NamedTuple):
         cost: negative log posterior densities, up to a constant, shape (B,).
         density: of the groups' proposals there, times the number of all samples, shape (B, g).
         each: how many are of each component, shape (J,).
+        group: which group each component belongs to, shape (J,).
     """
 
     cost: Floats1
     density: Floats2
     each: Longs1
+    group: Longs1
 
 
 class Weighed(NamedTuple):
@@ -63,15 +65,22 @@ class Weighed(NamedTuple):
 
 @kernel
 def weigh(
-    draws: Draws, low: Floats1, family: Longs1, lowest: float, depth: float, power: float, weights: OutFloats2
+    draws: Draws,
+    low: Floats1,
+    family: Longs1,
+    lowest: float,
+    depth: float,
+    power: float,
+    weights: OutFloats2,
+    variance: OutFloats1,
 ) -> Weighed:
-    """Weighs samples in the groups' shares (B, g).
+    """Weighs samples in the groups' shares (B, g); what each group (g,) has of the variance of the noisiest share.
 
     Of groups that are one the shares are noisier than what they are together: a family (g,) is named by one of its
     groups. A sample is no part of groups whose family's lowest known cost, of those (g,), is so much less than its own;
     and none weighs more than the mean of all times that power of their number [I08].
     """
-    cost, density, count = draws.cost, draws.density, draws.each
+    cost, density = draws.cost, draws.density
     for b in range(cost.shape[0]):
         lowest = min(lowest, cost[b])
     high = np.full(low.shape[0], np.inf)
@@ -88,6 +97,8 @@ def weigh(
             weights[b, g] = weight * (density[b, g] / whole) if cost[b] < high[family[g]] else 0.0
             each[b] += weights[b, g]
         total += each[b]
+    for g in range(low.shape[0]):
+        variance[g] = 0.0
     if not total > 0.0:
         return Weighed(lowest, 0.5, 0.0, mass)
     most, squares = total * cost.shape[0] ** (power - 1.0), 0.0
@@ -105,24 +116,31 @@ def weigh(
         each[b] /= total
         for g in range(family.shape[0]):
             together[b, family[g]] += weights[b, g] / total
-    largest = 0.0
+    largest, own = 0.0, np.empty(family.shape[0])
     for g in range(family.shape[0]):
-        if family[g] == g:
-            largest = max(largest, _variance(together, g, each, count))
+        whole = _variance(together, g, each, draws, own) if family[g] == g else 0.0
+        if whole > largest:
+            largest = whole
+            for k in range(family.shape[0]):
+                variance[k] = own[k]
     return Weighed(lowest, np.sqrt(largest), 1.0 / squares, mass)
 
 
 @part
-def _variance(weights: Floats2, g: int, each: Floats1, count: Longs1) -> float:
+def _variance(weights: Floats2, g: int, each: Floats1, draws: Draws, variance: OutFloats1) -> float:
     """The variance of the share of one of the groups, by its weights (B, g) and those (B,) of all, which sum up to 1.
+
+    It is the sum of what the samples of each group have of it, variance (g,).
 
     A share is a ratio of sums over the samples: its variance is that of its numerator beyond what the denominator
     explains. What is drawn of each component, `count` samples (J,) in pairs, is as much as was meant to be: it varies
     by the pairs of a component alone.
     """
-    share, variance, first = 0.0, 0.0, 0
+    share, whole, first, count = 0.0, 0.0, 0, draws.each
     for b in range(each.shape[0]):
         share += weights[b, g]
+    for k in range(variance.shape[0]):
+        variance[k] = 0.0
     for j in range(count.shape[0]):
         units, total, squares = 0, 0.0, 0.0
         for b in range(first, first + count[j], 2):
@@ -133,9 +151,11 @@ def _variance(weights: Floats2, g: int, each: Floats1, count: Longs1) -> float:
             total += unit
             squares += unit * unit
         # One unit alone does not say how it varies: as much as it is, at the most.
-        variance += squares if units < 2 else (squares - total * total / units) * units / (units - 1.0)
+        own = squares if units < 2 else (squares - total * total / units) * units / (units - 1.0)
+        variance[draws.group[j]] += own
+        whole += own
         first += count[j]
-    return variance
+    return whole
 
 
 class Drawn(NamedTuple):

@@ -12,6 +12,7 @@ import numpy as np
 
 from tactopose_drake.core.objectives.objective import Objective
 from tactopose_drake.core.posterior import importance_sampling_kernels
+from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, MomentParams
 from tactopose_drake.core.validation import FloatArray
 
@@ -63,3 +64,16 @@ def toward_the_mean(
     share = tried.shares[chosen]
     left = (share * (2.0 - share))[:, None, None] * mean[:, :, None] * mean[:, None]
     return tried.X[chosen], costs[chosen], moments.second - left
+
+
+def spread(X_PO: FloatArray, moments: Moments, laplace: FloatArray, posterior: Posterior) -> FloatArray:
+    """Covariances (n, 6, 6) of modes at poses (n, 3, 4) by their moments, and by Laplace's as far as those know little.
+
+    That is what the next sample of an inverse Wishart distribution is expected to be, with Laplace's as prior.
+    """
+    second = moments.second
+    if len(posterior.turns[0]):
+        directions = posterior.turn_directions(X_PO)
+        second = second + posterior.turn_variance * directions @ np.swapaxes(directions, 1, 2)
+    prior_share = posterior.params.moments.pseudo_samples / moments.effective_samples[:, None, None]
+    return np.asarray(second + prior_share * laplace)

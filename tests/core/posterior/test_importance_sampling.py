@@ -271,21 +271,40 @@ def first_and_last(
 def test_proposals_that_are_good_enough_are_drawn_from_again_as_they_are() -> None:
     first, last = first_and_last(*two_modes())
     assert first.weighed.error > 0.019 >= last.weighed.error
-    assert last.times > 1
+    assert last.times.min() >= 1
+    assert last.times.max() > 1
     assert last.proposals == first.proposals
-    assert len(last.X_PO) == last.times * len(first.X_PO)
+    assert len(last.X_PO) == last.times @ last.once > len(first.X_PO)
     # All samples are weighed by the density that all of them have.
     density = np.zeros_like(last.density)
     for proposal in last.proposals:
-        dataclasses.replace(proposal, count=last.times * proposal.count).add_to(density, last.increments)
+        often = dataclasses.replace(proposal, count=last.times[proposal.group] * proposal.count)
+        often.add_to(density, last.increments)
     np.testing.assert_allclose(last.density, density, rtol=1e-9)
     assert sum(count.sum() for count in last.drawn) == len(last.X_PO)
+
+
+def test_the_noisier_samples_are_the_more_of_them_are_drawn() -> None:
+    start, smooth, exact = two_modes()
+    X_near = start.mixture.X_PO[0]
+
+    def rough(X_PO: FloatArray) -> FloatArray:
+        """About the first mode the cost has bumps everywhere."""
+        is_near = np.linalg.norm(X_PO[:, :, 3] - X_near[:, 3], axis=1) < 0.1
+        return exact(X_PO) + is_near * (2.0 + 3.0 * np.sin(9000.0 * X_PO[:, 0, 3]))
+
+    for often, cost in ((False, exact), (True, rough)):
+        _, last = first_and_last(start, smooth, cost)
+        assert (last.times[0] > 1.5 * last.times[1]) == often
+        assert last.weighed.error <= 0.019
 
 
 @pytest.mark.parametrize(("error", "most"), [(1e-3, 1), (1e-3, 500), (1e-200, 1000)])
 def test_however_sure_shares_shall_be_there_are_no_more_samples_than_allowed(error: float, most: int) -> None:
     first, last = first_and_last(*two_modes(), standard_error=error, most_samples=most)
-    assert len(last.X_PO) == len(first.X_PO) * max(1, most // len(first.X_PO))
+    assert len(last.X_PO) <= max(most, len(first.X_PO))
+    # As many as there may be, but for fewer than are drawn of one mode's proposals at a time.
+    assert len(last.X_PO) > most - last.once.max()
 
 
 def test_proposals_that_are_not_are_made_anew_first() -> None:

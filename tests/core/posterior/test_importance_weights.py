@@ -7,12 +7,15 @@ from tactopose_drake.core.posterior.importance_sampling_kernels import Draws, We
 def test_of_groups_that_are_one_the_shares_are_as_sure_as_what_they_are_together() -> None:
     densities, weights = np.random.default_rng(0).uniform(size=(40, 3)), np.empty((40, 3))
     cost = np.linspace(0.5, 3.0, 40)
-    draws = Draws(cost, densities, np.array([20, 20]))
+    draws, variance = Draws(cost, densities, np.array([20, 20]), np.array([2, 0])), np.empty(3)
 
     def weigh_families(family: list[int]) -> Weighed:
-        return weigh(draws, np.ones(3), np.array(family), 1.0, 10.0, 1.0, weights)
+        return weigh(draws, np.ones(3), np.array(family), 1.0, 10.0, 1.0, weights, variance)
 
     lowest, error, worth, mass = weigh_families([0, 1, 2])
+    assert variance.sum() == pytest.approx(error**2)
+    assert variance[1] == 0.0
+    assert variance[[0, 2]].min() > 0.1 * error**2
     np.testing.assert_allclose(weights.sum(axis=1), np.exp(lowest - cost) / densities.sum(axis=1))
     assert lowest == 0.5
     assert mass == pytest.approx(weights.sum())
@@ -26,8 +29,8 @@ def test_a_sample_far_above_its_mode_is_no_part_of_it_however_much_room_there_is
     # Three modes, of which the first two are one; three samples at heights 4, 6 and 9 over the lowest, about each mode.
     low, height = np.array([5.0, 3.0, 9.0]), np.array([7.0, 9.0, 12.0])
     density, weights = np.full((3, 3), 1e-9), np.empty((3, 3))
-    draws = Draws(height, density, np.array([3]))
-    weighed = weigh(draws, low, np.array([0, 0, 2]), 3.0, 5.0, 1.0, weights)
+    draws = Draws(height, density, np.array([3]), np.array([0]))
+    weighed = weigh(draws, low, np.array([0, 0, 2]), 3.0, 5.0, 1.0, weights, np.empty(3))
     assert weighed.mass == pytest.approx(np.sum(np.exp(3.0 - height) / density.sum(axis=1)))
     np.testing.assert_array_equal(weights > 0.0, [[True, True, True], [False, False, True], [False, False, True]])
 
@@ -36,12 +39,12 @@ def test_one_sample_does_not_outweigh_all_others() -> None:
     count, power = 1000, 0.4
     density, weights = np.ones((count, 1)), np.empty((count, 1))
     density[17] = 1e-6
-    draws = Draws(np.zeros(count), density, np.array([count]))
-    plain = weigh(draws, np.zeros(1), np.zeros(1, dtype=int), 0.0, 5.0, 1.0, weights)
+    draws = Draws(np.zeros(count), density, np.array([count]), np.array([0]))
+    plain = weigh(draws, np.zeros(1), np.zeros(1, dtype=int), 0.0, 5.0, 1.0, weights, np.empty(1))
     assert weights[17, 0] == pytest.approx(1e6)
     assert plain.worth < 1.01
     mean = weights.mean()
-    truncated = weigh(draws, np.zeros(1), np.zeros(1, dtype=int), 0.0, 5.0, power, weights)
+    truncated = weigh(draws, np.zeros(1), np.zeros(1, dtype=int), 0.0, 5.0, power, weights, np.empty(1))
     assert weights[17, 0] == pytest.approx(mean * count**power)
     np.testing.assert_allclose(np.delete(weights[:, 0], 17), 1.0)
     # That it did is told all the same: another round is called for.
