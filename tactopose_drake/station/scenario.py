@@ -173,8 +173,9 @@ class Scenario:
             check_apart(self.senses, self.publish)
         for path in (self.object_sdf(), self.object_mesh()):
             if not os.path.isfile(path):
-                known = ", ".join(sorted(shipped.stem for shipped in model_path("objects").glob("*.sdf")))
-                raise InvalidInputError(f"Scenario.object: {path} does not exist; the package's objects are {known}.")
+                raise InvalidInputError(
+                    f"Scenario.object: {path} does not exist; the package's objects are {', '.join(shipped_objects())}."
+                )
         if self.grip is not None and self.exploration is not None:
             raise InvalidInputError("Scenario.exploration: explores a planned grasp; allowed is None with a grip.")
         if self.grip is not None and self.object not in self.grip.X_PO:
@@ -207,6 +208,11 @@ class Scenario:
         return ObjectModel.from_mesh(
             self.object_mesh(), surface_sigma=self.surface_sigma, scale_sigma=self.scale_sigma, **mass
         )
+
+
+def shipped_objects() -> list[str]:
+    """The names of the package's objects."""
+    return sorted(path.stem for path in model_path("objects").glob("*.sdf"))
 
 
 def scenario_file(name_or_path: str | Path) -> Path:

@@ -146,7 +146,7 @@ def test_a_grasp_that_fails_says_why() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--object", "unicorn"], "unicorn.sdf does not exist; the package's objects are bust, cube"),
+        (["--object", "unicorn"], "--object: is 'unicorn'; allowed are the package's objects, bust, cube"),
         (["--seed", "-1"], "-1 is not in the range x>=0"),
         (
             ["--hand", "barrett", "--object", "pencil"],
