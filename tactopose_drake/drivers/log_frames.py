@@ -14,43 +14,63 @@ from tactopose_drake.errors import EndOfLogError, InvalidFileError
 _LONGEST_GAP = 600.0  # s between two frames; the devices are polled, so a longer one is none of theirs
 _MOST_BYTES = 8  # of a frame of classic CAN, whatever length it says
 _LARGEST_STEP_BACK = 1.0  # s; buses with several channels do not sort their frames
+_TOLD = 3  # frames that are left out and named
 
 
 def log_frames(path: Path) -> Iterator[can.Message]:
     """The frames of a log in their order, received and sent (`is_rx`) ones. It ends with an error, which says how.
+
+    A single frame whose time stamp is far from those of its neighbours, which follow each other, is left out.
 
     Args:
         path: of a `.blf` or `.asc` file.
 
     Raises:
         InvalidFileError: at the first frame, if the file cannot be read or is no such log.
-        EndOfLogError: after the last whole frame; the message says whether the log was cut off.
+        EndOfLogError: after the last whole frame; the message says whether the log was cut off, and what was left out.
     """
     try:
         file = path.open("rb")
     except OSError as error:
         raise InvalidFileError(f"{path}: {error}") from error
-    count, last = 0, 0.0
+    number, count, last, strays = 0, 0, 0.0, list[str]()
     with file:
         reader, whole = _reader(path, file)
         frames = iter(reader)
-        while True:
-            try:
-                frame = next(frames, None)
-            except Exception:  # python-can's readers raise whatever their parsing runs into
-                frame, whole = None, False
-            if frame is None:
+        frame, is_sound = _next_of(frames)
+        while frame is not None:
+            number += 1
+            following, is_sound = _next_of(frames)
+            if count and following is not None and _is_stray(frame.timestamp, last, following.timestamp):
+                strays.append(f"frame {number} at {frame.timestamp:.6f} s")
+            elif _follows(frame.timestamp, last if count else None):
+                count, last = count + 1, frame.timestamp
+                yield frame
+            else:
+                is_sound = False
                 break
-            if not _has_all(frame) or not _follows(frame.timestamp, last if count else None):
-                whole = False
-                break
-            count, last = count + 1, frame.timestamp
-            yield frame
+            frame = following
+        whole = whole and is_sound
         if isinstance(reader, can.ASCReader):
             whole = whole and _ends_properly(path)
-    if whole:
-        raise EndOfLogError(f"{path}: ended after {count} frames.")
-    raise EndOfLogError(f"{path}: is cut off or damaged after {count} whole frames, at {last:.6f} s.", whole=False)
+    end = (
+        f"ended after {count} frames."
+        if whole
+        else f"is cut off or damaged after {count} whole frames, at {last:.6f} s."
+    )
+    if strays:
+        more = f" and {len(strays) - _TOLD} more" if len(strays) > _TOLD else ""
+        end = f"{end} Left out, for time stamps far from their neighbours': {', '.join(strays[:_TOLD])}{more}."
+    raise EndOfLogError(f"{path}: {end}", whole=whole and not strays)
+
+
+def _next_of(frames: Iterator[can.Message]) -> tuple[can.Message | None, bool]:
+    """The next frame if there is a whole one, and whether the log is sound up to there."""
+    try:
+        frame = next(frames, None)
+    except Exception:  # python-can's readers raise whatever their parsing runs into
+        return None, False
+    return (frame, True) if frame is None or _has_all(frame) else (None, False)
 
 
 def _has_all(frame: can.Message) -> bool:
@@ -64,6 +84,11 @@ def _follows(time: float, last: float | None) -> bool:
     if last is None:
         return math.isfinite(time) and time >= 0.0
     return last - _LARGEST_STEP_BACK <= time <= last + _LONGEST_GAP
+
+
+def _is_stray(time: float, last: float, following: float) -> bool:
+    """Whether a frame's time stamp is wrong by itself: without it, the frame after it follows the one before it."""
+    return _follows(following, last) and not (_follows(time, last) and _follows(following, time))
 
 
 def _reader(path: Path, file: BinaryIO) -> tuple[can.BLFReader | can.ASCReader, bool]:

@@ -116,6 +116,22 @@ def test_frames_before_the_first_get_its_time(tmp_path: Path, suffix: str) -> No
     np.testing.assert_allclose([frame.timestamp - START for frame in frames], [0.0, 0.0, 0.25], atol=1e-6)
 
 
+@BOTH
+@pytest.mark.parametrize("jump", [5.0, 300.0, 5000.0, -5.0])
+def test_a_frame_with_a_stray_time_stamp_is_left_out_and_told(tmp_path: Path, suffix: str, jump: float) -> None:
+    path = tmp_path / f"log{suffix}"
+    stamps = [START + 6.0 + 0.01 * i + (jump if i == 10 else 0.0) for i in range(20)]
+    with CanRecorder(path) as recorder:
+        for time in (START, *stamps):
+            recorder.write(can.Message(arbitration_id=1, data=b"1", timestamp=time), 0)
+    with pytest.raises(EndOfLogError) as end:
+        list(log_frames(path))
+    assert not end.value.whole
+    frames, message = frames_of(path)
+    assert "ended after 20 frames. Left out, for time stamps far from their neighbours': frame 12 at 1" in message
+    np.testing.assert_allclose([f.timestamp for f in frames], [START, *stamps[:10], *stamps[11:]], atol=0.0011)
+
+
 def test_a_recorder_that_never_finished_leaves_a_log(tmp_path: Path) -> None:
     path = tmp_path / "log.blf"
     record(path)
