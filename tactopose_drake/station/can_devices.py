@@ -8,14 +8,14 @@ from typing import Self
 
 from numpy.typing import ArrayLike
 
-from tactopose_drake.core.validation import FloatArray, known_name, told_of
+from tactopose_drake.core.validation import FloatArray, known_name, told_of, whole_number
 from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.barrett_joints import STRAIN_POLYNOMIAL
 from tactopose_drake.drivers.barrett_protocol import TactileMode
 from tactopose_drake.drivers.can_recorder import CanRecorder
 from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
-from tactopose_drake.drivers.netcanoem_protocol import ForceUnit, TorqueUnit
+from tactopose_drake.drivers.netcanoem_protocol import CALIBRATIONS, ForceUnit, TorqueUnit
 from tactopose_drake.drivers.replay_bus import open_log
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.station.senses import BarrettPucks, CanSenses, ForceTorqueBoard
@@ -198,6 +198,8 @@ def _make_board(finger: str, board: ForceTorqueBoard, bus: DeviceBus) -> NetCanO
             ):
                 known_name(name, unit, known.__members__)
             units = ForceUnit[board.force_unit], TorqueUnit[board.torque_unit]
+        # The driver calls it otherwise.
+        whole_number("calibration", board.calibration, least=0, most=CALIBRATIONS - 1)
         return NetCanOemForceTorque(
             bus,
             board.base,

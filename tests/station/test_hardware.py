@@ -245,6 +245,10 @@ def test_a_bus_that_cannot_be_opened_is_named_as_in_the_scenario() -> None:
     ("change", "message"),
     [
         (lambda board: setattr(board, "base", 200), "base: is 200; allowed are integers from 0 to 127"),
+        (
+            lambda board: setattr(board, "calibration", 16),
+            r"^CanSenses\.fingers\[thumb\]\.calibration: is 16; allowed are integers from 0 to 15",
+        ),
         (lambda board: setattr(board, "base", 0x20), "on the same bus has too"),
         (lambda board: setattr(board, "force_unit", "STONE"), r"fingers\[thumb\].force_unit: 'STONE' is unknown"),
     ],
