@@ -9,7 +9,7 @@ of that second and at the end of all, and never "ok" while wrong. In the second 
 50 mm and 90 degrees within 0.3 s, and touched again in other places. The belief has found it if its best pose is right
 0.3 s after the touch; where the touch of that time leaves several poses, as the one-shot estimate then says, that is
 counted apart, and so is how often that estimate is right. Right is within 10 mm and 10 degrees, up to what the touch
-leaves free.
+leaves free; where no pose is known, that is wrong.
 """
 
 import argparse
@@ -28,7 +28,7 @@ import tactopose_drake as tp
 from tactopose_drake.core.evidence import Contacts, Evidence
 from tactopose_drake.core.objectives import SurfaceContact
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
-from tactopose_drake.core.posterior import free_directions
+from tactopose_drake.core.posterior import GaussianMixture, free_directions
 from tactopose_drake.core.synthetic import RollingTouch
 from tactopose_drake.core.tracking import Frame, PoseMeasurement, PoseTracker
 
@@ -44,10 +44,15 @@ def lay(generator: np.random.Generator) -> tuple[tp.ObjectModel, Array]:
     return model, make_poses(R_PO, 0.03 * generator.normal(size=3) - R_PO @ model.vertices.mean(axis=0))
 
 
-def error(model: tp.ObjectModel, X_PO: Array, X_true: Array, contacts: Contacts) -> Array:
-    """[m, deg] of a pose to the nearest image of the truth, without the part along the free directions."""
+def error(model: tp.ObjectModel, modes: GaussianMixture, X_true: Array, contacts: Contacts) -> Array:
+    """[m, deg] of the best pose to the nearest image of the truth, without the part along the free directions.
+
+    It is infinite where there is no pose.
+    """
+    if not len(modes):
+        return np.full(2, np.inf)
     information = SurfaceContact(model.grid, contacts).normal_equations(X_true[None]).hessian
-    u = least_error(model, X_PO, X_true, free_directions(information, model.size)[0])
+    u = least_error(model, modes.X_PO[0], X_true, free_directions(information, model.size)[0])
     return np.array([np.linalg.norm(u[3:]), np.degrees(np.linalg.norm(u[:3]))])
 
 
@@ -75,7 +80,7 @@ def withstands_vision(seed: int) -> bool:
             X_seen[:, 3] += way * (0.5 < now <= 1.5)
             vision = PoseMeasurement(now - 0.5 * PERIOD, X_seen, np.diag(SIGMAS**2))
         belief = tracker.step(belief, Frame(now, Evidence(contacts), touch.sources, velocities, vision))
-        errors.append(error(model, belief.X_PO[0], touch.X_PO, contacts))
+        errors.append(error(model, belief.mixture, touch.X_PO, contacts))
         said.append(belief.status == "ok")
     off = np.array(errors)[50:]
     misled = np.any(off > WRONG, axis=1) & np.array(said)[50:]
@@ -116,8 +121,8 @@ def finds_again(seed: int) -> Found:
         now += PERIOD
         belief = tracker.step(belief, Frame(now, Evidence(contacts, prior=guess), again.sources, velocities))
     estimate = tp.estimate_pose(model, contacts)
-    best = belief.X_PO[0], estimate.best.X_PO.GetAsMatrix34()
-    right, estimate_right = (bool(np.all(error(model, X, again.X_PO, contacts) < RIGHT)) for X in best)
+    found = belief.mixture, estimate.modes
+    right, estimate_right = (bool(np.all(error(model, modes, again.X_PO, contacts) < RIGHT)) for modes in found)
     return Found(right, estimate_right, estimate.status == "ok")
 
 
