@@ -1,7 +1,6 @@
 """What the package needs to know of a hand, as a file says it."""
 
 import dataclasses
-import math
 import os
 from pathlib import Path
 
@@ -35,6 +34,8 @@ _MOST_UNCERTAIN = {  # more must be of another unit, such as millimetres
     "mounting": (0.05, "m"),
     "mounting_deg": (45.0, "deg"),
     "fingertip_radius": (0.05, "m"),
+    "sensor_force": (10.0, "N"),
+    "sensor_moment": (0.1, "N m"),
 }
 
 
@@ -52,7 +53,7 @@ class HandUncertainty:
     def validate(self) -> None:
         """Raises InvalidInputError if a value is below 0, not finite, or so large that it must be of another unit."""
         for field in dataclasses.fields(self):
-            most, unit = _MOST_UNCERTAIN.get(field.name, (math.inf, ""))
+            most, unit = _MOST_UNCERTAIN[field.name]
             name = f"HandUncertainty.{field.name}"
             positive_number(name, getattr(self, field.name), allow_zero=True, most=most, unit=unit)
 

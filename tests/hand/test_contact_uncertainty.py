@@ -257,6 +257,8 @@ def test_an_uncertainty_below_zero_is_refused(name: str) -> None:
         ("fingertip_radius", 0.1, "0.1; allowed are numbers from 0 to 0.05 m"),
         ("encoder_offset_deg", 720.0, "720; allowed are numbers from 0 to 45 deg"),
         ("mounting_deg", 90.0, "90; allowed are numbers from 0 to 45 deg"),
+        ("sensor_force", 50.0, "50; allowed are numbers from 0 to 10 N"),
+        ("sensor_moment", 0.5, "0.5; allowed are numbers from 0 to 0.1 N m"),
     ],
 )
 def test_an_uncertainty_of_another_unit_is_refused(name: str, value: float, allowed: str) -> None:

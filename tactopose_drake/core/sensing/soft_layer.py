@@ -9,6 +9,8 @@ import dataclasses
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 
+_SOFTEST = 50.0  # N/m: a newton would press in 20 mm of skin; less must be N/mm
+
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class SoftLayer:
@@ -21,11 +23,11 @@ class SoftLayer:
 
     Attributes:
         thickness: m, > 0.
-        stiffness: normal force over deformation, N/m, > 0: the slope of the curve measured by pressing the fingertip
+        stiffness: normal force over deformation, N/m, >= 50: the slope of the curve measured by pressing the fingertip
             on a flat plate. A patch of area A pressed evenly gives E A / thickness with Young's modulus E.
 
     Raises:
-        InvalidInputError: a thickness or stiffness that is not positive, or a stiffness that is not from 1e-6 to 1e12.
+        InvalidInputError: a thickness or stiffness that is not positive, or a stiffness that is not from 50 to 1e12.
     """
 
     thickness: float
@@ -33,7 +35,9 @@ class SoftLayer:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "thickness", positive_number("thickness", self.thickness))
-        object.__setattr__(self, "stiffness", positive_number("stiffness", self.stiffness, least=1e-6, most=1e12))
+        object.__setattr__(
+            self, "stiffness", positive_number("stiffness", self.stiffness, least=_SOFTEST, most=1e12, unit="N/m")
+        )
 
     def check_fits(self, half_width: float) -> None:
         """Checks that the layer leaves a core of a fingertip of that least half-width, m.

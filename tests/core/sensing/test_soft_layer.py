@@ -84,7 +84,12 @@ def test_a_layer_pressed_in_beyond_the_radius_of_curvature_is_no_contact() -> No
 
 @pytest.mark.parametrize(
     ("thickness", "stiffness", "message"),
-    [(0.0, 1.0, "thickness: is 0"), (0.001, -1.0, "stiffness: is -1"), (math.nan, 1.0, "thickness: is nan")],
+    [
+        (0.0, 1.0, "thickness: is 0"),
+        (0.001, -1.0, "stiffness: is -1"),
+        (math.nan, 1.0, "thickness: is nan"),
+        (0.001, 10.0, r"stiffness: is 10; allowed are numbers from 50 to 1e\+12 N/m"),
+    ],
 )
 def test_impossible_layers_are_refused(thickness: float, stiffness: float, message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
