@@ -80,6 +80,7 @@ class PoseBelief:
         p_PC: the last contacts' points, shape (k, 3), m.
         touch_time, explained_time, slip_time: when something was last touched, and explained, and when it last slipped,
             s.
+        slip_sign: by what it last slipped; empty if it never did.
         slip_test, force_test, rigidity_test: by which it is found to slip.
         errors: by how much the variances of what lasts of the contacts' errors seem larger than told.
         unsettled_time: when another finger came to touch, or the best mode became another one, s.
@@ -105,6 +106,7 @@ class PoseBelief:
     touch_time: float = -np.inf
     explained_time: float = -np.inf
     slip_time: float = -np.inf
+    slip_sign: str = ""
     slip_test: SlipTest = dataclasses.field(default_factory=SlipTest)
     force_test: ForceTest = dataclasses.field(default_factory=ForceTest)
     rigidity_test: RigidityTest = dataclasses.field(default_factory=RigidityTest)
@@ -224,8 +226,10 @@ def judge(belief: PoseBelief, params: PoseTrackerParams, *, has_contact: bool) -
         return "no_contact", ()
     if not belief.has_pose or time > belief.explained_time + params.lost_time:
         return "lost", ("no pose explains the touch",)
-    if time < belief.slip_time + params.slip_time or not belief.explains_touch[0]:
-        return "slipping", ()
+    if time < belief.slip_time + params.slip_time:
+        return "slipping", (belief.slip_sign,)
+    if not belief.explains_touch[0]:
+        return "slipping", ("the best pose does not explain the touch",)
     if belief.probability[0] < params.answer_probability:
         return "ambiguous", (f"the likeliest of several poses carries less than {params.answer_probability:.0%}",)
     if time < belief.unsettled_time + params.settling_time - 1e-9:

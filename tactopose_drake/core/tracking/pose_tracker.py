@@ -38,9 +38,9 @@ from tactopose_drake.core.tracking.motion_prediction import (
 from tactopose_drake.core.tracking.pose_belief import Explanation, PoseBelief, summarise
 from tactopose_drake.core.tracking.relocalisation import relocalise
 from tactopose_drake.core.tracking.sliced_search import search_on
-from tactopose_drake.core.tracking.slip_by_forces import detect_by_forces
-from tactopose_drake.core.tracking.slip_by_motion import detect_by_motion
-from tactopose_drake.core.tracking.slip_by_surface import PoseChange, SlipTest, detect_slip
+from tactopose_drake.core.tracking.slip_by_forces import BY_FORCES, detect_by_forces
+from tactopose_drake.core.tracking.slip_by_motion import BY_MOTION, detect_by_motion
+from tactopose_drake.core.tracking.slip_by_surface import BY_SURFACE, PoseChange, SlipTest, detect_slip
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_update import move_standing, see
 from tactopose_drake.core.validation import FloatArray, instance_of
@@ -109,8 +109,7 @@ class PoseTracker:
             # start to move feel inertia.
             belief = belief.untouched
         untouched = self._untouched(belief, frame)
-        reading = read_contacts(frame, belief.sources, belief.p_PC, belief.errors, params)
-        reading = as_doubted(reading)
+        reading = as_doubted(read_contacts(frame, belief.sources, belief.p_PC, belief.errors, params))
         belief = self._predict(belief, frame, reading, duration)
         belief, is_outlier = see(self._model, belief, frame, reading, params.vision)
         explanation = Explanation(self._model, reading.evidence, self._plausibility)
@@ -143,7 +142,7 @@ class PoseTracker:
         rigidity_test, slides = detect_by_motion(
             params.rigidity_test, belief.rigidity_test, reading, frame.tip_velocity, frame.time, duration
         )
-        slip_time = frame.time if slides else belief.slip_time
+        slip_time, slip_sign = (frame.time, BY_MOTION) if slides else (belief.slip_time, belief.slip_sign)
         motion = self._motion(belief, frame, reading.contacts, slips=belief.time < slip_time + params.slip_time)
         if duration > 0.0:
             history = history.followed_by(motion, frame.time, params.vision.max_age)
@@ -157,6 +156,7 @@ class PoseTracker:
             slip_test=belief.slip_test.moved(motion),
             rigidity_test=rigidity_test,
             slip_time=slip_time,
+            slip_sign=slip_sign,
             sources=reading.sources,
             modes=predict_modes(modes, motion, params.mixture.max_sigma_translation),
             keyframes=move_keyframes(belief.keyframes, motion),
@@ -199,18 +199,19 @@ class PoseTracker:
         least_gap = max(params.lost_time, held) + 1e-9
         is_new = any(time > belief.felt_time.get(name, -np.inf) + least_gap for name in frame.sources)
         force_test, gives_way = detect_by_forces(params.force_test, belief.force_test, reading, time, is_new=is_new)
+        slip_sign = BY_FORCES if gives_way else BY_SURFACE if slips else belief.slip_sign
         slips = slips or gives_way or belief.slip_time == time
-        test = test.restarted() if slips else test
         now = Keyframe.of_now(reading, frame.sources)
         belief = copied(
             belief,
             modes=modes,
-            slip_test=test,
+            slip_test=test.restarted() if slips else test,
             force_test=force_test,
             keyframes=follow_touch(() if slips else belief.keyframes, now, params.window),
             p_PC=reading.contacts.p_PC,
             touch_time=time,
             slip_time=time if slips else belief.slip_time,
+            slip_sign=slip_sign,
         )
         X_best, explained = modes.X_PO[:1], bool(explanation.of(modes.X_PO)[:1].any())
         unsettled_time = time if is_new else belief.unsettled_time
@@ -226,13 +227,8 @@ class PoseTracker:
             modes = modes.pruned(params.mixture)
             if not len(X_best) or self._has_moved(X_best, modes.X_PO[:1]):
                 unsettled_time, test = time, test.restarted()
-        return copied(
-            belief,
-            modes=modes,
-            slip_test=test,
-            unsettled_time=unsettled_time,
-            felt_time=_felt(belief, frame),
-        )
+        felt_time = _felt(belief, frame)
+        return copied(belief, modes=modes, slip_test=test, unsettled_time=unsettled_time, felt_time=felt_time)
 
     def _search(
         self,

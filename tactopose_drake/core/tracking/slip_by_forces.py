@@ -22,6 +22,9 @@ from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.tracker_params import ForceTestParams
 from tactopose_drake.core.validation import FloatArray
 
+BY_FORCES = "friction gives way, as the forces show"
+"""What is said of a slip that is found so."""
+
 
 class ForceTest(NamedTuple):
     """What the test remembers.

@@ -21,6 +21,9 @@ from tactopose_drake.core.tracking.frame import ContactReading
 from tactopose_drake.core.tracking.tracker_params import RigidityTestParams
 from tactopose_drake.core.validation import FloatArray
 
+BY_MOTION = "the fingertips move otherwise than on one rigid object"
+"""What is said of a slip that is found so."""
+
 _LEAST_CONTACTS = 3  # of two, the distance alone is told
 _MOST_GROWTH = 4.0  # of the noise by one frame
 

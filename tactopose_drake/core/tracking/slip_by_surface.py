@@ -27,6 +27,9 @@ from tactopose_drake.core.tracking.motion_prediction import Motion, error_of_mot
 from tactopose_drake.core.tracking.tracker_params import SlipParams
 from tactopose_drake.core.validation import FloatArray
 
+BY_SURFACE = "the surface moves under the fingertips"
+"""What is said of a slip that is found so."""
+
 _NOISE = read_only(np.array([0.02, 4.0]))  # the least and the most that is taken for it
 _LEAST_VARIANCE = 1e-12
 _ROWS = 4  # of a contact: its distance, and the difference of the normals

@@ -14,7 +14,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking import pose_belief
+from tactopose_drake.core.tracking import pose_belief, pose_tracker
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import Explanation, PoseBelief, summarise
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
@@ -50,6 +50,29 @@ def test_two_contacts_are_no_answer_without_what_is_seen_since_then(tracker: Pos
         seen = PoseMeasurement(follower.belief.time, X_PO, np.diag(np.repeat([0.02**2, 0.002**2], 3)))
         follower.feel(X_PO, vision=seen, fingers=(0, 1))
     assert follower.belief.status == "ok"
+
+
+@pytest.mark.parametrize(
+    ("test", "sign"),
+    [
+        ("detect_by_forces", "friction gives way, as the forces show"),
+        ("detect_by_motion", "the fingertips move otherwise than on one rigid object"),
+        ("detect_slip", "the surface moves under the fingertips"),
+    ],
+)
+def test_a_slip_says_by_what_it_was_found(
+    tracker: PoseTracker, monkeypatch: pytest.MonkeyPatch, test: str, sign: str
+) -> None:
+    follower, found = Follower(tracker), getattr(pose_tracker, test)
+    assert follower.feel(X_PO, 15).message == "ok"
+    with monkeypatch.context() as patch:
+        patch.setattr(pose_tracker, test, lambda *given, **more: (found(*given, **more)[0], True))
+        assert follower.feel(X_PO).message == f"slipping: {sign}"
+    assert follower.feel(X_PO, 5).message == f"slipping: {sign}"
+    assert follower.feel(X_PO, 30).message == "ok"
+    unexplained = dataclasses.replace(follower.belief, explained_time=follower.belief.time)
+    elsewhere = touch(retract(X_PO, np.array([0.0, 0.0, 0.0, 0.02, 0.0, 0.0])), follower.generator)
+    assert message(unexplained, Evidence(elsewhere)) == "slipping: the best pose does not explain the touch"
 
 
 def test_a_mode_that_is_wide_is_an_answer_only_along_what_the_touch_does_not_tell(tracker: PoseTracker) -> None:
