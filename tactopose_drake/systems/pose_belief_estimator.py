@@ -31,13 +31,13 @@ class PoseBeliefParams:
     """How often the belief is updated, how late it is known, and what it assumes."""
 
     tracker: PoseTrackerParams = dataclasses.field(default_factory=PoseTrackerParams)
-    period: float = 0.01  # s between two updates
+    period: float = 0.01  # s between two updates; up to 1, for by then an object that is not felt is lost
     latency: float = 0.0  # s from the reading of the inputs until the outputs show it: the time that computing takes
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range."""
         check_parts(self, tracker=PoseTrackerParams)
-        positive_number("PoseBeliefParams.period", self.period)
+        positive_number("PoseBeliefParams.period", self.period, most=1.0, unit="s")
         positive_number("PoseBeliefParams.latency", self.latency, allow_zero=True)
 
 

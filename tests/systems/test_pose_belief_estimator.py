@@ -206,6 +206,8 @@ def test_a_missing_or_wrong_input_is_named(box: ObjectModel) -> None:
         bench.read("object_pose_in_world")
     with pytest.raises(InvalidInputError, match="period"):
         PoseBeliefEstimator(box, PoseBeliefParams(period=0.0))
+    with pytest.raises(InvalidInputError, match=r"PoseBeliefParams\.period: is 10; allowed are numbers from 0 to 1 s"):
+        PoseBeliefEstimator(box, PoseBeliefParams(period=10.0))
 
 
 @pytest.mark.parametrize("fingers", [(), FINGERS[:5], ("a", "a", "b", "c", "d", "e"), (1, 2, 3, 4, 5, 6)])
