@@ -19,6 +19,9 @@ from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.senses import CanSenses, FixedJoints, JointFile
 from tactopose_drake.systems.signals import Signal
 
+# A gap between two rows of joints is longer than this, s, and than so many of the file's usual steps.
+_LEAST_GAP = 0.15
+_STEPS_OF_A_GAP = 10.0
 _PALM = ["time", "x", "y", "z", "qw", "qx", "qy", "qz"]
 
 
@@ -46,7 +49,7 @@ def known_signals(scenario: Scenario) -> dict[str, Signal]:
         (first, *names), table = read_csv_table(path)
         _check_columns(path, [first, *names], ["time", *names])
         positions = _positions(scenario, f"{path}: positions", names, table[:, 1:])
-        signals["joint_positions"] = Signal(table[:, 0].tolist(), list(positions))
+        signals["joint_positions"] = _unknown_in_gaps(table[:, 0], positions)
     elif senses.barrett_hand is None:
         raise InvalidInputError(
             "CanSenses.joints: is !JointPort, which is for a diagram of your own; "
@@ -102,6 +105,15 @@ def _positions(scenario: Scenario, where: str, names: list[str], rows: FloatArra
     for extremes in (rows.min(axis=0), rows.max(axis=0)):
         check_near_limits(where, dict(zip(names, extremes, strict=True)), plant, hand)
     return positions
+
+
+def _unknown_in_gaps(times: FloatArray, positions: FloatArray) -> Signal:
+    """Positions (n, nq) over time; NaN in a gap, from when the row before it is older than rows usually get."""
+    steps = np.diff(times)
+    longest = max(_LEAST_GAP, _STEPS_OF_A_GAP * float(np.median(steps))) if len(steps) else 0.0
+    after = np.flatnonzero(steps > longest) + 1
+    times, positions = np.insert(times, after, times[after - 1] + longest), np.insert(positions, after, np.nan, axis=0)
+    return Signal(times.tolist(), list(positions))
 
 
 def _palm(path: Path) -> Signal:

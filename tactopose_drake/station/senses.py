@@ -250,8 +250,7 @@ class CanSenses:
         """Raises InvalidInputError if a value is out of its range or a name leads nowhere; devices check their own."""
         if not self.fingers and self.barrett_hand is None:
             raise InvalidInputError("CanSenses: has neither fingers nor barrett_hand; allowed are one or both.")
-        if self.tare_samples < 0:
-            raise InvalidInputError(f"CanSenses.tare_samples: is {self.tare_samples}; allowed are integers >= 0.")
+        whole_number("CanSenses.tare_samples", self.tare_samples, least=0)
         self._check_buses()
         sensing = [finger.name for finger in hand.fingers if finger.sensor_frame]
         for name, board in self.fingers.items():

@@ -159,6 +159,37 @@ def test_joint_files_that_do_not_fit_are_named(tmp_path: Path, text: str, messag
         known_signals(held_cube.scenario(joints=JointFile(path=str(path))))
 
 
+def test_joints_are_not_known_in_a_long_gap_of_their_file(cube: ObjectModel, tmp_path: Path) -> None:
+    plant, _ = make_hand_plant(load_hand_config("shadow_like"))
+    names = [
+        plant.get_joint(index).name() for index in plant.GetJointIndices() if plant.get_joint(index).num_positions()
+    ]
+    order = [plant.GetJointByName(name).position_start() for name in names]
+    times = np.array([0.0, 0.01, 0.02, 0.03, 0.04, 0.9, 0.91, 0.92, 1.2])
+    path = tmp_path / "joints.csv"
+    rows = np.column_stack([times, np.tile(held_cube.Q[order], (len(times), 1))])
+    header = ", ".join(["time", *names])
+    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+    scenario = held_cube.scenario(joints=JointFile(path=str(path)))
+    played = known_signals(scenario)["joint_positions"]
+    is_known = {time: not np.isnan(played.at(time)).any() for time in (0.0, 0.03, 0.18, 0.2, 0.89, 0.9, 1.0, 1.1, 1.5)}
+    assert [time for time, known in is_known.items() if not known] == [0.2, 0.89, 1.1]
+    wrenches = {f"wrench_{finger}": Signal.constant(F_S) for finger, F_S in held_cube.WRENCHES.items()}
+    known = {**wrenches, "joint_positions": played, "prior": Signal.constant(held_cube.prior())}
+    simulator = Simulator(make_hardware_station(scenario, None, known, model=cube).diagram)
+    said = {}
+    for time in (0.11, 0.61, 1.01):
+        simulator.AdvanceTo(time)
+        said[time] = simulator.get_system().GetOutputPort("status").Eval(simulator.get_context())
+    assert (said[0.11], said[1.01]) == ("ok", "ok")
+    assert said[0.61].startswith("held: 0 touches;")
+    assert "first: a joint position is not known" in said[0.61]
+    # Rows that are rare all along count until the next.
+    rows[:, 0] = 5.0 * np.arange(len(rows))
+    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+    assert np.isfinite(known_signals(scenario)["joint_positions"].at(4.9)).all()
+
+
 def test_degrees_are_not_taken_for_radians(tmp_path: Path) -> None:
     fixed = held_cube.scenario(joints=FixedJoints(positions={"FFJ2": 45.0}))
     with pytest.raises(
