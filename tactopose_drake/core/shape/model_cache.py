@@ -13,7 +13,6 @@ import contextlib
 import hashlib
 import math
 import os
-import stat
 import tempfile
 import warnings
 from collections.abc import Mapping
@@ -78,12 +77,12 @@ class CachedFile(NamedTuple):
 def cached_files() -> list[CachedFile]:
     """What is kept, the least recently used first; nothing where the folder cannot be read."""
     files = []
-    with contextlib.suppress(OSError, RuntimeError):
-        for path in cache_folder().iterdir():
+    with contextlib.suppress(OSError, RuntimeError), os.scandir(cache_folder()) as entries:
+        for entry in entries:
             with contextlib.suppress(OSError):  # another process may have removed it
-                status = path.stat()
-                if path.suffix in _ENDINGS and stat.S_ISREG(status.st_mode):
-                    files.append(CachedFile(status.st_mtime, status.st_size, path))
+                if entry.name.endswith(_ENDINGS) and entry.is_file():
+                    status = entry.stat()
+                    files.append(CachedFile(status.st_mtime, status.st_size, Path(entry.path)))
     return sorted(files)
 
 

@@ -4,7 +4,6 @@ import numpy as np
 
 from tactopose_drake.core.compilation import kernel
 from tactopose_drake.core.kernel_types import Floats1, Floats2
-from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
 
 _DEPTH = 12  # Base-4 digits of the share that count: 17 million places in a triangle.
 
@@ -13,29 +12,22 @@ _DEPTH = 12  # Base-4 digits of the share that count: 17 million places in a tri
 def triangle_curve(share: Floats1) -> Floats2:
     """Barycentric weights (n, 3) of the points at the given shares, in [0, 1), of a triangle's area.
 
-    Each base-4 digit of the share picks one of the four sub-triangles [B15]: three keep a corner, one is turned.
+    Each base-4 digit of the share picks one of the four sub-triangles [B15]: three keep a corner, one is turned. A
+    sub-triangle of the size s, negative if it is turned, has its corners k at c + s (e_k - m), where m is the middle of
+    the triangle that all began with: its middle moves by s / 2 (e_k - m) toward a corner that is kept.
     """
-    weights, corners, opposite = np.empty((len(share), 3)), np.empty((3, 3)), np.empty((3, 3))
+    weights, moved, halves = np.empty((len(share), 3)), np.empty(4), np.full(4, 0.5)
+    halves[3] = -0.5
     for n in range(len(share)):
-        rest = share[n]
-        for c in range(3):
-            for a in range(3):
-                corners[c, a] = 1.0 if a == c else 0.0
-        for _ in range(_DEPTH):
-            rest *= 4.0
-            digit = int(rest)
-            rest -= digit
-            for a in range(3):
-                total = corners[0, a] + corners[1, a] + corners[2, a]
-                for c in range(3):
-                    opposite[c, a] = 0.5 * (total - corners[c, a])
-            if digit == 3:
-                copy_matrix(opposite, corners)
-            else:
-                for a in range(3):
-                    kept = corners[digit, a]
-                    for c in range(3):
-                        corners[c, a] = 0.5 * (kept + corners[c, a])
+        digits, half = int(share[n] * 4.0**_DEPTH), 0.5
+        for a in range(4):
+            moved[a] = 0.0
+        for k in range(_DEPTH - 1, -1, -1):
+            digit = digits >> 2 * k & 3
+            moved[digit] += half  # The fourth is no corner.
+            half *= halves[digit]
+        # Sums of powers of a half, none of which is rounded.
+        left = 1.0 - (moved[0] + moved[1] + moved[2])
         for a in range(3):
-            weights[n, a] = (corners[0, a] + corners[1, a] + corners[2, a]) / 3.0
+            weights[n, a] = (3.0 * moved[a] + left) / 3.0
     return weights

@@ -87,19 +87,20 @@ def make_surfels(vertices: FloatArray, faces: NDArray[np.int32], area: float, sp
     # A disc is the points of one voxel whose normals have the same largest part, so that edges and walls come apart.
     part = np.abs(normals).argmax(axis=1)
     side = 2 * part + (np.take_along_axis(normals, part[:, None], axis=1)[:, 0] > 0.0)
-    voxel = ((points - points.min(axis=0)) / spacing).astype(np.int64)
-    _, disc = np.unique((voxel << [43, 23, 3]).sum(axis=1) + side, return_inverse=True)
+    x, y, z = (((row - row.min()) / spacing).astype(np.int64) for row in points.T)
+    _, disc = np.unique((x << 43) + (y << 23) + (z << 3) + side, return_inverse=True)
     size = np.bincount(disc)
     center, mean = (_averages(rows, disc, size) for rows in (points, normals))
-    variance = 0.5 * _averages(np.sum((points - center[disc]) ** 2, axis=1)[:, None], disc, size)[:, 0]
+    x, y, z = ((row - middle[disc]) ** 2 for row, middle in zip(points.T, center.T, strict=True))
+    variance = 0.5 * _averages((x + y + z)[:, None], disc, size)[:, 0]
     length = np.linalg.norm(mean, axis=1)
     is_flat = length > _LEAST_MEAN_NORMAL
-    rest = ~is_flat[disc]
+    rest = np.flatnonzero(~is_flat[disc])
+    alone = np.tile([share, share / 12.0, 0.0], (len(rest), 1))
     discs = np.concatenate(
         [
             np.column_stack([center, mean / length[:, None], share * size, variance, 0.5 * (1.0 - length**2)])[is_flat],
-            # Where they differ still, each point is a disc by itself.
-            np.column_stack([points, normals, *np.broadcast_arrays(share, share / 12.0, 0.0, points[:, 0])[:3]])[rest],
+            np.column_stack([points[rest], normals[rest], alone]),  # Where they differ still, each is a disc by itself.
         ]
     )
     return _sorted(discs.astype(np.float32), _CELL_SPACINGS * spacing, spacing)
