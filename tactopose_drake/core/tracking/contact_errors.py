@@ -8,7 +8,7 @@ How large the errors of the calibration are beside what is told of them, is esti
 stays. The mean of contacts' residuals over some frames is therefore mostly that, and what of it no pose explains tells
 how large it is: of five contacts with normals nine numbers. The scale has a prior over doublings of the variances, of
 points and of normals, and is summed over as the one-shot estimate does it with the noise; the pose is integrated out of
-each.
+each. A wrong pose leaves over more than the hand errs by: all modes are asked, and count by their probability.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact, along_normals
+from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import ContactReading, ErrorParts, Frame, SeemingErrors, told_variances
-from tactopose_drake.core.tracking.slip_by_surface import SlipTest
 from tactopose_drake.core.tracking.tracker_params import CalibrationScaleParams, PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 
@@ -35,6 +35,8 @@ LEAST_INLIER = 0.001
 """However false a contact seems, it counts by this share."""
 # A contact that is as told with less than this probability tells nothing of the calibration.
 _LEAST_BELIEVED = 0.25
+# A mode of less probability has no part in it.
+_LEAST_WEIGHT = 0.01
 # Nothing is known of the pose, rad and m.
 _ANY_POSE = np.repeat([3.0, 0.3], 3)
 _LEAST_CONTACTS = 3
@@ -160,23 +162,20 @@ def read_contacts(
     sources += tuple(name for name in frame.sources if name not in sources)
     source = np.array([sources.index(name) for name in frame.sources], dtype=np.intp)
     is_new = len(contacts) > 0 and not np.array_equal(contacts.p_PC, p_before)
-    doubt, calibration = errors.doubts_of(frame.sources), errors.calibration
-    parts = split_errors(contacts, doubt, calibration, params)
-    return ContactReading(contacts, source, sources, is_new, doubt, calibration, frame.evidence, parts)
+    parts = split_errors(contacts, errors.doubts_of(frame.sources), errors.calibration, params)
+    return ContactReading(contacts, source, sources, is_new, errors, frame.evidence, parts)
 
 
-def with_errors(
-    reading: ContactReading, doubt: FloatArray, calibration: FloatArray, params: PoseTrackerParams
-) -> ContactReading:
+def with_errors(reading: ContactReading, errors: SeemingErrors, params: PoseTrackerParams) -> ContactReading:
     """The reading whose errors seem otherwise; see `split_errors`."""
-    parts = split_errors(reading.contacts, doubt, calibration, params)
-    return reading._replace(doubt=doubt, calibration=calibration, parts=parts)
+    after = reading._replace(errors=errors)
+    return after._replace(parts=split_errors(after.contacts, after.doubt, errors.calibration, params))
 
 
 def as_doubted(reading: ContactReading) -> ContactReading:
     """The reading whose evidence has contacts as unsure as they seem."""
     evidence, count = reading.evidence, len(reading.evidence.contacts)
-    if not count or max(reading.doubt.max(), reading.calibration.max()) < _NOTICED_DOUBT:
+    if not count or max(reading.doubt.max(), reading.errors.calibration.max()) < _NOTICED_DOUBT:
         return reading
     variances = reading.parts.told + reading.parts.excess - reading.parts.declared
     position, normal = np.ascontiguousarray(np.sqrt(variances[:count]).T)
@@ -228,46 +227,48 @@ def estimate_scale(
     model: ObjectModel,
     params: PoseTrackerParams,
     reading: ContactReading,
-    test: SlipTest,
-    X_PO: FloatArray,
+    mean: Contacts,
+    frames: int,
+    modes: Modes,
     inlier_probability: FloatArray,
 ) -> FloatArray | None:
-    """Expected factors of the variances of points and of normals, shape (2,); None where too little tells.
+    """Factors of the variances of points and of normals, shape (2,); None where too little tells.
+
+    They are the geometric mean, over the modes, of the factors that each expects.
 
     Args:
         model: the object.
         params: what is told of the calibration.
         reading: the contacts of now.
-        test: the residuals of the last frames at the pose.
-        X_PO: of the best mode, shape (3, 4).
-        inlier_probability: that the contacts are as told, if the object is there, shape (k,).
+        mean: of the same contacts, k of them, over frames in which they stayed.
+        frames: how many these are.
+        modes: of the pose, n of them.
+        inlier_probability: that the contacts are as told, if the object is there, shape (n, k).
     """
-    contacts, settings = reading.contacts, params.calibration_scale
-    if test.residuals.shape[1] < len(reading.sources):
+    settings = params.calibration_scale
+    if mean.n_PC is None or frames < settings.least_frames:
         return None
-    history = test.residuals[:, reading.source]
-    counts = np.count_nonzero(~np.isnan(history[..., 0]), axis=0)
-    felt = np.flatnonzero((counts >= settings.least_frames) & (inlier_probability > _LEAST_BELIEVED))
-    if len(felt) < _LEAST_CONTACTS or contacts.n_PC is None:
-        return None
-    mean = np.nansum(history[:, felt], axis=0) / counts[felt, None]
-    jacobian = SurfaceContact(model.grid, contacts).rows_of_contacts(X_PO[None])[1][0, felt, :4]
-    residuals, jacobian = along_normals(contacts.n_PC[felt] @ X_PO[:, :3], mean, jacobian)
-    told = reading.parts.told[felt]
     scales = _scales(settings.halvings, settings.doublings, settings.doubling_share, settings.apart_share)
-    lasting = BiasModel.from_params(params).of_calibration + reading.parts.declared[felt]
-    surface = np.square(BiasModel.from_params(params).surface)
-    new = np.array(test.noise) / counts[felt, None]
-    variances = ((scales.factors[:, None] * lasting + surface) / told + new)[..., [0, 1, 1]]
-    log_weight = scales.log_prior + _log_evidence(residuals, jacobian, variances)
-    weights = np.exp(log_weight - np.logaddexp.reduce(log_weight))
-    return np.asarray(weights @ scales.factors)
+    bias, parts = BiasModel.from_params(params), reading.parts
+    lasting = scales.factors[:, None] * (bias.of_calibration + parts.declared)
+    variances = ((lasting + np.square(bias.surface) + parts.new / frames) / parts.told)[..., [0, 1, 1]]
+    X_PO, weights = modes.mixture.X_PO, modes.mixture.weights
+    residuals, jacobian = SurfaceContact(model.grid, mean).rows_of_contacts(X_PO)
+    log_factors, total = np.zeros(2), 0.0
+    for j in np.flatnonzero(weights > _LEAST_WEIGHT):
+        felt = np.flatnonzero(inlier_probability[j] > _LEAST_BELIEVED)
+        if len(felt) < _LEAST_CONTACTS:
+            continue
+        r, J = along_normals(mean.n_PC[felt] @ X_PO[j, :, :3], residuals[j, felt, :4], jacobian[j, felt, :4])
+        log_weight = scales.log_prior + _log_evidence(r, J, variances[:, felt])
+        expected = np.exp(log_weight - np.logaddexp.reduce(log_weight)) @ scales.factors
+        log_factors += weights[j] * np.log(expected)
+        total += weights[j]
+    return np.exp(log_factors / total) if total > 0.0 else None
 
 
-def follow_scale(errors: SeemingErrors, now: FloatArray | None, params: CalibrationScaleParams) -> SeemingErrors:
-    """The errors whose factors are a geometric mean over estimates, with another one, shape (2,), if there is one."""
-    if now is None:
-        return errors
+def follow_scale(errors: SeemingErrors, now: FloatArray, params: CalibrationScaleParams) -> SeemingErrors:
+    """The errors whose factors are a geometric mean over estimates, with another one, shape (2,)."""
     share = max(1.0 / (1.0 + errors.estimates), params.least_share)
     mean = np.exp((1.0 - share) * np.log(errors.calibration) + share * np.log(now))
     return errors._replace(calibration=mean, estimates=errors.estimates + 1)

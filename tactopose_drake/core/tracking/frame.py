@@ -209,8 +209,7 @@ class ContactReading(NamedTuple):
         source: the source of each, shape (k,).
         sources: names of all sources.
         is_new: whether this reading is not the last one again.
-        doubt: by how much the variance of what lasts of each one's error seems larger than told, shape (k,).
-        calibration: by how much those of the calibration do, of points and of normals, shape (2,).
+        errors: how large those of the contacts seem by what was felt so far.
         evidence: that of the frame; see `as_doubted`.
         parts: of the contacts' errors.
     """
@@ -219,14 +218,18 @@ class ContactReading(NamedTuple):
     source: NDArray[np.intp]
     sources: tuple[str, ...]
     is_new: bool
-    doubt: FloatArray
-    calibration: FloatArray
+    errors: SeemingErrors
     evidence: Evidence
     parts: ErrorParts
 
     @property
     def has_contact(self) -> bool:
         return len(self.contacts) > 0
+
+    @property
+    def doubt(self) -> FloatArray:
+        """By how much the variance of what lasts of each contact's error seems larger than told, shape (k,)."""
+        return self.errors.doubts_of([self.sources[i] for i in self.source])
 
 
 def told_variances(contacts: Contacts) -> FloatArray:

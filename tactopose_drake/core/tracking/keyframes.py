@@ -202,7 +202,7 @@ class Touch(NamedTuple):
         """The evidence with the mean of the contacts while they stay, as sure as that is, and with what vision said."""
         contacts, now = self.evidence.contacts, self.window.now
         if len(contacts) == len(now.p_PC):
-            more = calibration_excess(contacts, params, self.reading.calibration)
+            more = calibration_excess(contacts, params, self.reading.errors.calibration)
             variances = averaged_variances(contacts, params, now.frames) + more
             position, normal = np.ascontiguousarray(np.sqrt(variances).T)
             contacts = contacts.with_arrays(

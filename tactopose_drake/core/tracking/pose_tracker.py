@@ -7,17 +7,14 @@ import dataclasses
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernel_library import make_kernels_ready
 from tactopose_drake.core.plain_values import copied, seal
 from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior.moved_origin import has_far_origin, mixture_of_origin
-from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import (
     as_doubted,
-    estimate_scale,
     follow_doubt,
     follow_scale,
     read_contacts,
@@ -217,7 +214,9 @@ class PoseTracker:
         unsettled_time = time if is_new else belief.unsettled_time
         is_urgent = slips or is_outlier or not explained or time < unsettled_time + params.settling_time
         if slips or is_outlier or is_new:
-            belief = copied(belief, search=belief.search._replace(agreeing=0))
+            forgotten = belief.errors._replace(estimates=0)
+            belief = copied(belief, search=belief.search._replace(agreeing=0), errors=forgotten)
+            reading = reading._replace(errors=forgotten)
         # By when a touch has settled a search has begun to look at it, however rare frames are. And what the best mode
         # does not explain is worth more of a frame's time than that mode, and any other sooner than well known.
         slices = None if duration >= params.settling_time else 1 if explained else 2
@@ -251,32 +250,27 @@ class PoseTracker:
         touch = Touch(
             frame.evidence, reading, make_window(belief.keyframes, params.window), belief.standing, frame.depth_in_hand
         )
-        search, weighed = search_on(self._model, params, touch, belief.modes, search, slices=slices, thorough=thorough)
-        belief = copied(belief, search=search)
+        step = search_on(self._model, params, touch, belief.modes, search, slices=slices, thorough=thorough)
+        belief, weighed = copied(belief, search=step.state), step.weighed
+        if step.calibration_scale is not None:
+            errors = follow_scale(belief.errors, step.calibration_scale, params.calibration_scale)
+            belief, reading = self._follow_errors(belief, reading, errors)
         if weighed is None:
             return belief
-        share = max(1.0 / (1.0 + search.agreeing), params.relocalisation.least_share)
-        errors = self._follow_errors(belief, reading, touch.averaged(params))
-        doubt = follow_doubt(errors.doubt, weighed.inlier_probability, weighed.noise_scale, frame.sources, share)
-        errors = errors._replace(doubt=doubt)
-        after = with_errors(reading, errors.doubts_of(frame.sources), errors.calibration, params)
-        modes = follow_lasting_errors(belief.modes, reading, after, params)
-        modes = relocalise(self._model, params, touch._replace(reading=after), modes, weighed.modes, share)
-        search = search._replace(agreeing=search.agreeing + 1)
-        return copied(belief, modes=modes, errors=errors, search=search)
+        share = max(1.0 / (1.0 + step.state.agreeing), params.relocalisation.least_share)
+        doubt = follow_doubt(belief.errors.doubt, weighed.inlier_probability, weighed.noise_scale, frame.sources, share)
+        belief, reading = self._follow_errors(belief, reading, belief.errors._replace(doubt=doubt))
+        touch = touch._replace(reading=reading)
+        modes = relocalise(self._model, params, touch, belief.modes, weighed.modes, share)
+        return copied(belief, modes=modes, search=step.state._replace(agreeing=step.state.agreeing + 1))
 
-    def _follow_errors(self, belief: PoseBelief, reading: ContactReading, evidence: Evidence) -> SeemingErrors:
-        """How large the calibration's errors seem to the best mode, if there is one, after the touch."""
-        if not len(belief.modes):
-            return belief.errors
-        problem, X_best = make_problem(self._model, evidence), belief.modes.X_PO[:1]
-        inlier, contacts = np.ones(len(reading.contacts)), len(evidence.contacts)
-        if problem.mixture is not None:
-            inlier[:contacts] = problem.mixture.judge(X_best).inlier_probability[0]
-        if problem.pad_mixture is not None:
-            inlier[contacts:] = problem.pad_mixture.inlier_probability(X_best)[0]
-        now = estimate_scale(self._model, self._params, reading, belief.slip_test, X_best[0], inlier)
-        return follow_scale(belief.errors, now, self._params.calibration_scale)
+    def _follow_errors(
+        self, belief: PoseBelief, reading: ContactReading, errors: SeemingErrors
+    ) -> tuple[PoseBelief, ContactReading]:
+        """Both when the contacts' errors seem otherwise."""
+        after = with_errors(reading, errors, self._params)
+        modes = follow_lasting_errors(belief.modes, reading, after, self._params)
+        return copied(belief, errors=errors, modes=modes), after
 
     def _has_moved(self, X_before: FloatArray, X_now: FloatArray) -> bool:
         """Whether the best mode (1, 3, 4) is another one than before."""

@@ -1,9 +1,9 @@
 """A search beside the filter: the one-shot posterior of the touch, in slices that each fit into the time of an update.
 
 It proposes minima of the touch, from a part of the starts, other ones each time; it settles these and the modes that
-are known by all the evidence; it covers what explains the touch by densities, as the estimate does, and weighs samples
-of them; it asks how deep the object would be in the hand; and what it says is put to use, see `relocalisation.py`. Over
-some searches all is searched.
+are known by all the evidence; it asks of what they leave over how far the hand's calibration is off; it covers what
+explains the touch by densities, as the estimate does, and weighs samples of them; it asks how deep the object would be
+in the hand; and what it says is put to use, see `relocalisation.py`. Over some searches all is searched.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
 from tactopose_drake.core.searches.search import SearchResult
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_errors import LEAST_INLIER
+from tactopose_drake.core.tracking.contact_errors import LEAST_INLIER, estimate_scale, follow_scale
 from tactopose_drake.core.tracking.keyframes import Touch
 from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
@@ -83,6 +83,21 @@ class SearchState(NamedTuple):
         return self._replace(X_PO=None, is_settled=False, weighing=None, searches=self.searches + 1)
 
 
+class SearchStep(NamedTuple):
+    """What slices of a search come to.
+
+    Attributes:
+        state: how far the search is.
+        weighed: what the posterior says where that is to be put to use, else None.
+        calibration_scale: how large the calibration's errors seem, see `estimate_scale`, where that was asked, else
+            None.
+    """
+
+    state: SearchState
+    weighed: WeighedModes | None = None
+    calibration_scale: FloatArray | None = None
+
+
 def search_on(
     model: ObjectModel,
     params: PoseTrackerParams,
@@ -92,8 +107,8 @@ def search_on(
     *,
     slices: int | None = 1,
     thorough: bool = True,
-) -> tuple[SearchState, WeighedModes | None]:
-    """The next slices, and what the posterior says where that is to be put to use.
+) -> SearchStep:
+    """What the next slices come to.
 
     Where the filter has no mode, there is none to keep up meanwhile: all are taken.
 
@@ -106,41 +121,43 @@ def search_on(
         slices: how many are taken, up to the search's end; None: all.
         thorough: whether samples are drawn until the modes' probabilities are sure, and not in one round alone.
     """
-    taken, most = 0, slices if len(modes) else None
+    taken, most, scale = 0, slices if len(modes) else None, None
     if not thorough:
         one_round = dataclasses.replace(params.relocalisation, most_samples=params.relocalisation.samples)
         params = dataclasses.replace(params, relocalisation=one_round)
     while True:
-        search, weighed = _next_slice(model, params, touch, modes, search)
-        taken += 1
+        search, weighed, told = _next_slice(model, params, touch, modes, search)
+        taken, scale = taken + 1, scale if told is None else told
         if search.X_PO is None or taken == most:
-            return search, weighed
+            return SearchStep(search, weighed, scale)
 
 
 def _next_slice(
     model: ObjectModel, params: PoseTrackerParams, touch: Touch, modes: TrackedModes, search: SearchState
-) -> tuple[SearchState, WeighedModes | None]:
+) -> SearchStep:
     """Likewise; no poses are left in what a search has come to when it ends."""
     if isinstance(search.weighing, WeighedModes):  # They are as of the slice that began to weigh.
         weighed, search = search.weighing.moved(search.X_PP), search.as_of_now()
-        return search.ended(), _clear_of_the_hand(model, params.relocalisation, touch, weighed)
+        return SearchStep(search.ended(), _clear_of_the_hand(model, params.relocalisation, touch, weighed))
     if search.weighing is not None:
         samples = search.weighing.weighing.samples
         parts = 0 if samples is None else len(samples.drawn)  # Rounds from the same proposals are no copies.
         generator = np.random.default_rng([params.seed, search.searches, 1 + parts])
-        return search._replace(weighing=_weigh_on(model, params.relocalisation, search.weighing, generator)), None
+        weighing = _weigh_on(model, params.relocalisation, search.weighing, generator)
+        return SearchStep(search._replace(weighing=weighing))
     search = search.as_of_now()
     evidence, settings = touch.averaged(params), params.relocalisation
     generator = np.random.default_rng([params.seed, search.searches])
     if search.X_PO is None:
         near = dataclasses.replace(evidence, prior=None) if search.searches % 2 else evidence
-        return search._replace(X_PO=_propose_poses(model, settings, near, generator)), None
+        return SearchStep(search._replace(X_PO=_propose_poses(model, settings, near, generator)))
     if search.is_settled:
-        return search._replace(weighing=_begin_weighing(model, settings, evidence, search.X_PO, generator)), None
+        weighing, scale = _begin_weighing(model, params, touch, search.X_PO, generator)
+        return SearchStep(search._replace(weighing=weighing), calibration_scale=scale)
     X_PO = np.concatenate([modes.X_PO, search.minima, search.X_PO])
     X_PO = _settle_poses(model, settings, evidence, X_PO) if len(X_PO) else X_PO
     search = search._replace(X_PO=X_PO, is_settled=True, minima=X_PO[: params.mixture.max_modes])
-    return (search if len(X_PO) else search.ended()), None
+    return SearchStep(search if len(X_PO) else search.ended())
 
 
 def _clear_of_the_hand(
@@ -191,19 +208,44 @@ def _settle_poses(model: ObjectModel, params: RelocalisationParams, evidence: Ev
 
 
 def _begin_weighing(
-    model: ObjectModel,
-    params: RelocalisationParams,
-    evidence: Evidence,
-    X_PO: FloatArray,
-    generator: np.random.Generator,
-) -> TouchWeighing:
-    """Begins to weigh the posterior's modes at minima (m, 3, 4) of the evidence, at least one."""
-    problem = make_problem(model, evidence)
-    each = np.zeros(len(X_PO), dtype=np.intp)
+    model: ObjectModel, params: PoseTrackerParams, touch: Touch, X_PO: FloatArray, generator: np.random.Generator
+) -> tuple[TouchWeighing, FloatArray | None]:
+    """Begins to weigh the posterior's modes at minima (m, 3, 4) of the touch, at least one.
+
+    How large the calibration's errors seem to them is estimated first; by that, too, they are weighed.
+    """
+    settings, evidence = params.relocalisation, touch.averaged(params)
+    problem, modes = _modes_at(model, settings, evidence, X_PO)
+    scale = _estimate_scale(model, params, touch, problem, modes)
+    if scale is not None:
+        errors = follow_scale(touch.reading.errors, scale, params.calibration_scale)
+        evidence = touch._replace(reading=touch.reading._replace(errors=errors)).averaged(params)
+        problem, modes = _modes_at(model, settings, evidence, X_PO)
+    posterior = make_posterior(model, evidence, problem, settings.posterior)
+    return TouchWeighing(evidence, begin_weighing(modes, posterior, generator)), scale
+
+
+def _modes_at(
+    model: ObjectModel, params: RelocalisationParams, evidence: Evidence, X_PO: FloatArray
+) -> tuple[PoseProblem, Modes]:
+    """The problem that evidence poses, and its distinct modes at minima (m, 3, 4)."""
+    problem, each = make_problem(model, evidence), np.zeros(len(X_PO), dtype=np.intp)
     minima = SearchResult(X_PO, problem.doubted(problem.objective).cost(X_PO), each, each == 0)
-    modes = _distinct(model, params, problem, minima)
-    posterior = make_posterior(model, evidence, problem, params.posterior)
-    return TouchWeighing(evidence, begin_weighing(modes, posterior, generator))
+    return problem, _distinct(model, params, problem, minima)
+
+
+def _estimate_scale(
+    model: ObjectModel, params: PoseTrackerParams, touch: Touch, problem: PoseProblem, modes: Modes
+) -> FloatArray | None:
+    """How large the calibration's errors seem to the modes of a touch; see `estimate_scale`."""
+    contacts, X_PO, now = touch.reading.contacts, modes.mixture.X_PO, touch.window.now
+    inlier, count = np.ones((len(X_PO), len(contacts))), len(touch.evidence.contacts)
+    if problem.mixture is not None:
+        inlier[:, :count] = problem.mixture.judge(X_PO).inlier_probability
+    if problem.pad_mixture is not None:
+        inlier[:, count:] = problem.pad_mixture.inlier_probability(X_PO)
+    mean = contacts.with_arrays(p_PC=now.p_PC, n_PC=now.n_PC)
+    return estimate_scale(model, params, touch.reading, mean, now.frames, modes, inlier)
 
 
 def _weigh_on(

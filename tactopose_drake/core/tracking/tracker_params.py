@@ -211,8 +211,9 @@ class PoseTrackerParams:
     settling_time: float = 0.09  # s after a finger has come to touch, or the best mode has become another, until it is
     settled_distance: float = 0.01  # of the surface between two best modes that are not the same, m
     answer_probability: float = 0.98  # of the best mode, from which on it is the answer; it may stay so for long
-    answer_distance: float = 0.015  # standard deviation up to which it is one, m, where the touch of now tells of it
-    answer_turn_deg: float = 10.0  # likewise of the turn, deg: one in twenty is off by twice as much
+    # Standard deviations up to which it is one, where the touch of now tells of it: one in twenty is off by twice as much.
+    answer_distance: float = 0.010  # m
+    answer_turn_deg: float = 10.0  # deg
     untold_share: float = 0.3  # of the object's size: the touch of now tells nothing where it is no better known
     slip_time: float = 0.1  # s for which a slip that was found is taken to go on
     lost_time: float = 0.2  # s without an explanation of the touch, after which the pose is lost

@@ -11,7 +11,7 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import split_errors
-from tactopose_drake.core.tracking.frame import ContactReading
+from tactopose_drake.core.tracking.frame import ContactReading, SeemingErrors
 from tactopose_drake.core.tracking.tracker_params import MotionNoise, PoseTrackerParams
 
 DEFAULT_PARAMS = PoseTrackerParams()
@@ -62,6 +62,5 @@ def read(
 ) -> ContactReading:
     """New contacts of some sources, of which none is doubted."""
     source = np.arange(len(contacts)) if source is None else source
-    doubt, calibration = np.ones(len(contacts)), np.ones(2)
-    parts = split_errors(contacts, doubt, calibration, params)
-    return ContactReading(contacts, source, sources, True, doubt, calibration, Evidence(contacts), parts)
+    parts = split_errors(contacts, np.ones(len(contacts)), np.ones(2), params)
+    return ContactReading(contacts, source, sources, True, SeemingErrors(), Evidence(contacts), parts)

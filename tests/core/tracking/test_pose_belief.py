@@ -93,16 +93,21 @@ def test_a_mode_that_is_wide_is_an_answer_only_along_what_the_touch_does_not_tel
         assert message(opened, Evidence(told)) == said
 
 
-def test_a_turn_that_is_known_to_twelve_degrees_is_no_answer(tracker: PoseTracker) -> None:
-    """Of such turns one in ten is off by 20 degrees."""
+def test_what_is_known_to_twelve_degrees_or_twelve_millimetres_is_no_answer(tracker: PoseTracker) -> None:
+    """Of such poses one in ten is off by 20 degrees or millimetres."""
     follower = Follower(tracker)
     belief, contacts = follower.feel(X_PO, 12), touch(X_PO, follower.generator)
-    for turn, said in ((8.0, "ok"), (12.0, "ambiguous: known to 1 mm and 12 degrees")):
+    for coordinate, sigma, said in (
+        (2, math.radians(8.0), "ok"),
+        (2, math.radians(12.0), "ambiguous: known to 1 mm and 12 degrees"),
+        (5, 0.008, "ok"),
+        (5, 0.012, "ambiguous: known to 12 mm and 1 degrees"),
+    ):
         covariance = belief.modes.covariance.copy()
-        covariance[:, 2, 2] += math.radians(turn) ** 2
+        covariance[:, coordinate, coordinate] += sigma**2
         modes = dataclasses.replace(belief.modes, covariance=covariance)
-        turned = dataclasses.replace(belief, modes=modes, explained_time=belief.time)
-        assert message(turned, Evidence(contacts)) == said
+        wider = dataclasses.replace(belief, modes=modes, explained_time=belief.time)
+        assert message(wider, Evidence(contacts)) == said
 
 
 def test_a_ball_on_a_stick_that_is_held_by_the_ball_may_point_anywhere() -> None:

@@ -82,6 +82,21 @@ def test_a_finger_that_touches_something_else_is_found_out(tracker: PoseTracker,
     assert belief.status != "ok" or error(belief, X_PO)[0] < 0.005
 
 
+def test_how_far_the_calibration_seems_to_be_off_is_asked_anew_when_another_finger_touches(
+    tracker: PoseTracker,
+) -> None:
+    """What the modes of before left over, which may have been wrong, no longer counts."""
+    follower = Follower(tracker)
+    before = follower.feel(X_PO, 60, fingers=range(5))
+    assert before.errors.estimates > 1
+    after = follower.feel(X_PO, 1)
+    assert after.errors.estimates < 2
+    np.testing.assert_array_equal(after.errors.calibration, before.errors.calibration)
+    while follower.belief.errors.estimates < 1:
+        follower.feel(X_PO, 1)
+    assert not np.array_equal(follower.belief.errors.calibration, before.errors.calibration)
+
+
 @pytest.mark.parametrize(("period", "of_touch"), [(0.25, 0.25), (0.5, 0.5), (0.02, 0.3), (1.0, 3.0)])
 def test_a_touch_that_goes_on_is_not_new_however_rare_frames_or_readings_are(
     tracker: PoseTracker, period: float, of_touch: float

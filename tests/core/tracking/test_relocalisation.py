@@ -1,5 +1,6 @@
 import copy
 import dataclasses
+import math
 import pickle
 
 import numpy as np
@@ -15,7 +16,7 @@ from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking import sliced_search
-from tactopose_drake.core.tracking.contact_errors import follow_doubt
+from tactopose_drake.core.tracking.contact_errors import averaged_variances, calibration_excess, follow_doubt
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, make_window
 from tactopose_drake.core.tracking.motion_prediction import Motion
@@ -25,7 +26,7 @@ from tactopose_drake.core.tracking.sliced_search import SearchState, TouchWeighi
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.weighed_modes import WeighedModes
-from tests.core.tracking.boxes import make_box, read, touch
+from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases, make_box, read, touch
 
 PARAMS = PoseTrackerParams()
 NAMES = tuple("abcdef")
@@ -50,7 +51,7 @@ def search(
     """The modes after some searches, all of the same touch."""
     touched, state = touch_of(touch(X_PO, np.random.default_rng(1)), standing), SearchState()
     while state.searches < count:
-        state, weighed = search_on(box, PARAMS, touched, modes, state)
+        state, weighed, _ = search_on(box, PARAMS, touched, modes, state)
         if weighed is not None:
             modes = relocalise(box, PARAMS, touched, modes, weighed.modes, share)
     return modes
@@ -74,7 +75,7 @@ def test_however_sure_the_filter_is_what_explains_the_touch_takes_its_place(box:
 def test_a_search_may_begin_with_few_poses(box: ObjectModel, starts: int) -> None:
     params = dataclasses.replace(PARAMS, relocalisation=dataclasses.replace(PARAMS.relocalisation, starts=starts))
     touched = touch_of(touch(X_PO, np.random.default_rng(1)))
-    _, weighed = search_on(box, params, touched, TrackedModes.empty(6), SearchState())
+    _, weighed, _ = search_on(box, params, touched, TrackedModes.empty(6), SearchState())
     assert weighed is not None
     assert len(weighed.modes.cost)
 
@@ -114,19 +115,48 @@ def test_a_search_is_made_of_slices_while_there_is_a_mode_to_keep_up(box: Object
     slices, weighed = 0, None
     while weighed is None:
         assert state.searches == 0
-        state, weighed = search_on(box, PARAMS, touched, modes_at(X_PO), state)
+        state, weighed, _ = search_on(box, PARAMS, touched, modes_at(X_PO), state)
         slices += 1
     # Poses are proposed, settled, covered, joined, sampled, joined by way of what samples lead to, and sampled on.
     assert 5 <= slices <= 14
     assert (state.X_PO is None, state.searches) == (True, 1)
     twice, by_two = SearchState(), 0
     while not twice.searches:
-        twice, weighed = search_on(box, PARAMS, touched, modes_at(X_PO), twice, slices=2)
+        twice, weighed, _ = search_on(box, PARAMS, touched, modes_at(X_PO), twice, slices=2)
         by_two += 1
     assert by_two == slices // 2
     assert search_on(box, PARAMS, touched, modes_at(X_PO), SearchState(), slices=None)[1] is not None
-    _, weighed = search_on(box, PARAMS, touched, TrackedModes.empty(6), SearchState())
+    _, weighed, _ = search_on(box, PARAMS, touched, TrackedModes.empty(6), SearchState())
     assert weighed is not None
+
+
+def test_a_search_weighs_modes_by_how_far_the_calibration_seems_to_be_off(box: ObjectModel) -> None:
+    """It says so before the weights: what the touch tells is put to use at once."""
+    told = PARAMS.calibration_position, math.radians(PARAMS.calibration_normal_deg)
+    scales = []
+    for scale in (0.0, 4.0):
+        bias = scale * draw_biases(np.random.default_rng(0), *told)
+        contacts = touch(X_PO, np.random.default_rng(1), bias, (SIGMA_POSITION, SIGMA_NORMAL))
+        reading = read(contacts)
+        window = make_window((dataclasses.replace(Keyframe.of_now(reading, NAMES), frames=8),), PARAMS.window)
+        touched, state, found = Touch(Evidence(contacts), reading, window, None), SearchState(), None
+        while found is None:
+            state, weighed, found = search_on(box, PARAMS, touched, modes_at(X_PO), state)
+            assert weighed is None
+        assert isinstance(state.weighing, TouchWeighing)
+        stated = state.weighing.evidence.contacts
+        np.testing.assert_allclose(
+            np.square([stated.sigma_position, stated.sigma_normal]).T,
+            averaged_variances(contacts, PARAMS, 8) + calibration_excess(contacts, PARAMS, found),
+        )
+        scales.append(found)
+    assert scales[0].max() < 1.0
+    assert np.all(scales[1] > 4.0 * scales[0])
+    # One frame tells nothing of what lasts.
+    once, state, found = touch_of(touch(X_PO, np.random.default_rng(1))), SearchState(), None
+    while not state.searches:
+        state, _, found = search_on(box, PARAMS, once, modes_at(X_PO), state)
+        assert found is None
 
 
 def test_what_a_search_has_found_starts_the_next_however_little_is_proposed(
@@ -134,13 +164,13 @@ def test_what_a_search_has_found_starts_the_next_however_little_is_proposed(
 ) -> None:
     touched, modes, state = touch_of(touch(X_PO, np.random.default_rng(1))), TrackedModes.empty(6), SearchState()
     while not state.searches:
-        state, _ = search_on(box, PARAMS, touched, modes, state)
+        state, *_ = search_on(box, PARAMS, touched, modes, state)
     monkeypatch.setattr(sliced_search, "_propose_poses", lambda *_: np.empty((0, 3, 4)))
     astray = modes_at(ELSEWHERE)
     for start in (state._replace(minima=np.empty((0, 3, 4))), state):
         again, weighed = start, None
         while weighed is None and again.searches == state.searches:
-            again, weighed = search_on(box, PARAMS, touched, astray, again)
+            again, weighed, _ = search_on(box, PARAMS, touched, astray, again)
         finds_it = weighed is not None and off(relocalise(box, PARAMS, touched, astray, weighed.modes, 1.0)) < 0.005
         assert finds_it == (start is state)
 
@@ -156,14 +186,14 @@ def test_what_is_found_meanwhile_moves_with_the_object() -> None:
 def test_modes_are_weighed_as_of_the_time_that_this_began_and_moved_with_the_object_then(box: ObjectModel) -> None:
     touched, state = touch_of(touch(X_PO, np.random.default_rng(1))), SearchState()
     while state.weighing is None:
-        state, _ = search_on(box, PARAMS, touched, modes_at(X_PO), state)
+        state, *_ = search_on(box, PARAMS, touched, modes_at(X_PO), state)
     rests: SearchState = pickle.loads(pickle.dumps(state))  # As a belief that is kept on disk.
     motion, X_PP = Motion(np.array([0.1, -0.2, 0.3, 0.01, 0.02, -0.01]), np.zeros((6, 6))), np.eye(3, 4)
     at_rest, moved = None, None
     while moved is None:
         assert at_rest is None
-        rests, at_rest = search_on(box, PARAMS, touched, modes_at(X_PO), rests)
-        state, moved = search_on(box, PARAMS, touched, modes_at(X_PO), state.moved(motion))
+        rests, at_rest, _ = search_on(box, PARAMS, touched, modes_at(X_PO), rests)
+        state, moved, _ = search_on(box, PARAMS, touched, modes_at(X_PO), state.moved(motion))
         X_PP = motion.of_poses(X_PP)
     assert at_rest is not None
     np.testing.assert_allclose(moved.modes.mixture.X_PO, compose(X_PP, at_rest.modes.mixture.X_PO), atol=1e-12)
@@ -196,7 +226,7 @@ def test_a_valley_keeps_its_mass_when_a_search_finds_another_one_of_its_minima(b
 
 
 def test_of_a_touch_that_is_as_told_little_is_doubted(box: ObjectModel) -> None:
-    _, weighed = search_on(
+    _, weighed, _ = search_on(
         box, PARAMS, touch_of(touch(X_PO, np.random.default_rng(1))), TrackedModes.empty(6), SearchState()
     )
     assert weighed is not None
@@ -250,7 +280,7 @@ def test_of_several_likely_modes_it_is_asked_once_how_deep_they_are_and_of_a_sin
         touched = touch_of(touch(X_PO, np.random.default_rng(1)), standing)._replace(depth_in_hand=depth)
         state, weighed = SearchState(searches=1), None
         while weighed is None:
-            state, weighed = search_on(box, PARAMS, touched, modes_at(X_PO), state)
+            state, weighed, _ = search_on(box, PARAMS, touched, modes_at(X_PO), state)
         assert asked == expected
         assert state.X_PO is None
         assert state.weighing is None
@@ -266,7 +296,7 @@ def test_further_rounds_of_samples_make_searches_agree(box: ObjectModel) -> None
         for searches in range(6):
             state, weighed, taken = SearchState(searches=searches), None, 0
             while weighed is None:
-                state, weighed = search_on(box, params, touched, modes_at(X_PO), state)
+                state, weighed, _ = search_on(box, params, touched, modes_at(X_PO), state)
                 taken += 1
             errors.append(weighed.modes.standard_error)
             slices.append(taken)
@@ -286,7 +316,7 @@ def test_no_round_draws_the_samples_of_another_again(box: ObjectModel, monkeypat
     )
     touched, state, times, X = touch_of(touch(X_PO, np.random.default_rng(1))), SearchState(), np.zeros(1), X_PO[None]
     while state.searches < 1:
-        state, _ = search_on(box, params, touched, modes_at(X_PO), state)
+        state, *_ = search_on(box, params, touched, modes_at(X_PO), state)
         if isinstance(state.weighing, TouchWeighing) and state.weighing.weighing.samples is not None:
             X, times = state.weighing.weighing.samples.X_PO, state.weighing.weighing.samples.times
     assert times.max() > 2

@@ -19,6 +19,7 @@ from tactopose_drake.core.tracking.contact_update import (
     touch_information,
     update_modes,
 )
+from tactopose_drake.core.tracking.frame import SeemingErrors
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import ForgettingParams, PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, read, touch
@@ -192,7 +193,7 @@ def test_modes_that_hardly_count_wait_for_a_search(box: ObjectModel) -> None:
 
 def test_a_doubted_finger_counts_for_less_and_so_does_what_a_hand_declares(box: ObjectModel) -> None:
     contacts, params = touch(X_PO, np.random.default_rng(0)), PoseTrackerParams()
-    doubted = with_errors(read(contacts), np.array([16.0, 1, 1, 1, 1, 1]), np.ones(2), params)
+    doubted = with_errors(read(contacts), SeemingErrors(doubt={"a": 16.0}), params)
     mean = averaged_variances(contacts, params, params.window.max_frames)[0]
     np.testing.assert_allclose(doubted.parts.excess[0], 15.0 * mean)
     seems = as_doubted(doubted).evidence.contacts
