@@ -226,6 +226,20 @@ def past_cost(model: ObjectModel, params: PoseTrackerParams, window: TouchWindow
     np.add.at(costs, window.keyframe, 0.5 * np.square(residuals).sum(axis=2).T)
     numbers = np.bincount(window.keyframe) * (1 if window.past.n_PC is None else 3)
     limits = 0.5 * numbers - math.log(params.window.slip_probability)
-    share = 1.0 / (1.0 + (window.count - 1) * params.window.lasting_share)
-    total: FloatArray = share * np.minimum(costs, limits[:, None]).sum(axis=0)
+    total: FloatArray = _share(params, window) * np.minimum(costs, limits[:, None]).sum(axis=0)
     return total
+
+
+def past_information(
+    model: ObjectModel, params: PoseTrackerParams, window: TouchWindow, X_PO: FloatArray
+) -> FloatArray:
+    """What the touches of the past tell of the increments at poses (n, 3, 4) that they explain, shape (n, 6, 6)."""
+    if window.past is None or not len(X_PO):
+        return np.zeros((len(X_PO), 6, 6))
+    touch = SurfaceContact(model.grid, window.past)
+    return _share(params, window) * touch.normal_equations(np.ascontiguousarray(X_PO)).hessian
+
+
+def _share(params: PoseTrackerParams, window: TouchWindow) -> float:
+    """By how much each of the touches counts."""
+    return 1.0 / (1.0 + (window.count - 1) * params.window.lasting_share)

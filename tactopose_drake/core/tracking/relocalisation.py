@@ -5,6 +5,8 @@ window. What the filter foretold has no part in that: so a mode that was led ast
 it is itself led by, loses against one that explains the touch better, whenever that is found. While the touch stays,
 searches weigh the same evidence again, each by samples of its own: their mean, with a forgetting factor, counts. The
 filter's pose of a mode that it has already stays, for it has learnt from many frames, unless the touch contradicts it.
+But it is no better known than by the posterior and the window together: the filter, which goes by derivatives at one
+place, does not know how far a valley leads that bends.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_update import begin_modes
-from tactopose_drake.core.tracking.keyframes import Touch, past_cost
+from tactopose_drake.core.tracking.keyframes import Touch, past_cost, past_information
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
@@ -56,7 +58,8 @@ def relocalise(
     if len(modes):
         before = modes.log_weight - np.logaddexp.reduce(modes.log_weight)
         now = _mean_weights(before, now, same, share)
-    joined = modes.chosen(pairs[is_right]).joined(new)
+    information = inverses(covariance[is_right])[0] + past_information(model, params, touch.window, X_PO[is_right])
+    joined = modes.chosen(pairs[is_right]).at_least(inverses(information)[0]).joined(new)
     return dataclasses.replace(joined, log_weight=now[np.argsort(~is_right, kind="stable")])
 
 

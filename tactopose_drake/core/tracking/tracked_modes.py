@@ -104,6 +104,14 @@ class TrackedModes:
         shrink = (root @ vectors * np.sqrt(np.clip(values, 0.0, 1.0))[:, None]) @ np.swapaxes(vectors, 1, 2) @ unit
         return dataclasses.replace(self, covariance=covariance, cross_covariance=shrink @ self.cross_covariance)
 
+    def at_least(self, covariance: FloatArray) -> TrackedModes:
+        """The modes whose increments are nowhere better known than by other covariances, (n, 6, 6)."""
+        root = np.linalg.cholesky(self.covariance)
+        unit = np.linalg.inv(root)
+        values, vectors = np.linalg.eigh(unit @ covariance @ np.swapaxes(unit, 1, 2))
+        wider = root @ vectors * np.sqrt(np.maximum(values, 1.0))[:, None]
+        return dataclasses.replace(self, covariance=wider @ np.swapaxes(wider, 1, 2))
+
     def pruned(self, params: MixtureParams) -> TrackedModes:
         """The modes of most weight, which then sum to one, without those that hardly count."""
         if len(self) == 1:

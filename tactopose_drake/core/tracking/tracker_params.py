@@ -211,7 +211,7 @@ class PoseTrackerParams:
     settling_time: float = 0.09  # s after a finger has come to touch, or the best mode has become another, until it is
     settled_distance: float = 0.01  # of the surface between two best modes that are not the same, m
     answer_probability: float = 0.98  # of the best mode, from which on it is the answer; it may stay so for long
-    # Standard deviations up to which it is one, where the touch of now tells of it: one in twenty is off by twice as much.
+    # Standard deviations up to which it is one, where the touch of now tells of it: one in twenty is off by twice that.
     answer_distance: float = 0.010  # m
     answer_turn_deg: float = 10.0  # deg
     untold_share: float = 0.3  # of the object's size: the touch of now tells nothing where it is no better known

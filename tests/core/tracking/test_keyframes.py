@@ -3,7 +3,14 @@ import dataclasses
 import numpy as np
 
 from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations, retract, transform_points
-from tactopose_drake.core.tracking.keyframes import Keyframe, follow_touch, make_window, move_keyframes, past_cost
+from tactopose_drake.core.tracking.keyframes import (
+    Keyframe,
+    follow_touch,
+    make_window,
+    move_keyframes,
+    past_cost,
+    past_information,
+)
 from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, WindowParams
 from tests.core.tracking.boxes import make_box, read, touch
@@ -145,3 +152,17 @@ def test_of_alike_touches_each_counts_by_their_effective_number() -> None:
     cost = [past_cost(box, params, make_window((before,) * n + (fewer,), PARAMS), near)[0] for n in (1, 2, 3)]
     share = params.window.lasting_share
     np.testing.assert_allclose(np.array(cost) / cost[0], [n * (1.0 + share) / (1.0 + n * share) for n in (1, 2, 3)])
+
+
+def test_what_the_past_tells_of_a_pose_is_how_its_cost_bends_there() -> None:
+    box, params = make_box(), PoseTrackerParams()
+    before = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(2))), NAMES)
+    now = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(1))[:3]), NAMES[:3])
+    window = make_window((before, now), params.window)
+    information = past_information(box, params, window, X_PO[None])[0]
+    for slide in np.eye(6)[3:]:  # The faces are even: along them the cost is a parabola.
+        ends = np.stack([retract(X_PO, sign * 3e-4 * slide) for sign in (-1.0, 0.0, 1.0)])
+        below, middle, above = past_cost(box, params, window, ends)
+        np.testing.assert_allclose(slide @ information @ slide, (below - 2.0 * middle + above) / 3e-4**2, rtol=0.02)
+    alone = make_window((now,), params.window)
+    np.testing.assert_array_equal(past_information(box, params, alone, X_PO[None]), np.zeros((1, 6, 6)))

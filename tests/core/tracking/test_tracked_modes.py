@@ -25,6 +25,18 @@ def test_fitted_modes_stay_covariances() -> None:
         assert np.linalg.eigvalsh(np.block([[P, C], [C.T, np.diag(B)]])).min() > 0.0
 
 
+def test_modes_are_widened_where_they_are_narrower_than_told_and_nowhere_else() -> None:
+    modes = make_rough_modes(1.0)
+    narrow, wide = modes.covariance, np.linalg.cholesky(modes.covariance)
+    factors = np.array([0.1, 0.5, 1.0, 2.0, 4.0, 9.0])
+    told = wide * factors[None, None] @ np.swapaxes(wide, 1, 2)
+    expected = wide * np.maximum(factors, 1.0)[None, None] @ np.swapaxes(wide, 1, 2)
+    np.testing.assert_allclose(modes.at_least(told).covariance, expected, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(modes.at_least(0.5 * narrow).covariance, narrow, rtol=1e-9, atol=1e-15)
+    np.testing.assert_array_equal(modes.at_least(told).cross_covariance, modes.cross_covariance)
+    assert len(TrackedModes.empty(2).at_least(np.zeros((0, 6, 6)))) == 0
+
+
 def test_pruned_are_the_heaviest_and_sum_to_one() -> None:
     modes = make_rough_modes(0.0).chosen([0, 1, 0, 1])
     modes = dataclasses.replace(modes, log_weight=np.array([6.0, 10.0, -33.0, 9.0]))
