@@ -233,10 +233,18 @@ def past_cost(model: ObjectModel, params: PoseTrackerParams, window: TouchWindow
 def past_information(
     model: ObjectModel, params: PoseTrackerParams, window: TouchWindow, X_PO: FloatArray
 ) -> FloatArray:
-    """What the touches of the past tell of the increments at poses (n, 3, 4) that they explain, shape (n, 6, 6)."""
-    if window.past is None or not len(X_PO):
+    """What the touches of the past tell of the increments at poses (n, 3, 4) that they explain, shape (n, 6, 6).
+
+    A contact of the past at a place that is touched now tells the same once more, with the same errors: none of these
+    counts.
+    """
+    if window.past is None:
         return np.zeros((len(X_PO), 6, 6))
-    touch = SurfaceContact(model.grid, window.past)
+    ways = np.linalg.norm(window.past.p_PC[:, None] - window.now.p_PC, axis=2)
+    elsewhere = np.flatnonzero(ways.min(axis=1) > params.window.least_distance)
+    if not len(elsewhere):
+        return np.zeros((len(X_PO), 6, 6))
+    touch = SurfaceContact(model.grid, window.past[elsewhere])
     return _share(params, window) * touch.normal_equations(np.ascontiguousarray(X_PO)).hessian
 
 

@@ -154,15 +154,20 @@ def test_of_alike_touches_each_counts_by_their_effective_number() -> None:
     np.testing.assert_allclose(np.array(cost) / cost[0], [n * (1.0 + share) / (1.0 + n * share) for n in (1, 2, 3)])
 
 
-def test_what_the_past_tells_of_a_pose_is_how_its_cost_bends_there() -> None:
+def test_what_the_past_tells_of_a_pose_is_how_its_cost_bends_there_but_for_places_that_are_touched_now() -> None:
     box, params = make_box(), PoseTrackerParams()
-    before = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(2))), NAMES)
+    contacts = touch(X_PO, np.random.default_rng(2))
     now = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(1))[:3]), NAMES[:3])
-    window = make_window((before, now), params.window)
-    information = past_information(box, params, window, X_PO[None])[0]
+    others, every, same = (
+        make_window((Keyframe.of_now(read(contacts[index]), tuple(NAMES[i] for i in index)), now), params.window)
+        for index in ([3, 4, 5], [0, 1, 2, 3, 4, 5], [0, 1])
+    )
+    information = past_information(box, params, others, X_PO[None])[0]
     for slide in np.eye(6)[3:]:  # The faces are even: along them the cost is a parabola.
         ends = np.stack([retract(X_PO, sign * 3e-4 * slide) for sign in (-1.0, 0.0, 1.0)])
-        below, middle, above = past_cost(box, params, window, ends)
+        below, middle, above = past_cost(box, params, others, ends)
         np.testing.assert_allclose(slide @ information @ slide, (below - 2.0 * middle + above) / 3e-4**2, rtol=0.02)
-    alone = make_window((now,), params.window)
-    np.testing.assert_array_equal(past_information(box, params, alone, X_PO[None]), np.zeros((1, 6, 6)))
+    np.testing.assert_allclose(past_information(box, params, every, X_PO[None])[0], information, rtol=1e-9, atol=1e-6)
+    for window in (same, make_window((now,), params.window)):
+        np.testing.assert_array_equal(past_information(box, params, window, X_PO[None]), np.zeros((1, 6, 6)))
+    assert past_information(box, params, others, np.zeros((0, 3, 4))).shape == (0, 6, 6)
