@@ -91,7 +91,7 @@ def seal(value: object) -> None:
     elif isinstance(value, tuple):
         for part in value:
             seal(part)
-    elif dataclasses.is_dataclass(value):
+    elif hasattr(value, "__dataclass_fields__"):
         for part in vars(value).values():
             seal(part)
 

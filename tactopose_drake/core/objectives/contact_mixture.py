@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import read_only
-from tactopose_drake.core.evidence.contact_doubt import USUAL, ContactDoubt
+from tactopose_drake.core.evidence.contact_doubt import USUAL, ContactDoubt, KindShares
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import contact_alternatives_kernels
 from tactopose_drake.core.kernels.contact_judgement_kernels import Exact, Judged, judge
@@ -153,19 +153,22 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
     any_normal = np.minimum(0.5 * sigma_n**2, 1.0) if has_normals else np.ones(len(sigma_n))
     lost_normal = np.minimum(any_normal, 0.5 * most_n**2) if has_normals else any_normal
     displaced = np.minimum(sigma_p / doubt.displacement, 1.0)
-    rows = np.zeros((4, 2, len(sigma_n)))  # Of kinds: of each, of one of all; relative to contacts as told.
-    of_one = None if doubt.of_one is None else doubt.of_one.among(len(sigma_p))
-    for row, kinds in enumerate((doubt.kinds, of_one)):
-        if kinds is not None:
-            shares = kinds.shares(outlier_probability)
-            shares = shares if has_normals else shares.without_normals()
-            other = 0.0 if row else shares.other  # That one is of something else is no further doubt.
-            nothing = shares.lost * lost_point * lost_normal + other * any_point * any_normal
-            rows[0, row], rows[1, row] = shares.flipped, shares.turned * any_normal
-            rows[2, row], rows[3, row] = shares.displaced * displaced, nothing
-            rows[:, row] /= shares.as_told
+    as_told, flipped, turned, moved, other, lost = _shares(doubt, outlier_probability, len(sigma_p), has_normals)
+    rows = np.empty((4, 2, len(sigma_n)))  # Of kinds: of each, of one of all; relative to contacts as told.
+    rows[0], rows[1], rows[2] = flipped, turned * any_normal, moved * displaced
+    rows[3] = lost * lost_point * lost_normal + other * any_point * any_normal
+    rows /= as_told
     rows[3, 0] = np.maximum(rows[3, 0], _LEAST_DENSITY)
-    s, t, per_s, per_t, probability = _scales(doubt.doublings)
-    flipped, normal, moved, nothing = map(read_only, rows)
-    closeness = read_only(displaced**2)
-    return Doubts(s, t, per_s, per_t, probability, flipped, normal, moved, nothing, closeness, has_normals)
+    rows.flags.writeable = False
+    return Doubts._make((*_scales(doubt.doublings), *rows, read_only(displaced**2), has_normals))
+
+
+@functools.lru_cache
+def _shares(doubt: ContactDoubt, outlier_probability: float, count: int, has_normals: bool) -> FloatArray:
+    """The fields of `KindShares` of so many contacts, shape (6, 2, 1): of each by itself, and of the one of all."""
+    nothing = KindShares(as_told=1.0, flipped=0.0, turned=0.0, displaced=0.0, other=0.0, lost=0.0)
+    of_each, of_one = doubt.kinds.shares(outlier_probability), nothing
+    if doubt.of_one is not None:  # That one is of something else is no further doubt.
+        of_one = doubt.of_one.among(count).shares(outlier_probability)._replace(other=0.0)
+    rows = [each if has_normals else each.without_normals() for each in (of_each, of_one)]
+    return np.array(rows).T[:, :, None]

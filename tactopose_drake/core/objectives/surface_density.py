@@ -30,14 +30,14 @@ class SurfaceDensity:
         sigma = np.asarray(contacts.sigma_position)
         weight_n = (0.0 if contacts.n_PC is None else 1.0) / np.asarray(contacts.sigma_normal)
         # The discs are as fine as the surest contact needs. Of others it would take very many, so they have their own.
-        ratios = (sigma / sigma.min()).tolist()
-        steps = [math.floor(math.log(ratio) / math.log(_WIDEST_SHARE)) for ratio in ratios]
+        finest, every = float(sigma.min()), Measurements(contacts.p_PC, n_PC, sigma, weight_n)
+        steps = [math.floor(math.log(each / finest) / math.log(_WIDEST_SHARE)) for each in sigma.tolist()]
         self._parts = []
         for step in sorted(set(steps)):
             index = [m for m, each in enumerate(steps) if each == step]
-            numbers = contacts.p_PC[index], n_PC[index], sigma[index], weight_n[index]
-            discs = model.surfels(float(sigma[index].min())).kernel_view()
-            self._parts.append((index, discs, Measurements(*map(read_only, numbers))))
+            measured = every if len(index) == len(steps) else Measurements(*(numbers[index] for numbers in every))
+            discs = model.surfels(float(measured.sigma_position.min())).kernel_view()
+            self._parts.append((index, discs, Measurements(*map(read_only, measured))))
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -91,7 +92,7 @@ class DistanceGrid:
             normal[lost] = np.where(usable, nearest, [0.0, 0.0, 1.0])
         return fields[..., 0], normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
-    @property
+    @functools.cached_property
     def nodes(self) -> Grid:
         """The grid as kernels read it."""
         return Grid(read_only(self.values), read_only(self.origin), 1.0 / self.spacing)
