@@ -266,10 +266,10 @@ def _modes_of(
     cost, _, hessian = problem.doubted(problem.determining).normal_equations(X_PO)
     for term in problem.bounding:
         cost = cost + term.cost(X_PO)
-    order = cost.argsort(kind="stable")
     return find_modes(
-        SearchResult(X_PO[order], cost[order], found.iterations[order], found.converged[order]),
-        hessian[order],
+        X_PO,
+        cost,
+        hessian,
         problem.space.information,
         images,
         model.size,

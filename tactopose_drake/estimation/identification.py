@@ -207,7 +207,8 @@ def _approximate_evidence(known: Sealed[ObjectModel | LibraryObject], evidence: 
     problem, generator = make_problem(model, touch), np.random.default_rng(seed)
     found = METHODS[_METHOD](model, touch).minimize(problem.objective, problem.space, generator)
     information = problem.determining.normal_equations(found.X_PO).hessian
-    modes = find_modes(found, information, problem.space.information, model.symmetry_poses, model.size, len(found.cost))
+    symmetry_poses, size, every = model.symmetry_poses, model.size, len(found.cost)
+    modes = find_modes(found.X_PO, found.cost, information, problem.space.information, symmetry_poses, size, every)
     return log_evidence(model, touch, modes.log_mass) - dilution
 
 

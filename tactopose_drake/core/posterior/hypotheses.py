@@ -14,7 +14,6 @@ from tactopose_drake.core.kernels.mode_kernels import one_of_each
 from tactopose_drake.core.posterior.free_direction_kernels import find_free
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
-from tactopose_drake.core.searches.search import SearchResult
 from tactopose_drake.core.validation import FloatArray
 
 # Of the largest eigenvalue of a matrix of six rows, what is certain of the others.
@@ -42,7 +41,8 @@ class Modes:
 
 
 def find_modes(
-    found: SearchResult,
+    X_PO: FloatArray,
+    cost: FloatArray,
     touch_information: FloatArray,
     prior_information: FloatArray,
     symmetry_poses: FloatArray,
@@ -51,24 +51,29 @@ def find_modes(
 ) -> Modes:
     """Merges poses that are one mode up to the object's symmetries, and weighs the modes.
 
+    Of those that are one the cheapest stays: a mode that is wide takes none in whose minimum is deeper.
+
     Args:
-        found: refined poses by rising cost, B of them.
+        X_PO: refined poses, in any order, shape (B, 3, 4).
+        cost: of these, shape (B,).
         touch_information: Gauss-Newton Hessians of the touch alone, shape (B, 6, 6).
-        prior_information: what else is known (the prior, or the extent of the searched space), shape (B, 6, 6).
+        prior_information: what else is known (the prior, or the extent of the searched space), shape (6, 6).
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (g, 3, 4).
         size: the object's size, m; rotations count by the way of a point at half of it.
         max_modes: how many modes are kept at the most.
     """
+    order = cost.argsort(kind="stable")
+    X_PO, cost, touch_information = X_PO[order], cost[order], touch_information[order]
     information = touch_information + prior_information
-    index = one_of_each(found.X_PO, information, symmetry_poses, DEFAULT_PARAMS.modes.same_sigmas)
+    index = one_of_each(X_PO, information, symmetry_poses, DEFAULT_PARAMS.modes.same_sigmas)
     covariance, log_determinant = _inverses(information[index], size)
-    log_weight = -found.cost[index] - 0.5 * log_determinant
+    log_weight = -cost[index] - 0.5 * log_determinant
     order = (-log_weight).argsort(kind="stable")[:max_modes]
     index, log_weight = index[order], log_weight[order]
     weight = np.exp(log_weight - log_weight[0])
     return Modes(
-        mixture=GaussianMixture(found.X_PO[index], weight / weight.sum(), covariance[order]),
-        cost=found.cost[index],
+        mixture=GaussianMixture(X_PO[index], weight / weight.sum(), covariance[order]),
+        cost=cost[index],
         free_directions=tuple(free_directions(touch_information[index], size)),
         log_mass=float(log_weight[0] + np.log(weight.sum()) + 3.0 * np.log(2.0 * np.pi)),
     )

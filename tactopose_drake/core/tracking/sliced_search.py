@@ -24,7 +24,6 @@ from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch, Start, global_stages
 from tactopose_drake.core.searches.patch_searches import patch_search
 from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
-from tactopose_drake.core.searches.search import SearchResult
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import LEAST_INLIER, estimate_scale, follow_scale
@@ -188,7 +187,7 @@ def _propose_poses(
     start = Start(candidates=starts, samples=starts // 2)
     pairs = dataclasses.replace(pairs, start=start, start_but_for_one=start, stages=stages)
     found = search_with_doubt(problem, pairs, generator)
-    return _distinct(model, params, problem, found).mixture.X_PO
+    return _distinct(model, params, problem, found.X_PO, found.cost).mixture.X_PO
 
 
 def _settle_poses(model: ObjectModel, params: RelocalisationParams, evidence: Evidence, X_PO: FloatArray) -> FloatArray:
@@ -202,7 +201,7 @@ def _settle_poses(model: ObjectModel, params: RelocalisationParams, evidence: Ev
     found = _REFINEMENT.refine(problem.objective, X_PO)
     if not is_comfortable(model, evidence, problem, found.X_PO):
         found = _REFINEMENT.refine(problem.doubted(problem.objective), np.concatenate([X_PO, found.X_PO]))
-    X_PO = _distinct(model, params, problem, found).mixture.X_PO
+    X_PO = _distinct(model, params, problem, found.X_PO, found.cost).mixture.X_PO
     judgement = None if problem.mixture is None else problem.mixture.judge(X_PO)
     return X_PO[explain_with_doubt(model, evidence, judgement, X_PO, params.posterior.plausibility)]
 
@@ -229,9 +228,8 @@ def _modes_at(
     model: ObjectModel, params: RelocalisationParams, evidence: Evidence, X_PO: FloatArray
 ) -> tuple[PoseProblem, Modes]:
     """The problem that evidence poses, and its distinct modes at minima (m, 3, 4)."""
-    problem, each = make_problem(model, evidence), np.zeros(len(X_PO), dtype=np.intp)
-    minima = SearchResult(X_PO, problem.doubted(problem.objective).cost(X_PO), each, each == 0)
-    return problem, _distinct(model, params, problem, minima)
+    problem = make_problem(model, evidence)
+    return problem, _distinct(model, params, problem, X_PO, problem.doubted(problem.objective).cost(X_PO))
 
 
 def _estimate_scale(
@@ -270,11 +268,14 @@ def _weigh_on(
     return WeighedModes(modes, np.exp(log_inlier), float(weights @ judgement.noise_scale))
 
 
-def _distinct(model: ObjectModel, params: RelocalisationParams, problem: PoseProblem, found: SearchResult) -> Modes:
-    """Distinct modes by Laplace's approximation, of which not too many are kept."""
+def _distinct(
+    model: ObjectModel, params: RelocalisationParams, problem: PoseProblem, X_PO: FloatArray, cost: FloatArray
+) -> Modes:
+    """Distinct modes at minima (m, 3, 4) of these costs (m,), by Laplace's approximation; not too many are kept."""
     return find_modes(
-        found,
-        problem.determining.normal_equations(found.X_PO).hessian,
+        X_PO,
+        cost,
+        problem.determining.normal_equations(X_PO).hessian,
         problem.space.information,
         model.symmetry_poses,
         model.size,

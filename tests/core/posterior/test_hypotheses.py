@@ -11,29 +11,29 @@ from tactopose_drake.core.poses import (
     retract,
 )
 from tactopose_drake.core.posterior.hypotheses import determined_part, find_modes, free_directions
-from tactopose_drake.core.searches.search import SearchResult
 
 SIZE = 0.2
 INFORMATION = np.diag([1e4] * 3 + [1e6] * 3)  # 0.01 rad and 1 mm
 
 
-def found(X_PO: np.ndarray, cost: list[float]) -> SearchResult:
-    count = len(X_PO)
-    return SearchResult(X_PO, np.array(cost), np.ones(count, dtype=np.int64), np.ones(count, dtype=np.bool_)).ranked()
-
-
 def modes(X_PO: np.ndarray, cost: list[float], symmetries: np.ndarray | None = None, information=INFORMATION, limit=64):  # type: ignore[no-untyped-def]
     touch = np.tile(information, (len(X_PO), 1, 1))
-    prior = np.tile(np.eye(6), (len(X_PO), 1, 1))
-    return find_modes(
-        found(X_PO, cost), touch, prior, identity_poses(1) if symmetries is None else symmetries, SIZE, limit
-    )
+    symmetries = identity_poses(1) if symmetries is None else symmetries
+    return find_modes(X_PO, np.array(cost), touch, np.eye(6), symmetries, SIZE, limit)
 
 
 def test_poses_within_three_sigma_are_one_mode() -> None:
     X_PO = retract(np.eye(3, 4), np.array([[0.0] * 6, [0, 0, 0, 0.002, 0, 0], [0, 0, 0, 0.004, 0, 0]]))
     assert len(modes(X_PO, [1.0, 1.1, 1.2]).cost) == 2
     assert len(modes(X_PO, [1.0, 1.1, 1.2], limit=1).cost) == 1
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2], [1, 0, 2], [2, 1, 0]])
+def test_a_wide_mode_takes_in_no_minimum_that_is_deeper(order: list[int]) -> None:
+    X_PO = retract(np.eye(3, 4), np.array([[0.0] * 6, [0, 0, 0, 0.02, 0, 0], [0, 0, 0, 0.1, 0, 0]]))[order]
+    cost, touch = np.array([1.0, 6.0, 2.0])[order], np.stack([INFORMATION, 1e-3 * INFORMATION, INFORMATION])[order]
+    told = find_modes(X_PO, cost, touch, np.zeros((6, 6)), identity_poses(1), SIZE, 64)
+    np.testing.assert_array_equal(np.sort(told.cost), [1.0, 2.0, 6.0])
 
 
 def test_poses_that_a_symmetry_joins_are_one_mode() -> None:
@@ -52,7 +52,7 @@ def test_probabilities_follow_cost_and_volume() -> None:
     # Four times the information halves a standard deviation, and with it the volume under the peak.
     touch = np.stack([INFORMATION, INFORMATION])
     touch[1, 0, 0] *= 4.0
-    narrow = find_modes(found(X_PO, [1.0, 1.0]), touch, np.zeros((2, 6, 6)), identity_poses(1), SIZE, 64)
+    narrow = find_modes(X_PO, np.ones(2), touch, np.zeros((6, 6)), identity_poses(1), SIZE, 64)
     np.testing.assert_allclose(narrow.mixture.weights, [2 / 3, 1 / 3])
     np.testing.assert_allclose(narrow.mixture.covariance[0], np.linalg.inv(INFORMATION))
 
@@ -112,9 +112,9 @@ def test_what_doubles_cannot_hold_side_by_side_is_finite() -> None:
     X_PO = retract(np.eye(3, 4), np.random.default_rng(1).normal(size=(20, 6)))
     along = np.linalg.qr(np.random.default_rng(2).normal(size=(20, 6, 6)))[0][:, :, :5]
     touch = 1e16 * along @ np.swapaxes(along, 1, 2)
-    prior = np.tile(1e-6 * np.eye(6), (20, 1, 1))
+    prior = 1e-6 * np.eye(6)
     assert not np.isfinite(inverses(touch + prior)[1]).all()
-    far_apart = find_modes(found(X_PO, [1.0] * 20), touch, prior, identity_poses(1), SIZE, 64)
+    far_apart = find_modes(X_PO, np.ones(20), touch, prior, identity_poses(1), SIZE, 64)
     assert np.isfinite(far_apart.mixture.covariance).all()
     assert np.isfinite(far_apart.mixture.weights).all()
     assert math.isfinite(far_apart.log_mass)
