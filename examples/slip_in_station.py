@@ -10,9 +10,10 @@ fingertip that touches it, by the true motion of both, at the fingertip at which
 Printed are the belief's error beside what it says of it, its normalised estimation error squared (6 for an honest
 belief), how often it says that the object slips, and where the time goes: processor seconds of the whole station, and
 of the belief's updates. A slide of at least 10 mm has begun with its first millimetre: asked is how much later it is
-called so. A call is false where within a tenth of a second nothing has slid by a millimetre; calls are counted while
-the object is held, too. A slide goes on where the object has slid by a millimetre within the last 50 ms: of those
-instants it is printed what the belief says then. With `--relieved` loads come and go, too, at which nothing slides.
+called so. A call is false where within a tenth of a second nothing has slid by a millimetre; of those are told apart
+the early ones, of slides that have within half a second. Calls are counted while the object is held, too. A slide goes
+on where the object has slid by a millimetre within the last 50 ms: of those instants it is printed what the belief says
+then. With `--relieved` loads come and go, too, at which nothing slides.
 """
 
 import argparse
@@ -44,7 +45,7 @@ RATES = (10.0, 20.0, 40.0)  # times its weight, each second
 PARTS, RELIEVED_RATES, STAYS = (0.4, 0.7), (10.0, 30.0), 0.3
 SLIPPED, LOST = 0.02, 0.06  # m that it slides, and that it moves in the palm, until the end
 SLIDE, BEGUN = 0.01, 0.001  # m: what counts as a slide, and from where on it has begun
-SOON = 0.1  # s within which what is called a slip has begun
+SOON, LATER = 0.1, 0.5  # s within which what is called a slip has begun, and what is called so early
 LATELY = 0.05  # s within which a slide that goes on has gone as far as it takes to begin
 
 
@@ -103,11 +104,17 @@ def delay(rows: list[Row]) -> float | None:
     return next((row.time - begun for row in rows if row.time >= begun and row.status == "slipping"), np.inf)
 
 
-def false_calls(rows: list[Row]) -> tuple[int, float]:
-    """How often it is falsely said to begin to slip, and for how long it has not slid by a millimetre, s."""
+def false_calls(rows: list[Row]) -> tuple[int, int, float]:
+    """How often it is falsely said to begin to slip, how often of that early, and for how long it has not slid by a
+    millimetre, s.
+    """
     begins = [now for before, now in itertools.pairwise(rows) if now.status == "slipping" != before.status]
-    soon = [max(row.slide for row in rows if now.time <= row.time <= now.time + SOON) for now in begins]
-    return sum(slide < BEGUN for slide in soon), PERIOD * sum(row.slide < BEGUN for row in rows)
+    soon, later = (
+        [max(row.slide for row in rows if now.time <= row.time <= now.time + wait) >= BEGUN for now in begins]
+        for wait in (SOON, LATER)
+    )
+    early = sum(then and not at_once for at_once, then in zip(soon, later, strict=True))
+    return soon.count(False), early, PERIOD * sum(row.slide < BEGUN for row in rows)
 
 
 def while_sliding(rows: list[Row]) -> list[str]:
@@ -246,13 +253,14 @@ def run(arguments: argparse.Namespace) -> tuple[dict[str, list[Row]], list[str]]
         if arguments.relieved:
             held_on += np.array(calls_while_it_holds(grasp, runs[f"{case}, {arguments.rates[0]:g} weights a second"]))
     delays = [seconds for seconds in map(delay, runs.values()) if seconds is not None]
-    more, still = np.sum([false_calls(rows) for rows in runs.values()], axis=0)
+    more, early, still = np.sum([false_calls(rows) for rows in runs.values()], axis=0)
     squares = [row.square for rows in runs.values() for row in rows if row.slide > BEGUN and np.isfinite(row.square)]
     says_then = [status for rows in runs.values() for status in while_sliding(rows)]
     lines.append(
         f"of {len(delays)} slides of 10 mm or more {sum(seconds <= 0.05 + 1e-6 for seconds in delays)} are called so "
         f"within 50 ms of their first millimetre, {np.count_nonzero(np.isfinite(delays))} at all; NEES while they "
-        f"slide {np.mean(squares or [np.nan]):.1f}; {calls + more:.0f} false calls in {held + still:.1f} s; of "
+        f"slide {np.mean(squares or [np.nan]):.1f}; {calls + more:.0f} false calls in {held + still:.1f} s, of which "
+        f"{early:.0f} are early ones of slides; of "
         f"{len(says_then)} instants at which a slide goes on it says slipping at {says_then.count('slipping')}, ok at "
         f"{says_then.count('ok')}"
     )
