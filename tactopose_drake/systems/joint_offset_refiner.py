@@ -136,7 +136,7 @@ class JointOffsetRefiner(CollectableSystem):
     def _follow(self, context: Context, belief: PoseBelief, before: _Refined) -> _Refined:
         """What is known after a look at the belief."""
         q = self._positions.Eval(context)
-        if not len(belief.p_PC) or belief.touch_time < belief.time:
+        if not len(belief.contacts) or belief.touch_time < belief.time:
             if before.q_told is None or belief.time < belief.touch_time + self._params.let_go_time:
                 return before
             return _Refined(before.offsets, before.offsets.mean)

@@ -159,7 +159,7 @@ def test_a_joint_that_reads_degrees_is_a_fault_of_that_joint(tracker: ObjectTrac
     assert "joint" not in tracker.update(noisy(0), joints, 0.0, vision=held_cube.prior()).message
     belief = tracker.update(noisy(1), joints | {"THJ4": 30.0}, 0.01)
     assert "thumb: joint THJ4 reads 30 rad, not from " in belief.message
-    assert len(belief.p_PC) == 4
+    assert len(belief.contacts) == 4
     # A little beyond its limit it may be: encoders are off.
     assert "joint" not in tracker.update(noisy(2), joints | {"THJ4": 1.3}, 0.02).message
 

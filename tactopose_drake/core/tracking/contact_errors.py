@@ -106,8 +106,13 @@ def calibration_excess(contacts: Contacts, params: PoseTrackerParams, calibratio
         params: likewise.
         calibration: factors of the variances, shape (2,).
     """
-    told = BiasModel.from_params(params).of_calibration + declared_excess(contacts, params)
-    return np.asarray((calibration - 1.0) * told)
+    of_hand = _of_hand(told_variances(contacts), declared_excess(contacts, params), params)
+    return np.asarray((calibration - 1.0) * of_hand)
+
+
+def _of_hand(told: FloatArray, declared: FloatArray, params: PoseTrackerParams) -> FloatArray:
+    """What of variances (k, 2) is of the calibration, and declared beside it: no more than all that is told."""
+    return np.minimum(BiasModel.from_params(params).of_calibration + declared, told)
 
 
 def averaged_variances(contacts: Contacts, params: PoseTrackerParams, frames: int) -> FloatArray:
@@ -139,21 +144,21 @@ def split_errors(
         params: what is assumed.
     """
     told, declared, bias = told_variances(contacts), declared_excess(contacts, params), BiasModel.from_params(params)
-    of_hand = bias.of_calibration + declared
+    of_hand = _of_hand(told, declared, params)
     new = np.maximum(told - of_hand, params.contact_update.least_noise_share**2 * told)
     mean = _averaged(told, declared, bias, params.window.max_frames)
     return ErrorParts(told, declared, new, declared + (doubt - 1.0)[:, None] * mean + (calibration - 1.0) * of_hand)
 
 
 def read_contacts(
-    frame: Frame, sources: tuple[str, ...], p_before: FloatArray, errors: SeemingErrors, params: PoseTrackerParams
+    frame: Frame, sources: tuple[str, ...], before: Contacts, errors: SeemingErrors, params: PoseTrackerParams
 ) -> ContactReading:
     """The frame's contacts by the sources known so far and the new ones.
 
     Args:
         frame: all that is sensed.
         sources: names of those known so far.
-        p_before: the last contacts' points, shape (k, 3), m.
+        before: the last frame's contacts.
         errors: how large they seem by what was felt so far.
         params: what is assumed of them.
     """
@@ -161,9 +166,18 @@ def read_contacts(
     assert frame.sources is not None
     sources += tuple(name for name in frame.sources if name not in sources)
     source = np.array([sources.index(name) for name in frame.sources], dtype=np.intp)
-    is_new = len(contacts) > 0 and not np.array_equal(contacts.p_PC, p_before)
+    is_new = len(contacts) > 0 and not _is_repeated(contacts, before)
     parts = split_errors(contacts, errors.doubts_of(frame.sources), errors.calibration, params)
     return ContactReading(contacts, source, sources, is_new, errors, frame.evidence, parts)
+
+
+def _is_repeated(contacts: Contacts, before: Contacts) -> bool:
+    """Whether contacts are at the points of the last frame's, and have their normals, to the last bit."""
+    if not np.array_equal(contacts.p_PC, before.p_PC):
+        return False
+    if contacts.n_PC is None or before.n_PC is None:
+        return contacts.n_PC is before.n_PC
+    return np.array_equal(contacts.n_PC, before.n_PC)
 
 
 def with_errors(reading: ContactReading, errors: SeemingErrors, params: PoseTrackerParams) -> ContactReading:
@@ -196,11 +210,11 @@ def follow_doubt(
         doubt: before.
         inlier_probability: of contacts, by the posterior, shape (k,).
         noise_scale: by how much their noise seems larger than told.
-        sources: of these contacts, in their order, and then of others of which the posterior says nothing.
+        sources: of these contacts, in their order.
         share: of the mean that is by this posterior.
     """
     after = dict(doubt)
-    for name, inlier in zip(sources, inlier_probability, strict=False):
+    for name, inlier in zip(sources, inlier_probability, strict=True):
         now = noise_scale**2 / max(float(inlier), LEAST_INLIER)
         after[name] = math.exp((1.0 - share) * math.log(doubt.get(name, 1.0)) + share * math.log(max(now, 1.0)))
     return after

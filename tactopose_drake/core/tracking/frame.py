@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -176,7 +175,7 @@ class SeemingErrors(NamedTuple):
         estimates: of how many estimates the latter are the mean.
     """
 
-    doubt: Mapping[str, float] = MappingProxyType({})
+    doubt: Mapping[str, float] = {}
     calibration: FloatArray = np.ones(2)
     estimates: int = 0
 
@@ -227,9 +226,14 @@ class ContactReading(NamedTuple):
         return len(self.contacts) > 0
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The name of each contact's source."""
+        return tuple(self.sources[i] for i in self.source)
+
+    @property
     def doubt(self) -> FloatArray:
         """By how much the variance of what lasts of each contact's error seems larger than told, shape (k,)."""
-        return self.errors.doubts_of([self.sources[i] for i in self.source])
+        return self.errors.doubts_of(self.names)
 
 
 def told_variances(contacts: Contacts) -> FloatArray:

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.plain_values import copied, numbers
+from tactopose_drake.core.plain_values import copied, numbers, seal
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import determined_rows, determined_variance, free_directions
 from tactopose_drake.core.posterior.plausibility import explain_touch
@@ -77,7 +78,7 @@ class PoseBelief:
         standing: what a prior and vision said, as of now; None where they said nothing, or of another grasp.
         sources: the names of the contacts' sources, in the order of the modes' biases.
         history: the latest motions.
-        p_PC: the last contacts' points, shape (k, 3), m.
+        contacts: those of the last frame; none where nothing was touched.
         touch_time, explained_time, slip_time: when something was last touched, and explained, and when it last slipped,
             s.
         slip_sign: by what it last slipped; empty if it never did.
@@ -102,7 +103,7 @@ class PoseBelief:
     keyframes: tuple[Keyframe, ...] = ()
     standing: PoseMeasurement | None = None
     sources: tuple[str, ...] = ()
-    p_PC: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
+    contacts: Contacts = dataclasses.field(default_factory=Contacts.empty)
     touch_time: float = -np.inf
     explained_time: float = -np.inf
     slip_time: float = -np.inf
@@ -124,6 +125,10 @@ class PoseBelief:
 
     def __deepcopy__(self, memo: Any) -> PoseBelief:
         return self
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        seal(self)
 
     @property
     def X_PO(self) -> FloatArray:
@@ -192,7 +197,7 @@ def _left_open(model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief
     now determines has to be known to the spread of an answer: a mode that is wider reaches where the touch tells more.
     """
     is_seen = belief.vision.accepted_time >= max(belief.unsettled_time, belief.slip_time)
-    count, fewest = len(belief.p_PC), DEFAULT_PARAMS.modes.fewest_contacts
+    count, fewest = len(belief.contacts), DEFAULT_PARAMS.modes.fewest_contacts
     if count < fewest and not is_seen:
         return f"{count} contact{'s' * (count > 1)}; {fewest} are needed, or vision since then"
     X_PO, covariance = belief.X_PO[:1], belief.covariance[0]

@@ -106,7 +106,7 @@ class PoseTracker:
             # start to move feel inertia.
             belief = belief.untouched
         untouched = self._untouched(belief, frame)
-        reading = as_doubted(read_contacts(frame, belief.sources, belief.p_PC, belief.errors, params))
+        reading = as_doubted(read_contacts(frame, belief.sources, belief.contacts, belief.errors, params))
         belief = self._predict(belief, frame, reading, duration)
         belief, is_outlier = see(self._model, belief, frame, reading, params.vision)
         explanation = Explanation(self._model, reading.evidence, self._plausibility)
@@ -155,6 +155,7 @@ class PoseTracker:
             slip_time=slip_time,
             slip_sign=slip_sign,
             sources=reading.sources,
+            contacts=belief.contacts if reading.has_contact else Contacts.empty(),
             modes=predict_modes(modes, motion, params.mixture.max_sigma_translation),
             keyframes=move_keyframes(belief.keyframes, motion),
             standing=move_standing(belief, motion, frame.time, was_taken=was_taken),
@@ -205,7 +206,7 @@ class PoseTracker:
             slip_test=test.restarted() if slips else test,
             force_test=force_test,
             keyframes=follow_touch(() if slips else belief.keyframes, now, params.window),
-            p_PC=reading.contacts.p_PC,
+            contacts=reading.contacts,
             touch_time=time,
             slip_time=time if slips else belief.slip_time,
             slip_sign=slip_sign,
@@ -258,7 +259,9 @@ class PoseTracker:
         if weighed is None:
             return belief
         share = max(1.0 / (1.0 + step.state.agreeing), params.relocalisation.least_share)
-        doubt = follow_doubt(belief.errors.doubt, weighed.inlier_probability, weighed.noise_scale, frame.sources, share)
+        doubt = follow_doubt(
+            belief.errors.doubt, weighed.inlier_probability, weighed.noise_scale, weighed.sources, share
+        )
         belief, reading = self._follow_errors(belief, reading, belief.errors._replace(doubt=doubt))
         touch = touch._replace(reading=reading)
         modes = relocalise(self._model, params, touch, belief.modes, weighed.modes, share)

@@ -38,9 +38,10 @@ _REFINEMENT = LevenbergMarquardt(max_iterations=20, tolerance=1e-2)
 
 
 class TouchWeighing(NamedTuple):
-    """The touch of one slice, and how far its modes are weighed."""
+    """The touch of one slice, by the sources of its contacts, and how far its modes are weighed."""
 
     evidence: Evidence
+    sources: tuple[str, ...]
     weighing: Weighing
 
 
@@ -221,7 +222,8 @@ def _begin_weighing(
         evidence = touch._replace(reading=touch.reading._replace(errors=errors)).averaged(params)
         problem, modes = _modes_at(model, settings, evidence, X_PO)
     posterior = make_posterior(model, evidence, problem, settings.posterior)
-    return TouchWeighing(evidence, begin_weighing(modes, posterior, generator)), scale
+    sources = touch.reading.names[: len(evidence.contacts)]
+    return TouchWeighing(evidence, sources, begin_weighing(modes, posterior, generator)), scale
 
 
 def _modes_at(
@@ -253,7 +255,7 @@ def _weigh_on(
 
     That is by Laplace's approximation where nothing covers them.
     """
-    evidence, weighing = touch
+    evidence, sources, weighing = touch
     problem = make_problem(model, evidence)
     if weighing.cover is not None:
         posterior = make_posterior(model, evidence, problem, params.posterior)
@@ -262,10 +264,10 @@ def _weigh_on(
         return touch._replace(weighing=weighing)
     modes = weighing.modes
     if problem.mixture is None:
-        return WeighedModes(modes, np.zeros(0), 1.0)
+        return WeighedModes(modes, np.zeros(0), (), 1.0)
     judgement, weights = problem.mixture.judge(modes.mixture.X_PO), modes.mixture.weights
     log_inlier = weights @ np.log(np.maximum(judgement.inlier_probability, LEAST_INLIER))
-    return WeighedModes(modes, np.exp(log_inlier), float(weights @ judgement.noise_scale))
+    return WeighedModes(modes, np.exp(log_inlier), sources, float(weights @ judgement.noise_scale))
 
 
 def _distinct(

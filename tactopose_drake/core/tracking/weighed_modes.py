@@ -25,11 +25,13 @@ class WeighedModes(NamedTuple):
         modes: of the pose.
         inlier_probability: of each contact, that it is what it claims to be, shape (k,): the geometric mean over the
             modes, so that of two by which another contact is false each, both are doubted, and none draws a mode away.
+        sources: of these contacts; others may touch by the time that the search ends.
         noise_scale: by how much the noise seems larger than told.
     """
 
     modes: Modes
     inlier_probability: FloatArray
+    sources: tuple[str, ...]
     noise_scale: float
 
     def moved(self, X_PP: FloatArray) -> WeighedModes:

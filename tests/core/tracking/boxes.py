@@ -44,14 +44,15 @@ def touch(
     generator: np.random.Generator,
     bias: NDArray[np.float64] | None = None,
     stable: tuple[float, float] = (0.0, 0.0),
+    sigmas: tuple[float, float] = (SIGMA_POSITION, SIGMA_NORMAL),
 ) -> Contacts:
-    """What is measured at a pose: noise of which the stable part is the bias."""
+    """What is measured at a pose: noise of these sigmas, of which the stable part is the bias."""
     bias = np.zeros((len(p_OC), 6)) if bias is None else bias
-    own = math.sqrt(SIGMA_POSITION**2 - stable[0] ** 2), math.sqrt(SIGMA_NORMAL**2 - stable[1] ** 2)
+    own = math.sqrt(sigmas[0] ** 2 - stable[0] ** 2), math.sqrt(sigmas[1] ** 2 - stable[1] ** 2)
     p_PC = p_OC @ X_PO[:, :3].T + X_PO[:, 3] + bias[:, :3] + own[0] * generator.normal(size=p_OC.shape)
     turn = exp_so3(bias[:, 3:] + own[1] * generator.normal(size=p_OC.shape))
     n_PC = (turn @ (n_OC @ X_PO[:, :3].T)[..., None])[..., 0]
-    return Contacts(p_PC, n_PC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
+    return Contacts(p_PC, n_PC, sigma_position=sigmas[0], sigma_normal=sigmas[1])
 
 
 def read(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
@@ -18,9 +19,10 @@ from tactopose_drake.core.tracking.contact_errors import (
     estimate_scale,
     follow_doubt,
     follow_scale,
+    read_contacts,
     with_errors,
 )
-from tactopose_drake.core.tracking.frame import ContactReading, SeemingErrors
+from tactopose_drake.core.tracking.frame import ContactReading, Frame, SeemingErrors
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases, make_box, n_OC, p_OC, read, touch
 
@@ -105,6 +107,23 @@ def test_a_source_whose_contacts_seem_false_is_doubted_from_then_on() -> None:
     assert doubt == pytest.approx({"a": 80.0, **dict.fromkeys(names[1:], 4.0)})
     again = follow_doubt(doubt, np.ones(6), 1.0, names, 0.5)
     assert again["a"] == pytest.approx(80.0**0.5)
+
+
+def test_a_reading_is_repeated_where_points_and_normals_are() -> None:
+    felt = touch(X_PO, np.random.default_rng(0))
+    assert felt.n_PC is not None
+    others = felt.with_arrays(n_PC=felt.n_PC[::-1].copy())
+    for contacts, before, is_new in (
+        (felt, Contacts.empty(), True),
+        (felt, felt.with_arrays(p_PC=felt.p_PC.copy(), n_PC=felt.n_PC.copy()), False),
+        (others, felt, True),
+        (Contacts(felt.p_PC), felt, True),
+        (Contacts(felt.p_PC), Contacts(felt.p_PC), False),
+        (Contacts.empty(), felt, False),
+    ):
+        names = tuple("abcdef")[: len(contacts)]
+        frame = Frame(0.0, Evidence(contacts), names)
+        assert read_contacts(frame, (), before, SeemingErrors(), PARAMS).is_new == is_new
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0, 4.0])

@@ -82,6 +82,43 @@ def test_a_finger_that_touches_something_else_is_found_out(tracker: PoseTracker,
     assert belief.status != "ok" or error(belief, X_PO)[0] < 0.005
 
 
+def test_a_finger_that_touches_something_else_is_found_out_in_whatever_order_contacts_come(
+    tracker: PoseTracker,
+) -> None:
+    """What a search says that began with others in other places is of those that it began with."""
+    follower, bias, order = Follower(tracker), np.zeros((6, 6)), np.random.default_rng(1)
+    bias[2, :3] = 0.025 * (X_PO[:, :3] @ n_OC[2])
+    for _ in range(40):
+        others = order.permutation([0, 1, 3, 4, 5]).tolist()[: order.integers(4, 6)]
+        belief = follower.feel(X_PO, bias=bias, fingers=[2, *others][:: order.choice([-1, 1])])
+    doubt = belief.errors.doubt
+    assert max(doubt, key=lambda name: doubt[name]) == NAMES[2]
+    assert doubt[NAMES[2]] > 10.0 * np.median(list(doubt.values()))
+
+
+@pytest.mark.parametrize(("position", "normal_deg"), [(0.0009, 1.5), (0.0003, 1.5), (0.0001, 0.5)])
+def test_contacts_may_be_surer_than_the_calibration_is_taken_for(
+    tracker: PoseTracker, position: float, normal_deg: float
+) -> None:
+    """As good as the hand may be found to be, of what contacts are told to be off by something is left."""
+    belief, generator = tracker.start(), np.random.default_rng(0)
+    for i in range(1, 31):
+        felt = touch(X_PO, generator, sigmas=(position, math.radians(normal_deg)))
+        belief = tracker.step(belief, Frame(0.01 * i, Evidence(felt, prior=GUESS), NAMES))
+        assert np.isfinite(belief.covariance).all()
+    assert belief.errors.calibration.min() < 1.0
+    assert belief.status == "ok"
+    assert error(belief, X_PO)[0] < 0.003
+
+
+def test_the_same_touch_after_a_release_is_a_new_one(tracker: PoseTracker) -> None:
+    felt, belief = touch(X_PO, np.random.default_rng(0)), tracker.start()
+    for i in range(1, 41):
+        contacts, names = (felt, NAMES) if i in (1, 2, 3, 40) else (Contacts.empty(), ())
+        belief = tracker.step(belief, Frame(0.1 * i, Evidence(contacts, prior=GUESS), names))
+    assert belief.unsettled_time == belief.time
+
+
 def test_how_far_the_calibration_seems_to_be_off_is_asked_anew_when_another_finger_touches(
     tracker: PoseTracker,
 ) -> None:
