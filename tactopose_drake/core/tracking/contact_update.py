@@ -27,7 +27,9 @@ that learns from it grows sure of a pose beside the truth. So do slopes that dif
 which tell biases and pose apart where nothing does: a filter that is linearised at other states each time gains
 information that there is none of [H08]. Therefore what the touch told of the pose is forgotten, by a factor for each
 direction, as in directional forgetting [K87]; and in no direction does a frame make a mode surer than it was before, or
-than the touch of now could make it were it felt for ever, whichever is more: biases do not average out.
+than the touch of now could make it were it felt for ever, whichever is more: biases do not average out. Nor does it
+become surer than the last search, which samples the posterior as it is, and the window's other touches leave it: slopes
+at one place do not know how far a valley leads that bends.
 
 Sources: [G15] A. Garcia-Fernandez et al., Posterior linearization filter: principles and implementation using sigma
 points, IEEE Trans. Signal Processing, 2015; [H08] G. Huang, A. Mourikis, S. Roumeliotis, Analysis and improvement of
@@ -149,6 +151,7 @@ def update_modes(
     forgetful = forget(information, predicted, forgotten, params.forgetting.half_information)
     update = update_with_contacts(model, params, reading, forgetful)
     covariance = limit_gain(forgetful.covariance, most, update.covariance)
+    covariance = limit_gain(forgetful.covariance, forgetful.most_information, covariance)
     covariance = only_as_told(model, params, information, predicted.covariance, covariance)
     updated = copied(forgetful, X_PO=update.X_PO, covariance=covariance, cross_covariance=update.cross_covariance)
     updated = follow_roughness(updated, reading, update.roughness, params)
@@ -291,5 +294,9 @@ def begin_modes(
     # How rough the surface is where they touch is known once they have been there.
     roughness = np.zeros_like(priors.roughness)
     roughness[:, reading.source] = update.roughness + reading.parts.excess
+    # Where that leaves less of a bias than it was taken for, of what the pose shares with it as much less is left.
+    variances = BiasModel.from_params(params).variances
+    left = np.repeat(np.minimum(1.0 + roughness / variances, 1.0), 3, axis=2).reshape(n, 1, 6 * sources)
+    cross_covariance = left * update.cross_covariance
     new = copied(priors, X_PO=X_PO, covariance=update.covariance, roughness=roughness)
-    return copied(new, cross_covariance=update.cross_covariance).fitted(covariance)
+    return copied(new, cross_covariance=cross_covariance).fitted(covariance)

@@ -218,7 +218,8 @@ def predict_modes(modes: TrackedModes, motion: Motion, max_sigma_translation: fl
     for b in np.flatnonzero(is_beyond.any(axis=1)) if is_beyond.any() else ():
         shrink = _shrink(covariance[b], limits)
         covariance[b], cross[b] = shrink @ covariance[b] @ shrink.T, shrink @ cross[b]
-    return copied(modes, X_PO=X_PO, covariance=covariance, cross_covariance=cross)
+    most = motion.increment_map @ modes.most_information @ motion.increment_map.T  # The map is orthogonal.
+    return copied(modes, X_PO=X_PO, covariance=covariance, cross_covariance=cross, most_information=most)
 
 
 def _shrink(covariance: FloatArray, limits: FloatArray) -> FloatArray:

@@ -5,8 +5,8 @@ window. What the filter foretold has no part in that: so a mode that was led ast
 it is itself led by, loses against one that explains the touch better, whenever that is found. While the touch stays,
 searches weigh the same evidence again, each by samples of its own: their mean, with a forgetting factor, counts. The
 filter's pose of a mode that it has already stays, for it has learnt from many frames, unless the touch contradicts it.
-But it is no better known than by the posterior and the window together: the filter, which goes by derivatives at one
-place, does not know how far a valley leads that bends.
+But it is no better known than by the posterior and the window together, until the next search: the filter, which goes
+by derivatives at one place, does not know how far a valley leads that bends.
 """
 
 from __future__ import annotations
@@ -58,9 +58,10 @@ def relocalise(
     if len(modes):
         before = modes.log_weight - np.logaddexp.reduce(modes.log_weight)
         now = _mean_weights(before, now, same, share)
-    information = inverses(covariance[is_right])[0] + past_information(model, params, touch.window, X_PO[is_right])
-    joined = modes.chosen(pairs[is_right]).at_least(inverses(information)[0]).joined(new)
-    return dataclasses.replace(joined, log_weight=now[np.argsort(~is_right, kind="stable")])
+    information = inverses(covariance)[0] + past_information(model, params, touch.window, X_PO)
+    joined = modes.chosen(pairs[is_right]).at_least(inverses(information[is_right])[0]).joined(new)
+    order = np.argsort(~is_right, kind="stable")
+    return dataclasses.replace(joined, log_weight=now[order], most_information=information[order])
 
 
 def _mean_weights(before: FloatArray, now: FloatArray, same: NDArray[np.bool_], share: float) -> FloatArray:

@@ -12,6 +12,9 @@ from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.tracking.tracker_params import MixtureParams
 from tactopose_drake.core.validation import FloatArray
 
+# Information that nothing has, 1/rad^2 and 1/m^2.
+_NO_BOUND = 1e16
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TrackedModes:
@@ -27,6 +30,8 @@ class TrackedModes:
         roughness: of the surface where each source touches: by how much it adds to the biases' variances, of positions,
             m^2, and of normals, rad^2, shape (n, s, 2).
         log_weight: logarithms of the modes' weights, shape (n,).
+        most_information: of the increments, what the last search and the window tell of them: no update by contacts
+            makes a mode surer; without a bound where no search has found it, shape (n, 6, 6).
     """
 
     X_PO: FloatArray
@@ -34,19 +39,22 @@ class TrackedModes:
     cross_covariance: FloatArray
     roughness: FloatArray
     log_weight: FloatArray
+    most_information: FloatArray
 
     def __len__(self) -> int:
         return len(self.X_PO)
 
     @property
     def _arrays(self) -> tuple[FloatArray, ...]:
-        return self.X_PO, self.covariance, self.cross_covariance, self.roughness, self.log_weight
+        filtered = self.X_PO, self.covariance, self.cross_covariance, self.roughness
+        return *filtered, self.log_weight, self.most_information
 
     @classmethod
     def independent(cls, X_PO: FloatArray, covariance: FloatArray, sources: int) -> TrackedModes:
         """Modes of equal weight that know nothing of the biases of so many sources, nor of the surface there."""
-        n, even = len(X_PO), np.zeros(len(X_PO))
-        return cls(X_PO, covariance, np.zeros((n, 6, 6 * sources)), np.zeros((n, sources, 2)), even)
+        n, unbounded = len(X_PO), np.tile(_NO_BOUND * np.eye(6), (len(X_PO), 1, 1))
+        cross_covariance, roughness = np.zeros((n, 6, 6 * sources)), np.zeros((n, sources, 2))
+        return cls(X_PO, covariance, cross_covariance, roughness, np.zeros(n), unbounded)
 
     @classmethod
     def empty(cls, sources: int = 0) -> TrackedModes:

@@ -1,5 +1,7 @@
 """Modes with what an update would tell them of the contacts' biases."""
 
+import dataclasses
+
 import numpy as np
 
 from tactopose_drake.core.poses import random_rotations
@@ -19,4 +21,5 @@ def make_rough_modes(roughness: float) -> TrackedModes:
     joint[:, 6:, 6:] = np.diag(own)
     X_PO = np.concatenate([random_rotations(generator, 2), np.zeros((2, 3, 1))], axis=2)
     rough = np.tile(roughness * HAND, (2, SOURCES, 1))
-    return TrackedModes(X_PO, joint[:, :6, :6], 0.3 * joint[:, :6, 6:], rough, np.zeros(2))
+    modes = TrackedModes.independent(X_PO, joint[:, :6, :6], SOURCES)
+    return dataclasses.replace(modes, cross_covariance=0.3 * joint[:, :6, 6:], roughness=rough)

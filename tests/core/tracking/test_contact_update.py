@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -27,8 +28,8 @@ def update_modes(model, contacts, source, bias, X, P, C, roughness) -> ContactUp
         surface_position=bias.surface[0],
         surface_normal_deg=math.degrees(bias.surface[1]),
     )
-    even = np.zeros(len(X))
-    modes = TrackedModes(X, P, C, roughness, even)
+    modes = TrackedModes.independent(X, P, roughness.shape[1])
+    modes = dataclasses.replace(modes, cross_covariance=C, roughness=roughness)
     names = tuple(map(str, range(roughness.shape[1])))
     return update_with_contacts(model, params, read(contacts, source, names, params), modes)
 

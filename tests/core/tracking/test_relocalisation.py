@@ -16,8 +16,15 @@ from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking import sliced_search
-from tactopose_drake.core.tracking.contact_errors import averaged_variances, calibration_excess, follow_doubt
-from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
+from tactopose_drake.core.tracking.contact_errors import (
+    BiasModel,
+    averaged_variances,
+    calibration_excess,
+    follow_doubt,
+    with_errors,
+)
+from tactopose_drake.core.tracking.contact_update import begin_modes
+from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement, SeemingErrors
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, make_window, past_information
 from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
@@ -236,6 +243,17 @@ def test_weights_are_means_over_the_searches_that_agree(box: ObjectModel) -> Non
     assert after.log_weight[0] < fresh.log_weight[0] - 2.0
 
 
+def test_a_mode_of_a_hand_that_seems_better_than_told_begins_with_a_covariance_that_can_be(box: ObjectModel) -> None:
+    best = SeemingErrors(calibration=np.array([0.5, 0.5]))
+    for seed in range(4):
+        contacts = touch(X_PO, np.random.default_rng(seed), sigmas=(0.0005, math.radians(2.5)))
+        reading = with_errors(read(contacts), best, PARAMS)
+        modes = begin_modes(box, PARAMS, reading, None, X_PO[None], 1e-5 * np.eye(6)[None])
+        own = np.diag(np.repeat(BiasModel.from_params(PARAMS).variances + modes.roughness[0], 3, axis=1).ravel())
+        C = modes.cross_covariance[0]
+        assert np.linalg.eigvalsh(modes.covariance[0] - C @ np.linalg.solve(own, C.T)).min() > -1e-12
+
+
 def test_a_valley_keeps_its_mass_when_a_search_finds_another_one_of_its_minima(box: ObjectModel) -> None:
     touched = touch_of(touch(X_PO, np.random.default_rng(1)))
     valley = np.stack([retract(X_PO, np.array([0.0, 0, 0, 0.002, 0, 0])), X_PO, ELSEWHERE])
@@ -257,7 +275,7 @@ def test_of_a_touch_that_is_as_told_little_is_doubted(box: ObjectModel) -> None:
         box, PARAMS, touch_of(touch(X_PO, np.random.default_rng(1))), TrackedModes.empty(6), SearchState()
     )
     assert weighed is not None
-    doubt = follow_doubt({}, weighed.inlier_probability, weighed.noise_scale, NAMES, 1.0)
+    doubt = follow_doubt({}, weighed.inlier_probability, weighed.noise_scale, weighed.sources, 1.0)
     assert set(doubt) == set(NAMES)
     assert all(1.0 <= factor < 2.0 for factor in doubt.values())
 
@@ -267,7 +285,7 @@ def weighed_modes(*sigmas: float) -> WeighedModes:
     n = len(sigmas)
     X = retract(np.repeat(X_PO[None], n, axis=0), np.linspace(0.0, 0.05, n)[:, None] * np.eye(6)[3])
     mixture = GaussianMixture(X, np.full(n, 1.0 / n), np.square(sigmas)[:, None, None] * np.eye(6))
-    return WeighedModes(Modes(mixture, np.zeros(n), (np.zeros((0, 6)),) * n, 0.0), np.ones(4), 1.0)
+    return WeighedModes(Modes(mixture, np.zeros(n), (np.zeros((0, 6)),) * n, 0.0), np.ones(4), tuple("abcd"), 1.0)
 
 
 def test_a_mode_in_the_hand_counts_the_less_the_deeper_it_is(box: ObjectModel) -> None:

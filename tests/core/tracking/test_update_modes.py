@@ -108,6 +108,20 @@ def test_an_update_makes_a_mode_no_surer_than_it_was_or_than_the_touch_can(box: 
     np.testing.assert_allclose(limit_gain(sure, most, 0.01 * sure), sure, rtol=1e-6, atol=1e-20)
 
 
+def test_no_update_makes_a_mode_surer_than_the_last_search_left_it(box: ObjectModel) -> None:
+    spread, reading = np.repeat([0.02, 0.002], 3), read(touch(X_PO, np.random.default_rng(0)))
+    modes = make_modes(np.diag(spread**2)[None])
+    bound = np.diag(spread**-2) * np.array([1.0, 9.0, 1.0, 1.0, 9.0, 1.0])[:, None]
+    free = update_modes(box, PoseTrackerParams(), reading, modes, 0.01).covariance[0]
+    bounded = dataclasses.replace(modes, most_information=bound[None])
+    after = update_modes(box, PoseTrackerParams(), reading, bounded, 0.01).covariance[0]
+    assert np.all(np.diag(free) < 0.95 * spread**2)
+    assert np.linalg.eigvalsh(np.diag(1.0 / spread) @ (after - free) @ np.diag(1.0 / spread)).min() > -1e-6
+    least = np.diag(after) / spread**2
+    assert np.all(least[[0, 2, 3, 5]] > 0.99)
+    assert np.all(least[[1, 4]] > 1.0 / 9.0 - 1e-6)
+
+
 def test_frames_of_one_touch_do_not_tell_its_lasting_errors_from_the_pose() -> None:
     """Four fingers along a cylinder, whose slopes differ from frame to frame: who trusts them grows too sure."""
     model = ObjectModel.from_mesh(trimesh.creation.cylinder(0.03, 0.12, sections=64), cache=False, symmetry="none")
