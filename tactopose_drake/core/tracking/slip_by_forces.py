@@ -6,8 +6,8 @@ goes over to other fingers within some hundredths of a second, which it does not
 slides as a whole, all fingers come to the limit of friction at once, at equal ratios of tangential to normal force,
 whatever the coefficient is. Where it turns about fingers that hold, others come there: their ratios rise until they are
 equal, none is larger, and they stay so while the load that the rest bears goes on to grow. That fingers are at the
-limit for long says nothing: they may have slid there as they closed, and hold. How far the ratios come while the object
-is held is a lower bound of the coefficient where that is not told: below, nothing slides.
+limit for long says nothing: they may have slid there as they closed, and hold; the ratios have to have risen. How far
+they come while the object is held is a lower bound of the coefficient where that is not told: below, nothing slides.
 """
 
 from __future__ import annotations
@@ -83,6 +83,7 @@ def detect_by_forces(
     are_enough = len(ratios) >= params.least_fingers
     are_alike = are_enough and np.ptp(ratios) < params.alike * ratios.mean()
     slides = are_alike and at_limit.all() and time < kept.inside_time + params.reaching_time
+    slides = slides and _have_risen(params, kept, time)
     gives_way = at_limit.any() and change > max(params.change, params.noises * test.noise)
     return kept, bool(slides or gives_way or (are_enough and _some_slide(params, kept, time)))
 
@@ -98,6 +99,13 @@ def _with_forces(params: ForceTestParams, test: ForceTest, reading: ContactReadi
     forces[:-1, :known], ratios[:-1, :known] = test.forces[first:], test.ratios[first:]
     forces[-1, source], ratios[-1, source] = contacts.f_PC, _ratios(params, contacts.f_PC, contacts.n_PC)
     return test._replace(times=(*test.times[first:], time), forces=forces, ratios=ratios)
+
+
+def _have_risen(params: ForceTestParams, test: ForceTest, time: float) -> bool:
+    """Whether the ratios have lately risen, in the mean, by more than alike ones differ, which is more than noise."""
+    lately = test.ratios[bisect.bisect_left(test.times, time - params.reaching_time) :, np.isfinite(test.ratios[-1])]
+    means = lately[np.isfinite(lately).all(axis=1)].mean(axis=1)
+    return bool(means[-1] > (1.0 + params.alike) * means.min())
 
 
 def _some_slide(params: ForceTestParams, test: ForceTest, time: float) -> bool:

@@ -69,6 +69,16 @@ def test_fingers_that_rest_at_the_limit_since_they_closed_do_not_slide() -> None
     assert not any(feel([press(np.full(6, 0.8))] * 100))
 
 
+def test_fingers_that_share_a_load_alike_hold_however_noisy_their_forces_are() -> None:
+    for ratio, noise in ((0.35, 0.01), (0.4, 0.002), (0.4, 0.01), (0.6, 0.02)):
+        generator, said = np.random.default_rng(0), []
+        held = [press(np.full(6, ratio)) for _ in range(300)]
+        for reading in held:
+            forces = reading.contacts.f_PC + noise * generator.normal(size=(6, 3))
+            said.append(read(dataclasses.replace(reading.contacts, f_PC=forces)))
+        assert not any(feel(said))
+
+
 def test_two_fingers_at_equal_ratios_prove_nothing() -> None:
     two = [press(np.minimum(HELD + 0.01 * i, 0.8)).contacts[:2] for i in range(100)]
     assert not any(feel([read(contacts) for contacts in two]))
