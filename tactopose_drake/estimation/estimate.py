@@ -22,7 +22,7 @@ from tactopose_drake.core.posterior.alike_modes import indistinct_images, join_a
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.importance_sampling import weigh_modes
 from tactopose_drake.core.posterior.moved_origin import has_far_origin, prior_of_middle
-from tactopose_drake.core.posterior.plausibility import explain_with_doubt, lies_on_planes
+from tactopose_drake.core.posterior.plausibility import explain_with_doubt, is_at_rest, lies_on_planes
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
 from tactopose_drake.core.searches.doubt import search_with_doubt
@@ -76,7 +76,8 @@ def estimate_pose(
         prior: what is known without touch; None where the object may be anywhere.
         hand: the hand's volume, where the object is not.
         untouched: parts of the hand that feel no contact: the object is not in them, nor presses into them.
-        balance: that the object is at rest under the contacts' forces and gravity alone.
+        balance: that the object is at rest under the contacts' forces and gravity alone. A pose at which it is not, by
+            far more than these forces err, explains no touch.
         friction: coefficient of friction; each force lies in its cone about the object's normal.
         method: the search. Those of `GLOBAL_METHODS` need no prior; the others start from it. Probabilities are among
             what it finds: "monte_carlo", "direct" and "simulated_annealing" miss the pose in a fifth to a half of
@@ -235,7 +236,8 @@ def _judge(
     X_PO = modes.mixture.X_PO
     judged = None if problem.mixture is None else problem.mixture.judge(X_PO)
     explained = explain_with_doubt(model, evidence, judged, X_PO, params.plausibility)
-    return judged, explained & lies_on_planes(model, evidence, X_PO, params.plausibility)
+    explained &= lies_on_planes(model, evidence, X_PO, params.plausibility)
+    return judged, explained & is_at_rest(model, evidence, X_PO, params.plausibility)
 
 
 class _Deadline:

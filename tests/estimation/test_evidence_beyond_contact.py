@@ -119,6 +119,24 @@ def test_balance_tells_how_far_a_can_has_slid(can: tp.ObjectModel, method: str) 
     assert math.sqrt(held.covariance[5, 5]) < 0.003
 
 
+def test_forces_that_do_not_hold_the_weight_are_explained_by_no_pose(can: tp.ObjectModel) -> None:
+    """Forces with the wrong sign, a mass in another unit, gravity the other way; but not by noise of half a newton."""
+    down, angles = np.array([-9.81, 0.0, 0.0]), np.radians([100.0, 170.0, 240.0, 10.0])
+    n_PC = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(4)])
+    p_PC = 0.033 * n_PC + np.outer([0.0, 0.03, -0.02, 0.01], [0.0, 0.0, 1.0])
+    f_PC, prior = balanced_forces(2.0 * n_PC, p_PC, np.zeros(3), MASS * down), tp.PosePrior(np.eye(3, 4))
+
+    def status(forces: np.ndarray, gravity: np.ndarray = down) -> str:
+        contacts = tp.Contacts(p_PC, n_PC, forces, sigma_force=0.05)
+        return tp.estimate_pose(can, contacts, prior=prior, balance=tp.ForceBalance(gravity)).status
+
+    assert status(f_PC) == "ok"
+    assert status(f_PC + 0.05 * np.random.default_rng(0).normal(size=(4, 3))) == "ok"
+    reversed_one = np.where(np.arange(4)[:, None] == 2, -f_PC, f_PC)
+    assert status(-f_PC) == status(reversed_one) == status(f_PC, -down) == "no_solution"
+    assert status(1000.0 * f_PC) == "no_solution"
+
+
 def test_status_is_about_the_touch(blob: tp.ObjectModel) -> None:
     # A hand that fills all the room: no pose keeps out of it, but the touch is explained.
     contacts = touch_surface(blob, random_pose(1), 8, np.random.default_rng(1))

@@ -13,6 +13,7 @@ from tactopose_drake.core.objectives.patch_contact import PatchContact
 from tactopose_drake.core.objectives.plane_support import PlaneSupport
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
+from tactopose_drake.core.objectives.wrench_balance import WrenchBalance
 from tactopose_drake.core.posterior.chi_square import chi_square_limit
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PlausibilityParams
 from tactopose_drake.core.searches.pose_problem import PoseProblem
@@ -28,6 +29,7 @@ _FEWEST_THAT_AGREE = 3
 _MISPLACEMENTS = 6
 # What a pose takes up of the contacts' residuals, being the one that they suit best.
 _OF_A_POSE = 6
+_OF_A_WRENCH = 6  # numbers
 _REACH_SIGMAS = 6.0  # standard deviations from where it is believed to be, beyond which an object is not
 
 
@@ -108,6 +110,20 @@ def lies_on_planes(
         return np.ones(len(X_PO), dtype=np.bool_)
     limit = _limit(len(evidence.planes), params.least_contact_chance)
     return np.asarray(PlaneSupport(model, evidence.planes).cost(X_PO) <= limit)
+
+
+def is_at_rest(
+    model: ObjectModel, evidence: Evidence, X_PO: FloatArray, params: PlausibilityParams = DEFAULT_PARAMS.plausibility
+) -> NDArray[np.bool_]:
+    """At which of the poses (B, 3, 4) the contacts' forces hold the object's weight, where they are said to.
+
+    Up to their noise, which may be larger than told as that of the points may.
+    """
+    if evidence.balance is None:
+        return np.ones(len(X_PO), dtype=np.bool_)
+    balance = WrenchBalance(evidence.contacts, evidence.balance, model.mass, model.center_of_mass)
+    limit = params.most_noise**2 * _limit(_OF_A_WRENCH, params.least_contact_chance)
+    return np.asarray(balance.cost(np.ascontiguousarray(X_PO)) <= limit)
 
 
 @functools.cache
