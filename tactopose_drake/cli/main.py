@@ -17,18 +17,18 @@ from tactopose_drake.errors import InvalidInputError, TactoposeError
 
 _UNUSABLE_INPUT = 2
 
-# The function of each command, and the file that it is in.
+# The file and the function of each command, and what it does, for the list of all.
 _COMMANDS = {
-    "cache": "cache_command.cache_command",
-    "calibrate": "calibrate_command.calibrate",
-    "check-hand": "check_hand_command.check_hand_command",
-    "demo": "demo_command.demo",
-    "estimate": "estimate_command.estimate",
-    "export": "export_command.export",
-    "identify": "identify_command.identify_command",
-    "replay": "replay_command.replay",
-    "run": "run_command.run",
-    "warm-up": "warm_up_command.warm_up",
+    "cache": ("cache_command.cache_command", "Shows what is kept of objects between runs, and removes it."),
+    "calibrate": ("calibrate_command.calibrate", "Finds what a hand is off by, from grasps of a known object."),
+    "check-hand": ("check_hand_command.check_hand_command", "Checks a hand's YAML file."),
+    "demo": ("demo_command.demo", "Closes a simulated hand and corrects the camera's pose by touch."),
+    "estimate": ("estimate_command.estimate", "Estimates the pose of an object from what touches it."),
+    "export": ("export_command.export", "Writes a recording as one file, for Foxglove and others."),
+    "identify": ("identify_command.identify_command", "Tells which object of a library the touch is on."),
+    "replay": ("replay_command.replay", "Plays a recording through the drivers, bit by bit."),
+    "run": ("run_command.run", "Runs a scenario, simulated or on CAN devices."),
+    "warm-up": ("warm_up_command.warm_up", "Compiles whatever is not compiled yet."),
 }
 
 
@@ -45,10 +45,14 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _COMMANDS:
             return None
-        file, function = _COMMANDS[cmd_name].split(".")
+        file, function = _COMMANDS[cmd_name][0].split(".")
         command: click.Command = getattr(importlib.import_module(f"tactopose_drake.cli.{file}"), function)
         logging.getLogger("drake").setLevel(logging.WARNING)  # Drake sets it when it is loaded, which it is now.
         return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, help_text) for name, (_, help_text) in _COMMANDS.items()])
 
     def invoke(self, ctx: click.Context) -> Any:
         try:

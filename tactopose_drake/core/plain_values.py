@@ -18,17 +18,17 @@ _ROUNDING = 1e-12  # what normalising a unit vector or a rotation once more may 
 class PlainValue:
     """The base of a frozen dataclass whose fields are arrays, numbers, texts, poses, None, or tuples of such.
 
-    Fields that its repr leaves out are no part of the value.
+    Fields that its repr leaves out are no part of the value; for those that are not compared equality has no regard.
     """
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, type(self)) and not isinstance(self, type(other)):
             return NotImplemented
-        ours, theirs = _fields(self), _fields(other)
+        ours, theirs = _compared(self), _compared(other)
         return ours.keys() == theirs.keys() and all(_are_equal(ours[name], theirs[name]) for name in ours)
 
     def __hash__(self) -> int:
-        return hash(tuple((name, _hashable(value)) for name, value in _fields(self).items()))
+        return hash(tuple((name, _hashable(value)) for name, value in _compared(self).items()))
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         # Copies, and those in other processes, are read-only too: kernels may round otherwise for writable arrays.
@@ -103,6 +103,11 @@ def numbers(values: Any, digits: int) -> str:
 
 def _fields(value: Any) -> dict[str, Any]:
     return {field.name: getattr(value, field.name) for field in dataclasses.fields(value) if field.repr}
+
+
+def _compared(value: Any) -> dict[str, Any]:
+    not_compared = {field.name for field in dataclasses.fields(value) if not field.compare}
+    return {name: held for name, held in _fields(value).items() if name not in not_compared}
 
 
 def _are_equal(one: Any, other: Any) -> bool:

@@ -98,12 +98,18 @@ def load_prior(path: Path) -> PosePrior:
 
 
 def save_result(path: Path, estimate: PoseEstimate) -> None:
-    """Writes result.json: status, duration (s), and the hypotheses by falling probability.
+    """Writes result.json: status, duration (s), noise scale, log evidence, and the hypotheses by falling probability.
 
     Raises:
         InvalidFileError: the file cannot be written.
     """
-    result = {"status": estimate.status, "duration": estimate.duration, "hypotheses": hypotheses_data(estimate)}
+    result = {
+        "status": estimate.status,
+        "duration": estimate.duration,
+        "noise_scale": estimate.noise_scale,
+        "log_evidence": estimate.log_evidence if math.isfinite(estimate.log_evidence) else None,
+        "hypotheses": hypotheses_data(estimate),
+    }
     with written_beside(path) as beside:
         beside.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n")
 

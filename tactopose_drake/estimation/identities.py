@@ -79,7 +79,7 @@ class Identification(PlainValue, Sequence[Identity]):
 
     identities: tuple[Identity, ...]
     status: Status
-    duration: float
+    duration: float = dataclasses.field(compare=False)
     unknown: float
 
     @overload

@@ -72,7 +72,7 @@ class PoseEstimate(PlainValue, Presentable):
 
     hypotheses: tuple[PoseHypothesis, ...]
     status: Status
-    duration: float
+    duration: float = dataclasses.field(compare=False)
     finished: bool = True
     log_evidence: float = -math.inf
     noise_scale: float = 1.0

@@ -1,8 +1,11 @@
 import io
 import json
 import math
+import subprocess
+import sys
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 import trimesh
@@ -259,6 +262,15 @@ def test_no_command_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     printed = capsys.readouterr().err
     assert printed.startswith("Usage: tactopose")
     assert {"demo", "estimate", "identify"} <= {line.split()[0] for line in printed.splitlines() if line.strip()}
+
+
+def test_the_list_of_commands_loads_none_of_them() -> None:
+    lists = "from click.testing import CliRunner; from tactopose_drake.cli.main import cli; import sys; "
+    asks = "print(CliRunner().invoke(cli, ['--help']).output, 'pydrake' in sys.modules)"
+    printed = subprocess.run([sys.executable, "-c", lists + asks], capture_output=True, text=True, check=True).stdout
+    named = {line.split()[0] for line in printed.splitlines() if line.strip()}
+    assert set(cli.cli.list_commands(click.Context(cli.cli))) <= named
+    assert printed.split()[-1] == "False"
 
 
 def test_a_meshcat_server_that_is_not_there_is_told_before_any_work(

@@ -6,7 +6,7 @@ import pytest
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.plain_values import copied
+from tactopose_drake.core.plain_values import PlainValue, copied
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,6 +29,20 @@ def test_a_copy_has_other_values_and_nothing_that_was_computed_of_those_before()
     assert (larger.area, larger.name, square.area) == (9.0, "a", 4.0)
     with pytest.raises(AssertionError, match="sides"):
         copied(square, sides=3.0)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Timed(PlainValue):
+    value: float
+    seconds: float = dataclasses.field(default=0.0, compare=False)
+
+
+def test_what_is_not_compared_is_kept_but_makes_no_difference() -> None:
+    slow, fast = Timed(1.0, 2.0), Timed(1.0, 0.5)
+    assert slow == fast
+    assert hash(slow) == hash(fast)
+    assert slow != Timed(2.0, 2.0)
+    assert Timed.from_dict(slow.to_dict()).seconds == 2.0
 
 
 def test_a_touch_of_other_contacts_is_another_touch() -> None:
