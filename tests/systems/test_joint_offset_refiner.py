@@ -144,9 +144,10 @@ def test_a_touch_that_drops_out_for_a_moment_counts_once(bottle: ObjectModel) ->
     run.hold(grasp, frames=30)
     found, sigma = run.said("joint_offsets"), run.said("joint_offset_sigmas")
     assert np.any(found != 0.0)
+    generator, noise = np.random.default_rng(0), np.repeat([1e-6, 1e-4], 3)
     for wrenches, frames in (({}, 8), (dict(grasp.recorded.wrenches), 40)):
         for _ in range(frames):
-            run.feel(wrenches)
+            run.feel({name: wrench + noise * generator.normal(size=6) for name, wrench in wrenches.items()})
             run.time += STEP
             run.simulator.AdvanceTo(run.time)
     assert run.diagram.GetOutputPort("status").Eval(run.context) == "ok"

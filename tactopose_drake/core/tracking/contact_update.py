@@ -25,17 +25,15 @@ seen from frame to frame; what they are off beyond that, lasts.
 What neither sees, because a mode that is narrow sees little of the surface, is counted at each frame anew, and a mode
 that learns from it grows sure of a pose beside the truth. So do slopes that differ a little from one frame to the next,
 which tell biases and pose apart where nothing does: a filter that is linearised at other states each time gains
-information that there is none of [H08]. Therefore what the touch told of the pose is forgotten, by a factor for each
-direction, as in directional forgetting [K87]; and in no direction does a frame make a mode surer than it was before, or
+information that there is none of [H08]. Therefore in no direction does a frame make a mode surer than it was before, or
 than the touch of now could make it were it felt for ever, whichever is more: biases do not average out. Nor does it
 become surer than the last search, which samples the posterior as it is, and the window's other touches leave it: slopes
 at one place do not know how far a valley leads that bends.
 
 Sources: [G15] A. Garcia-Fernandez et al., Posterior linearization filter: principles and implementation using sigma
 points, IEEE Trans. Signal Processing, 2015; [H08] G. Huang, A. Mourikis, S. Roumeliotis, Analysis and improvement of
-the consistency of extended Kalman filter based SLAM, ICRA 2008; [K87] R. Kulhavy, Restricted exponential forgetting in
-real-time identification, Automatica, 1987; [S66] S. Schmidt, Application of state-space methods to navigation problems,
-1966 (the consider filter).
+the consistency of extended Kalman filter based SLAM, ICRA 2008; [S66] S. Schmidt, Application of state-space methods to
+navigation problems, 1966 (the consider filter).
 """
 
 from __future__ import annotations
@@ -132,7 +130,7 @@ def _make_priors(modes: TrackedModes, variances: FloatArray) -> ModePriors:
 
 
 def update_modes(
-    model: ObjectModel, params: PoseTrackerParams, reading: ContactReading, modes: TrackedModes, duration: float
+    model: ObjectModel, params: PoseTrackerParams, reading: ContactReading, modes: TrackedModes
 ) -> TrackedModes:
     """The modes, at least one, after a frame's contacts; those that hardly count are left as they were predicted.
 
@@ -141,36 +139,18 @@ def update_modes(
         params: what is assumed.
         reading: what is touched.
         modes: as they are predicted, by falling weight.
-        duration: since the last frame, s.
     """
     count = np.count_nonzero(modes.log_weight >= modes.log_weight[0] + math.log(params.mixture.least_updated_share))
     first = min(int(count), params.mixture.max_updated)
-    forgotten = min(1.0, duration / params.forgetting.time)
     predicted = modes.chosen(slice(first))
     information, most = touch_information(model, params, reading, predicted)
-    forgetful = forget(information, predicted, forgotten, params.forgetting.half_information)
-    update = update_with_contacts(model, params, reading, forgetful)
-    covariance = limit_gain(forgetful.covariance, most, update.covariance)
-    covariance = limit_gain(forgetful.covariance, forgetful.most_information, covariance)
+    update = update_with_contacts(model, params, reading, predicted)
+    covariance = limit_gain(predicted.covariance, most, update.covariance)
+    covariance = limit_gain(predicted.covariance, predicted.most_information, covariance)
     covariance = only_as_told(model, params, information, predicted.covariance, covariance)
-    updated = copied(forgetful, X_PO=update.X_PO, covariance=covariance, cross_covariance=update.cross_covariance)
+    updated = copied(predicted, X_PO=update.X_PO, covariance=covariance, cross_covariance=update.cross_covariance)
     updated = follow_roughness(updated, reading, update.roughness, params)
     return updated if first == len(modes) else updated.joined(modes.chosen(slice(first, None)))
-
-
-def forget(information: FloatArray, modes: TrackedModes, forgotten: float, half_information: float) -> TrackedModes:
-    """The modes before an update, wider in the directions of which the touch tells.
-
-    Args:
-        information: what the touch tells of the n modes, by tangents, shape (n, 6, 6).
-        modes: as they are predicted.
-        forgotten: the share of its variance by which a direction that only the touch determines grows.
-        half_information: of a frame over what is known of a direction; then it grows by half of that.
-    """
-    # Along a direction of which it tells i over what is known, the growth is i / (i + h): all that an update by the
-    # information over h takes away.
-    left = inverses(inverses(modes.covariance)[0] + information / half_information)[0]
-    return copied(modes, covariance=modes.covariance + forgotten * (modes.covariance - left))
 
 
 def touch_information(

@@ -187,7 +187,7 @@ class PoseTracker:
         """The belief with new contacts; `is_outlier`: of the best mode vision has just said something else."""
         time, params, modes, slips, test = frame.time, self._params, belief.modes, False, SlipTest()
         if len(modes):
-            modes = update_modes(self._model, params, reading, modes, duration)
+            modes = update_modes(self._model, params, reading, modes)
             motion = belief.history.motions[-1] if duration > 0.0 else Motion(np.zeros(6), np.zeros((6, 6)))
             change = PoseChange(modes.X_PO[0], modes.roughness[0], motion)
             test, slips = detect_slip(self._model, params.slip, belief.slip_test, reading, change)

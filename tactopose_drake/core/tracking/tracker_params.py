@@ -58,16 +58,6 @@ class CalibrationScaleParams:
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
-class ForgettingParams:
-    """For how long touch counts."""
-
-    time: float = 0.3  # s after which what the touch told of the pose is forgotten
-    # Information of a frame over what is known of a direction, at which the direction is forgotten by half. Where the
-    # touch was all that told of it, a frame tells about the share that lasts, some three tenths.
-    half_information: float = 0.1
-
-
-@dataclasses.dataclass(kw_only=True, slots=True)
 class SlipParams:
     """When the object slips."""
 
@@ -222,7 +212,6 @@ class PoseTrackerParams:
     seed: int = 0  # of the searches' random numbers
     noise: MotionNoise = dataclasses.field(default_factory=MotionNoise)
     contact_update: ContactUpdateParams = dataclasses.field(default_factory=ContactUpdateParams)
-    forgetting: ForgettingParams = dataclasses.field(default_factory=ForgettingParams)
     calibration_scale: CalibrationScaleParams = dataclasses.field(default_factory=CalibrationScaleParams)
     slip: SlipParams = dataclasses.field(default_factory=SlipParams)
     force_test: ForceTestParams = dataclasses.field(default_factory=ForceTestParams)

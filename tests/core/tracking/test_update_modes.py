@@ -4,7 +4,6 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from scipy.linalg import eigh
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
@@ -13,7 +12,6 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import as_doubted, averaged_variances, with_errors
 from tactopose_drake.core.tracking.contact_update import (
     follow_roughness,
-    forget,
     limit_gain,
     only_as_told,
     touch_information,
@@ -21,7 +19,7 @@ from tactopose_drake.core.tracking.contact_update import (
 )
 from tactopose_drake.core.tracking.frame import SeemingErrors
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
-from tactopose_drake.core.tracking.tracker_params import ForgettingParams, PoseTrackerParams
+from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, read, touch
 from tests.core.tracking.rough_modes import HAND, make_rough_modes
 
@@ -42,46 +40,20 @@ def told(box: ObjectModel, contacts: Contacts, count: int) -> np.ndarray:
     return SurfaceContact(box.grid, contacts).normal_equations(np.tile(X_PO, (count, 1, 1))).hessian
 
 
-def update_often(box: ObjectModel, frames: int, forgetting_time: float = 1e9) -> TrackedModes:
+def update_often(box: ObjectModel, frames: int) -> TrackedModes:
     """Two modes, of which the second is right, after frames of a touch, 10 ms apart."""
-    params = PoseTrackerParams(forgetting=ForgettingParams(time=forgetting_time))
-    generator = np.random.default_rng(0)
+    params, generator = PoseTrackerParams(), np.random.default_rng(0)
     X_start = np.stack([retract(X_PO, np.array([0, 0, 0, 0.004, 0, 0.0])), X_PO])
     covariance = np.tile(np.diag(np.repeat([0.02**2, 0.001**2], 3)), (2, 1, 1))
     modes = TrackedModes.independent(X_start, covariance, 6)
     for _ in range(frames):
-        modes = update_modes(box, params, read(touch(X_PO, generator)), modes, 0.01)
+        modes = update_modes(box, params, read(touch(X_PO, generator)), modes)
     return modes
 
 
 def test_modes_keep_their_order(box: ObjectModel) -> None:
     modes = update_often(box, 1)
     assert np.linalg.norm(modes.X_PO[1, :, 3]) < np.linalg.norm(modes.X_PO[0, :, 3])
-
-
-def test_forgetting_leaves_the_pose_less_sure(box: ObjectModel) -> None:
-    spread = [np.trace(update_often(box, 30, time).covariance[0][3:, 3:]) for time in (1e9, 0.2)]
-    assert 1.03 * spread[0] < spread[1] < 2.0 * spread[0]
-
-
-def test_what_the_touch_tells_of_is_forgotten_and_nothing_else(box: ObjectModel) -> None:
-    one_face = Contacts(p_OC[:1], sigma_position=SIGMA_POSITION)
-    covariance = np.diag(np.repeat([math.radians(0.01) ** 2, SIGMA_POSITION**2], 3))
-    wider = forget(told(box, one_face, 1), make_modes(covariance[None]), 0.2, 0.1).covariance[0]
-    growth = np.diag(wider)[3:] / np.diag(covariance)[3:] - 1.0
-    along = np.abs(n_OC[0])
-    # A frame tells as much as is known: 1 / (1 + 0.1) of the share.
-    assert along @ growth == pytest.approx(0.2 / 1.1, rel=0.05)
-    assert (1.0 - along) @ growth < 1e-6
-    np.testing.assert_allclose(wider, wider.T, atol=1e-20)
-
-
-def test_what_is_known_far_better_than_the_touch_tells_stays(box: ObjectModel) -> None:
-    contacts = Contacts(p_OC, n_OC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
-    tight, wide = (np.diag(np.repeat([(a * 0.05) ** 2, (a * 0.003) ** 2], 3)) for a in (0.01, 1.0))
-    wider = forget(told(box, contacts, 2), make_modes(np.stack([tight, wide])), 0.2, 0.1).covariance
-    assert eigh(wider[0], tight, eigvals_only=True).max() < 1.01
-    assert eigh(wider[1], wide, eigvals_only=True).max() > 1.15
 
 
 def test_an_update_makes_a_mode_no_surer_than_it_was_or_than_the_touch_can(box: ObjectModel) -> None:
@@ -112,9 +84,9 @@ def test_no_update_makes_a_mode_surer_than_the_last_search_left_it(box: ObjectMo
     spread, reading = np.repeat([0.02, 0.002], 3), read(touch(X_PO, np.random.default_rng(0)))
     modes = make_modes(np.diag(spread**2)[None])
     bound = np.diag(spread**-2) * np.array([1.0, 9.0, 1.0, 1.0, 9.0, 1.0])[:, None]
-    free = update_modes(box, PoseTrackerParams(), reading, modes, 0.01).covariance[0]
+    free = update_modes(box, PoseTrackerParams(), reading, modes).covariance[0]
     bounded = dataclasses.replace(modes, most_information=bound[None])
-    after = update_modes(box, PoseTrackerParams(), reading, bounded, 0.01).covariance[0]
+    after = update_modes(box, PoseTrackerParams(), reading, bounded).covariance[0]
     assert np.all(np.diag(free) < 0.95 * spread**2)
     assert np.linalg.eigvalsh(np.diag(1.0 / spread) @ (after - free) @ np.diag(1.0 / spread)).min() > -1e-6
     least = np.diag(after) / spread**2
@@ -141,7 +113,7 @@ def test_frames_of_one_touch_do_not_tell_its_lasting_errors_from_the_pose() -> N
             n_PC /= np.linalg.norm(n_PC, axis=1, keepdims=True)
             p_PC = p_OC + 0.00075 * generator.normal(size=(4, 3))
             felt = Contacts(p_PC, n_PC, sigma_position=sigma_position, sigma_normal=sigma_normal)
-            modes = update_modes(model, params, read(felt, sources=tuple("abcd")), modes, 0.01)
+            modes = update_modes(model, params, read(felt, sources=tuple("abcd")), modes)
         # The tilts, which the touch determines, against what an estimate by one touch without new noise knows of them.
         n_PC = n_OC / np.linalg.norm(n_OC, axis=1, keepdims=True)
         lasting = Contacts(p_OC, n_PC, sigma_position=0.002, sigma_normal=math.radians(10.0))
@@ -199,7 +171,7 @@ def test_biases_follow_the_roughness_and_the_covariance_stays_one(before: float,
 def test_modes_that_hardly_count_wait_for_a_search(box: ObjectModel) -> None:
     covariance = np.tile(np.diag(np.repeat([0.02**2, 0.001**2], 3)), (3, 1, 1))
     modes = dataclasses.replace(make_modes(covariance), log_weight=np.array([0.0, -1.0, -20.0]))
-    after = update_modes(box, PoseTrackerParams(), read(touch(X_PO, np.random.default_rng(0))), modes, 0.01)
+    after = update_modes(box, PoseTrackerParams(), read(touch(X_PO, np.random.default_rng(0))), modes)
     assert np.all(np.abs(after.X_PO[:2] - modes.X_PO[:2]).max(axis=(1, 2)) > 1e-6)
     np.testing.assert_array_equal(after.X_PO[2], modes.X_PO[2])
     np.testing.assert_array_equal(after.log_weight, modes.log_weight)
@@ -224,6 +196,6 @@ def test_a_doubted_finger_counts_for_less_and_so_does_what_a_hand_declares(box: 
     for reading in (read(contacts), doubted):
         after = modes
         for _ in range(30):
-            after = update_modes(box, params, reading, after, 0.01)
+            after = update_modes(box, params, reading, after)
         spread.append(np.trace(after.covariance[0][3:, 3:]))
     assert spread[1] > 1.05 * spread[0]
