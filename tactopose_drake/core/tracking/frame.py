@@ -103,7 +103,7 @@ class Frame:
         time: s.
         evidence: the touch, and what else is known at this time. A prior in it starts a belief that has no pose yet.
         sources: what made each row of `evidence.touch` (a finger, a pad), as the same contact is known by at other
-            times; by default the rows' numbers.
+            times; by default the rows' numbers. All that ever were are remembered: of a hundred a step takes long.
         tip_velocity: spatial velocity of each source in P, by source, shape (6,): [w, v], rad/s, and m/s of its point
             at the origin of P. None where fingers are not known to move: the object then moves with the palm.
         vision: the latest pose from vision, however late; None where there is none.
