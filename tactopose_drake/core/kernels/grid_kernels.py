@@ -13,6 +13,9 @@ from tactopose_drake.core.kernel_types import Floats1, OutFloats1, OutFloats2, S
 # Where interpolated normals nearly cancel (the middle of a thin wall) their direction means little: this bounds it.
 SOFT_LENGTH = 0.05
 
+COARSENESS = 4
+"""The distances at each so-manieth node along each axis are a grid by themselves."""
+
 _U4 = np.uintp(4)
 
 

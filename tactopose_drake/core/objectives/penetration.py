@@ -1,10 +1,14 @@
 """What the object cannot do: lie where the hand is."""
 
+import copy
+from typing import Self
+
 import numpy as np
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
-from tactopose_drake.core.kernels import evidence_kernels
+from tactopose_drake.core.kernels import penetration_kernels
+from tactopose_drake.core.kernels.penetration_kernels import Depths, Spheres
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
@@ -37,41 +41,64 @@ class Penetration(LeastSquaresObjective):
         largest_first = np.argsort(-hand.radius, kind="stable")
         group, distance = np.empty(len(hand), dtype=np.int64), np.empty(len(hand))
         leads = np.empty(len(hand), dtype=np.bool_)
-        evidence_kernels.gather_neighbourhoods(hand.p_PH, largest_first, neighbourhood, group, distance, leads)
+        penetration_kernels.gather_neighbourhoods(hand.p_PH, largest_first, neighbourhood, group, distance, leads)
         # Neighbourhood by neighbourhood, the leader first, the others by falling reach.
         reach = distance + hand.radius
         order = np.lexsort((-reach, ~leads, group))
         reach, group = reach[order], group[order]
         start = np.searchsorted(group, np.arange(group[-1] + 2))
         reach[start[:-1]] = np.maximum.reduceat(reach, start[:-1])
-        self._grid = grid.nodes
-        self._spheres = evidence_kernels.Spheres(*map(read_only, (hand.p_PH[order], hand.radius[order], reach, start)))
-        self._allowed, self._weight = allowed, 1.0 / hand.sigma
+        p_PH, radius, count = hand.p_PH[order], hand.radius[order], len(start) - 1
+        leaders = np.concatenate([p_PH[start[:-1]].T, reach[None, start[:-1]]])
+        limits = np.full(count, float(allowed)), np.full(count, 1.0 / hand.sigma)
+        self._grid, self._coarse = grid.nodes, grid.coarse_distances
+        self._spheres = Spheres(*map(read_only, (p_PH, radius, reach, start, leaders, *limits)))
+
+    def joined(self, other: Self) -> Self:
+        """That of both, of the same object."""
+        joined, own, others = copy.copy(self), self._spheres, other._spheres
+        arrays = own._replace(start=own.start[:-1]), others._replace(start=others.start + len(own.p))
+        axis = {"leaders": 1}
+        joined._spheres = Spheres(
+            *(
+                read_only(np.concatenate(pair, axis.get(name, 0)))
+                for name, pair in zip(Spheres._fields, zip(*arrays, strict=True), strict=True)
+            )
+        )
+        return joined
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, g) of poses (B, 3, 4), one for each of g neighbourhoods."""
-        return self._weight * self._depths(X_PO)[0]
+        return self._spheres.weight * self._depths(X_PO).excess
 
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, g) and their derivatives by the increment (B, g, 6)."""
-        depths = self._depths(X_PO)
-        jacobian = np.empty((*depths[0].shape, 6))
-        evidence_kernels.penetration_jacobian(self._weight, np.ascontiguousarray(X_PO), depths, jacobian)
-        return self._weight * depths[0], jacobian
+        depths, weight = self._depths(X_PO), self._spheres.weight
+        jacobian = np.empty((*depths.excess.shape, 6))
+        penetration_kernels.penetration_jacobian(weight, np.ascontiguousarray(X_PO), depths, jacobian)
+        return weight * depths.excess, jacobian
+
+    def cost(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B,) of poses (B, 3, 4)."""
+        cost = np.empty(len(X_PO))
+        penetration_kernels.penetration_costs(self._grid, self._coarse, self._spheres, np.ascontiguousarray(X_PO), cost)
+        return cost
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
-        depths, count = self._depths(X_PO), len(X_PO)
+        count = len(X_PO)
         equations = NormalEquations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
-        evidence_kernels.penetration_normal_equations(self._weight, np.ascontiguousarray(X_PO), depths, *equations)
+        penetration_kernels.penetration_normal_equations(
+            self._grid, self._coarse, self._spheres, np.ascontiguousarray(X_PO), *equations
+        )
         return equations
 
-    def _depths(self, X_PO: FloatArray) -> evidence_kernels.Depths:
+    def _depths(self, X_PO: FloatArray) -> Depths:
         """Of each neighbourhood the overlap beyond what is allowed (B, g), m; where it is in O, and the slope there."""
-        shape = len(X_PO), len(self._spheres.start) - 1
-        depths = evidence_kernels.Depths(np.empty(shape), np.empty((*shape, 3)), np.empty((*shape, 3)))
-        evidence_kernels.penetration_depths(
-            self._grid, self._spheres, self._allowed, np.ascontiguousarray(X_PO), depths
+        shape = len(X_PO), len(self._spheres.weight)
+        depths = Depths(np.empty(shape), np.empty((*shape, 3)), np.empty((*shape, 3)))
+        penetration_kernels.penetration_depths(
+            self._grid, self._coarse, self._spheres, np.ascontiguousarray(X_PO), depths
         )
         return depths
 

@@ -1,5 +1,6 @@
 """From evidence to what a search is given: an objective, and the space to look in."""
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -141,10 +142,13 @@ def _bounding_terms(model: ObjectModel, evidence: Evidence) -> list[LeastSquares
         terms.append(PatchContact(model.grid, unfelt))
     if evidence.friction is not None:
         terms.append(FrictionCone(model.grid, evidence.contacts, evidence.friction))
+    volumes = []
     if evidence.hand is not None:
-        terms.append(Penetration(model.grid, evidence.hand, _TOUCHING * evidence.hand.sigma))
+        volumes.append(Penetration(model.grid, evidence.hand, _TOUCHING * evidence.hand.sigma))
     if evidence.untouched is not None:
-        terms.append(Penetration(model.grid, evidence.untouched))
+        volumes.append(Penetration(model.grid, evidence.untouched))
+    if volumes:
+        terms.append(functools.reduce(Penetration.joined, volumes))
     return terms
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.compilation import read_only
-from tactopose_drake.core.kernels.grid_kernels import Grid
+from tactopose_drake.core.kernels.grid_kernels import COARSENESS, Grid
 from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.mesh.winding_kernels import winding_numbers
 from tactopose_drake.core.shape import distance_transform
@@ -96,6 +96,12 @@ class DistanceGrid:
     def nodes(self) -> Grid:
         """The grid as kernels read it."""
         return Grid(read_only(self.values), read_only(self.origin), 1.0 / self.spacing)
+
+    @functools.cached_property
+    def coarse_distances(self) -> NDArray[np.float32]:
+        """The distances at each fourth node along each axis, and at the last, m."""
+        some = (np.minimum(np.arange(0, n + COARSENESS - 1, COARSENESS), n - 1) for n in self.shape)
+        return np.asarray(read_only(self.values[..., 0][np.ix_(*some)]))
 
     def _interpolate(self, p_OQ: ArrayLike, channels: int) -> FloatArray:
         """The first `channels` fields at points (..., 3), shape (..., channels); the distance extended outside."""

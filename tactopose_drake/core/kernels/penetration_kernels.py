@@ -1,0 +1,332 @@
+"""How deep the hand's spheres are in the object, compiled.
+
+Hardly any of the spheres are near the object, and which ones are changes from pose to pose. What settles that is
+therefore small enough to stay in the processor's own memory, the distances at every fourth node of the grid; it is
+asked first of whole neighbourhoods, then of their spheres, without branches. The cells of those that are left are asked
+for beforehand, so that their transfers from memory overlap.
+
+Poses are (B, 3, 4); increments (w, v) as in `poses.py`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tactopose_drake.core.compilation import inlined, kernel, part
+from tactopose_drake.core.kernel_types import (
+    Floats1,
+    Floats2,
+    Floats3,
+    Longs1,
+    OutFlags1,
+    OutFloats1,
+    OutFloats2,
+    OutFloats3,
+    OutInts1,
+    OutLongs1,
+    Singles3,
+)
+from tactopose_drake.core.kernels.grid_kernels import COARSENESS, Grid, interpolate
+from tactopose_drake.core.kernels.pose_kernels import chain
+from tactopose_drake.core.kernels.prefetch import prefetch
+
+_OF_COARSE = 1.0 / COARSENESS
+# In cells: nothing is farther from the coarse node next to it, and for the interpolation; likewise from a fine one.
+_COARSE_SLACK = 0.5 * COARSENESS * np.sqrt(3.0) + 0.635
+_FINE_SLACK = 1.5
+_U4 = np.uintp(4)
+
+
+class Spheres(NamedTuple):
+    """The hand's spheres in neighbourhoods, read-only: neighbourhood g is start[g]:start[g + 1].
+
+    Attributes:
+        p: centres in P, shape (h, 3), m.
+        radius: shape (h,), m.
+        reach: no sphere of a neighbourhood, from this one on, reaches further from the centre of its first, shape (h,),
+            m.
+        start: shape (g + 1,).
+        leaders: coordinates of the centres of neighbourhoods' firsts, and their reach, shape (4, g), m.
+        allowed: how deep each neighbourhood may be in the object, shape (g,), m.
+        weight: by which what is beyond that counts, shape (g,), 1/m.
+    """
+
+    p: Floats2
+    radius: Floats1
+    reach: Floats1
+    start: Longs1
+    leaders: Floats2
+    allowed: Floats1
+    weight: Floats1
+
+
+class Depths(NamedTuple):
+    """How deep neighbourhoods of spheres are in the object, see `penetration_depths`."""
+
+    excess: OutFloats2
+    points: OutFloats3
+    slopes: OutFloats3
+
+
+class _Near(NamedTuple):
+    """Of one pose: what of its g neighbourhoods and h spheres may be in the object.
+
+    Attributes:
+        distance: a lower bound of that from the centre of each neighbourhood's first to the surface, shape (g,), m.
+        node: the coarse node next to that, shape (g,).
+        groups: the neighbourhoods that are left, shape (g + 1,).
+        spheres, group: the spheres that are left, by neighbourhoods, and these, shape (h + 1,).
+        place: where the centres of these are in the grid, in cells, and how far outside of it, m, shape (h + 1, 4).
+    """
+
+    distance: OutFloats1
+    node: OutInts1
+    groups: OutLongs1
+    spheres: OutLongs1
+    group: OutLongs1
+    place: OutFloats2
+
+
+@kernel
+def gather_neighbourhoods(
+    p: Floats2, order: Longs1, width: float, group: OutLongs1, distance: OutFloats1, leads: OutFlags1
+) -> None:
+    """Parts points (h, 3) into groups (h,): the next in the order that is left takes all that are left within a width.
+
+    Such a one leads (h,) its group; distances (h,) are from there.
+    """
+    group[:] = -1
+    leads[:] = False
+    count = 0
+    for seed in order:
+        if group[seed] >= 0:
+            continue
+        leads[seed] = True
+        for i in range(p.shape[0]):
+            if group[i] < 0:
+                dx, dy, dz = p[i, 0] - p[seed, 0], p[i, 1] - p[seed, 1], p[i, 2] - p[seed, 2]
+                d = np.sqrt(dx * dx + dy * dy + dz * dz)
+                if d <= width:
+                    group[i], distance[i] = count, d
+        count += 1
+
+
+@inlined
+def _pose(X):
+    """The numbers of a pose X (3, 4), column by column."""
+    return (
+        (X[0, 0], X[1, 0], X[2, 0]),
+        (X[0, 1], X[1, 1], X[2, 1]),
+        (X[0, 2], X[1, 2], X[2, 2]),
+        (X[0, 3], X[1, 3], X[2, 3]),
+    )
+
+
+@inlined
+def _to_grid(pose, origin, inverse_spacing, x, y, z):
+    """Where a point of P is in the grid at a pose, in cells."""
+    a, b, c, t = pose
+    dx, dy, dz = x - t[0], y - t[1], z - t[2]
+    ux = (a[0] * dx + a[1] * dy + a[2] * dz - origin[0]) * inverse_spacing
+    uy = (b[0] * dx + b[1] * dy + b[2] * dz - origin[1]) * inverse_spacing
+    uz = (c[0] * dx + c[1] * dy + c[2] * dz - origin[2]) * inverse_spacing
+    return ux, uy, uz
+
+
+@inlined
+def _clip(u, limit):
+    """What of the grid is nearest to u, in cells, along one axis; 0 for NaN, which must not become an index."""
+    inside = u if u > 0.0 else 0.0
+    return inside if inside < limit else limit
+
+
+@inlined
+def _look_roughly(ux, uy, uz, limits, shape):
+    """The coarse node next to a place, and how far outside of the grid that is, in cells."""
+    ix, iy, iz = _clip(ux, limits[0]), _clip(uy, limits[1]), _clip(uz, limits[2])
+    ox, oy, oz = ux - ix, uy - iy, uz - iz
+    i, j, k = np.int32(ix * _OF_COARSE + 0.5), np.int32(iy * _OF_COARSE + 0.5), np.int32(iz * _OF_COARSE + 0.5)
+    return (i * shape[0] + j) * shape[1] + k, np.sqrt(ox * ox + oy * oy + oz * oz)
+
+
+@inlined
+def _limits(grid):
+    """The last nodes along each axis."""
+    return grid.values.shape[0] - 1.0, grid.values.shape[1] - 1.0, grid.values.shape[2] - 1.0
+
+
+@part
+def _find_near(grid: Grid, coarse: Singles3, spheres: Spheres, X: Floats2, near: _Near) -> int:
+    """Finds the spheres that may be deeper in the object than is allowed at a pose X (3, 4); how many they are."""
+    rough, shape = coarse.reshape(-1), (np.int32(coarse.shape[1]), np.int32(coarse.shape[2]))
+    pose, inverse_spacing, limits, leaders = _pose(X), grid.inverse_spacing, _limits(grid), spheres.leaders
+    origin, spacing = (grid.origin[0], grid.origin[1], grid.origin[2]), 1.0 / inverse_spacing
+    slack, groups, count = _COARSE_SLACK * spacing, 0, 0
+    for g in range(near.distance.shape[0]):
+        ux, uy, uz = _to_grid(pose, origin, inverse_spacing, leaders[0, g], leaders[1, g], leaders[2, g])
+        near.node[g], outside = _look_roughly(ux, uy, uz, limits, shape)
+        near.distance[g] = spacing * outside - slack
+    for g in range(near.distance.shape[0]):
+        near.distance[g] += rough[np.uintp(near.node[g])]
+        near.groups[groups] = g
+        groups += 1 if near.distance[g] <= leaders[3, g] - spheres.allowed[g] else 0
+    for k in range(groups):
+        g = near.groups[k]
+        allowed = spheres.allowed[g]
+        for i in range(spheres.start[g], spheres.start[g + 1]):
+            if spheres.reach[i] - near.distance[g] <= allowed:
+                break
+            ux, uy, uz = _to_grid(pose, origin, inverse_spacing, spheres.p[i, 0], spheres.p[i, 1], spheres.p[i, 2])
+            node, outside = _look_roughly(ux, uy, uz, limits, shape)
+            outside *= spacing
+            near.spheres[count], near.group[count] = i, g
+            near.place[count, 0], near.place[count, 1], near.place[count, 2] = ux, uy, uz
+            near.place[count, 3] = outside
+            count += 1 if rough[np.uintp(node)] + outside - slack <= spheres.radius[i] - allowed else 0
+    return count
+
+
+@part
+def _fetch(grid: Grid, near: _Near, count: int) -> None:
+    """Asks for the nodes about the spheres that are left, so many."""
+    flat, (nx, ny, nz) = grid.values.reshape(-1), grid.values.shape[:3]
+    sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
+    for k in range(count):
+        ix, iy, iz = (
+            int(_clip(near.place[k, 0], nx - 2.0)),
+            int(_clip(near.place[k, 1], ny - 2.0)),
+            int(_clip(near.place[k, 2], nz - 2.0)),
+        )
+        at = np.uintp(4 * ((ix * ny + iy) * nz + iz))
+        prefetch(flat, at)
+        prefetch(flat, at + sy)
+        prefetch(flat, at + sx)
+        prefetch(flat, at + sx + sy)
+
+
+@part
+def _measure(grid: Grid, spheres: Spheres, near: _Near, count: int, depths: Depths, b: int) -> None:
+    """How deep the spheres that are left, so many, are in the object, row b of the depths, which is 0 on entry.
+
+    A sphere is looked up in full only if the node next to it does not tell that it is no deeper than what was found.
+    """
+    flat, origin, inverse_spacing, limits = grid.values.reshape(-1), grid.origin, grid.inverse_spacing, _limits(grid)
+    nx, ny, nz = grid.values.shape[0], grid.values.shape[1], grid.values.shape[2]
+    sy, sx, spacing = np.uintp(4 * nz), np.uintp(4 * nz * ny), 1.0 / inverse_spacing
+    points, slopes, before, depth = depths.points, depths.slopes, -1, 0.0
+    for k in range(count):
+        i, g, outside = near.spheres[k], near.group[k], near.place[k, 3]
+        if g != before:
+            before, depth = g, spheres.allowed[g]
+        x, y, z = near.place[k, 0], near.place[k, 1], near.place[k, 2]
+        ux, uy, uz = _clip(x, limits[0]), _clip(y, limits[1]), _clip(z, limits[2])
+        node = (int(ux + 0.5) * ny + int(uy + 0.5)) * nz + int(uz + 0.5)
+        if flat[np.uintp(4 * node)] + outside - _FINE_SLACK * spacing > spheres.radius[i] - depth:
+            continue
+        ix, iy, iz = min(int(ux), nx - 2), min(int(uy), ny - 2), min(int(uz), nz - 2)
+        node = (ix * ny + iy) * nz + iz
+        phi, dx, dy, dz = interpolate(flat, np.uintp(4 * node), sx, sy, ux - ix, uy - iy, uz - iz)
+        if spheres.radius[i] - (phi + outside) > depth:
+            depth = spheres.radius[i] - (phi + outside)
+            depths.excess[b, g] = depth - spheres.allowed[g]
+            points[b, g, 0] = origin[0] + spacing * x
+            points[b, g, 1] = origin[1] + spacing * y
+            points[b, g, 2] = origin[2] + spacing * z
+            # Beyond the grid the distance grows along the way there.
+            slopes[b, g, 0] = dx * inverse_spacing if x == ux else (x - ux) * spacing / outside
+            slopes[b, g, 1] = dy * inverse_spacing if y == uy else (y - uy) * spacing / outside
+            slopes[b, g, 2] = dz * inverse_spacing if z == uz else (z - uz) * spacing / outside
+
+
+@inlined
+def _working_arrays(spheres):
+    """Those of one pose."""
+    h, g = spheres.p.shape[0], spheres.start.shape[0] - 1
+    return _Near(
+        np.empty(g),
+        np.empty(g, dtype=np.int32),
+        np.empty(g + 1, dtype=np.int64),
+        np.empty(h + 1, dtype=np.int64),
+        np.empty(h + 1, dtype=np.int64),
+        np.empty((h + 1, 4)),
+    )
+
+
+@inlined
+def _depths_of_one(spheres):
+    """Those of one pose."""
+    g = spheres.weight.shape[0]
+    return Depths(np.empty((1, g)), np.empty((1, g, 3)), np.empty((1, g, 3)))
+
+
+@part
+def _find_depths(
+    grid: Grid, coarse: Singles3, spheres: Spheres, X: Floats2, near: _Near, depths: Depths, b: int
+) -> None:
+    """How deep each neighbourhood is in the object at a pose X (3, 4), row b of the depths."""
+    count = _find_near(grid, coarse, spheres, X, near)
+    _fetch(grid, near, count)
+    depths.excess[b] = 0.0
+    _measure(grid, spheres, near, count, depths, b)
+
+
+@kernel
+def penetration_depths(grid: Grid, coarse: Singles3, spheres: Spheres, X: Floats3, depths: Depths) -> None:
+    """How deep each neighbourhood of spheres is in the object at each pose beyond what is allowed, excess (B, g) >= 0.
+
+    Where one is in the object, the centre of its deepest sphere in O goes to points (B, g, 3), and the derivative of
+    the distance there to slopes (B, g, 3).
+    """
+    near = _working_arrays(spheres)
+    for b in range(X.shape[0]):
+        _find_depths(grid, coarse, spheres, X[b], near, depths, b)
+
+
+@kernel
+def penetration_jacobian(weight: Floats1, X: Floats3, depths: Depths, jacobian: OutFloats3) -> None:
+    """The derivatives (B, g, 6) of the residuals, weights (g,) times the excess, by the increment."""
+    excess, points, slopes = depths
+    for b in range(X.shape[0]):
+        for g in range(excess.shape[1]):
+            jacobian[b, g] = 0.0
+            if excess[b, g] > 0.0:
+                chain(slopes[b, g], points[b, g], X[b], -weight[g], jacobian[b, g])
+
+
+@kernel
+def penetration_costs(grid: Grid, coarse: Singles3, spheres: Spheres, X: Floats3, cost: OutFloats1) -> None:
+    """Half the sums (B,) of the squared residuals."""
+    near, depths = _working_arrays(spheres), _depths_of_one(spheres)
+    for b in range(X.shape[0]):
+        _find_depths(grid, coarse, spheres, X[b], near, depths, 0)
+        cost[b] = 0.0
+        for g in range(spheres.weight.shape[0]):
+            cost[b] += 0.5 * (spheres.weight[g] * depths.excess[0, g]) ** 2
+
+
+@kernel
+def penetration_normal_equations(
+    grid: Grid,
+    coarse: Singles3,
+    spheres: Spheres,
+    X: Floats3,
+    cost: OutFloats1,
+    gradient: OutFloats2,
+    hessian: OutFloats3,
+) -> None:
+    """Cost (B,), gradient (B, 6) and Gauss-Newton Hessian (B, 6, 6): most neighbourhoods are clear and add nothing."""
+    near, depths, J = _working_arrays(spheres), _depths_of_one(spheres), np.empty(6)
+    for b in range(X.shape[0]):
+        _find_depths(grid, coarse, spheres, X[b], near, depths, 0)
+        cost[b] = 0.0
+        gradient[b] = 0.0
+        hessian[b] = 0.0
+        for g in range(spheres.weight.shape[0]):
+            residual = spheres.weight[g] * depths.excess[0, g]
+            if residual > 0.0:
+                cost[b] += 0.5 * residual * residual
+                chain(depths.slopes[0, g], depths.points[0, g], X[b], -spheres.weight[g], J)
+                for a in range(6):
+                    gradient[b, a] += residual * J[a]
+                    for c in range(6):
+                        hessian[b, a, c] += J[a] * J[c]
