@@ -19,6 +19,14 @@ from tactopose_drake.core.kernels.least_squares_kernels import (
     next_damping,
     promised_decrease,
 )
+from tactopose_drake.core.kernels.penetration_kernels import (
+    Spheres,
+    add_penetration,
+    find_depths,
+    make_depths,
+    make_near,
+    penetration_cost,
+)
 from tactopose_drake.core.kernels.pose_kernels import retract_one
 from tactopose_drake.core.kernels.prior_kernels import Prior, add_prior, half_square, prior_row
 from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
@@ -41,6 +49,7 @@ def descend(
     touch: WeightedContacts,
     doubts: Doubts,
     prior: Prior,
+    hand: Spheres,
     rule: DescentRule,
     spared: Longs1,
     X: OutFloats3,
@@ -48,7 +57,8 @@ def descend(
 ) -> None:
     """Levenberg-Marquardt from each pose X (B, 3, 4), which moves; as `LevenbergMarquardt.refine` does it in rounds.
 
-    The cost is of the contacts' residuals and the prior's; there is no prior where its weights are zero. Where doubts
+    The cost is of the contacts' residuals, the prior's and the hand's volume; there is no prior where its weights are
+    zero, and the hand may be without spheres. Where doubts
     say how much the noise may be larger, it is the mixture's. Where they do not, each pose is spared the contact whose
     number stands in spared (B,); all count where there is no such contact. The exact gradient and the Gauss-Newton
     Hessian are those at the poses where the descents end.
@@ -59,7 +69,8 @@ def descend(
     w, there, index = np.zeros(SIZE), np.empty((LANES, 3, 4)), np.empty(LANES, dtype=np.int64)
     damping, promised, left_out = np.empty(LANES), np.empty(LANES), np.empty(LANES, dtype=np.int64)
     g, H, u, difference, D = np.empty(6), np.empty((6, 6)), np.empty(6), np.empty(6), np.empty((6, 6))
-    L, forward, step = np.empty((6, 6)), np.empty(6), np.empty(6)
+    L, forward, step, J = np.empty((6, 6)), np.empty(6), np.empty(6), np.empty(6)
+    near, depths, bounded = make_near(hand), make_depths(hand), len(hand.weight) > 0
     under_way, begun, doubted = 0, 0, len(doubts.s) > 0
     work = make_work(touch.p.shape[0], doubts)
     while True:
@@ -83,6 +94,9 @@ def descend(
             if prior.weights[0] > 0.0:
                 prior_row(prior, at, u, difference, D)
                 total += half_square(difference)
+            if bounded:
+                find_depths(grid, hand, at, near, depths, 0)
+                total += penetration_cost(hand, depths)
             ends.iterations[b] += 1
             decrease, is_first = ends.cost[b] - total, ends.iterations[b] == 0
             if not is_first:
@@ -94,6 +108,8 @@ def descend(
                 leave(w, np.uintp(lane), at, g, H, ends.gradient[b], ends.hessian[b])
                 if prior.weights[0] > 0.0:
                     add_prior(prior, difference, D, ends.gradient[b], ends.hessian[b])
+                if bounded:
+                    add_penetration(hand, depths, at, J, ends.gradient[b], ends.hessian[b])
             if ends.converged[b] or ends.iterations[b] == rule.max_iterations:
                 continue
             damped_step(6, ends.hessian[b], ends.gradient[b], damping[lane], L, forward, step)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.compilation import inlined, kernel, part
+from tactopose_drake.core.compilation import inlined, kernel, part, read_only
 from tactopose_drake.core.kernel_types import (
     Floats1,
     Floats2,
@@ -49,6 +49,7 @@ class Spheres(NamedTuple):
         leaders: coordinates of the centres of neighbourhoods' firsts, and their reach, shape (4, g), m.
         allowed: how deep each neighbourhood may be in the object, shape (g,), m.
         weight: by which what is beyond that counts, shape (g,), 1/m.
+        coarse: the object's distances at each fourth node of its grid, see `DistanceGrid.coarse_distances`.
     """
 
     p: Floats2
@@ -58,6 +59,21 @@ class Spheres(NamedTuple):
     leaders: Floats2
     allowed: Floats1
     weight: Floats1
+    coarse: Singles3
+
+
+_NO_NUMBERS = read_only(np.empty(0))
+NO_SPHERES = Spheres(
+    read_only(np.empty((0, 3))),
+    _NO_NUMBERS,
+    _NO_NUMBERS,
+    read_only(np.zeros(1, dtype=np.int64)),
+    read_only(np.empty((4, 0))),
+    _NO_NUMBERS,
+    _NO_NUMBERS,
+    read_only(np.empty((0, 0, 0), dtype=np.float32)),
+)
+"""What kernels read where the hand's volume is not known."""
 
 
 class Depths(NamedTuple):
@@ -68,7 +84,7 @@ class Depths(NamedTuple):
     slopes: OutFloats3
 
 
-class _Near(NamedTuple):
+class Near(NamedTuple):
     """Of one pose: what of its g neighbourhoods and h spheres may be in the object.
 
     Attributes:
@@ -156,8 +172,9 @@ def _limits(grid):
 
 
 @part
-def _find_near(grid: Grid, coarse: Singles3, spheres: Spheres, X: Floats2, near: _Near) -> int:
+def _find_near(grid: Grid, spheres: Spheres, X: Floats2, near: Near) -> int:
     """Finds the spheres that may be deeper in the object than is allowed at a pose X (3, 4); how many they are."""
+    coarse = spheres.coarse
     rough, shape = coarse.reshape(-1), (np.int32(coarse.shape[1]), np.int32(coarse.shape[2]))
     pose, inverse_spacing, limits, leaders = _pose(X), grid.inverse_spacing, _limits(grid), spheres.leaders
     origin, spacing = (grid.origin[0], grid.origin[1], grid.origin[2]), 1.0 / inverse_spacing
@@ -187,7 +204,7 @@ def _find_near(grid: Grid, coarse: Singles3, spheres: Spheres, X: Floats2, near:
 
 
 @part
-def _fetch(grid: Grid, near: _Near, count: int) -> None:
+def _fetch(grid: Grid, near: Near, count: int) -> None:
     """Asks for the nodes about the spheres that are left, so many."""
     flat, (nx, ny, nz) = grid.values.reshape(-1), grid.values.shape[:3]
     sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
@@ -205,7 +222,7 @@ def _fetch(grid: Grid, near: _Near, count: int) -> None:
 
 
 @part
-def _measure(grid: Grid, spheres: Spheres, near: _Near, count: int, depths: Depths, b: int) -> None:
+def _measure(grid: Grid, spheres: Spheres, near: Near, count: int, depths: Depths, b: int) -> None:
     """How deep the spheres that are left, so many, are in the object, row b of the depths, which is 0 on entry.
 
     A sphere is looked up in full only if the node next to it does not tell that it is no deeper than what was found.
@@ -239,10 +256,10 @@ def _measure(grid: Grid, spheres: Spheres, near: _Near, count: int, depths: Dept
 
 
 @inlined
-def _working_arrays(spheres):
+def make_near(spheres):
     """Those of one pose."""
     h, g = spheres.p.shape[0], spheres.start.shape[0] - 1
-    return _Near(
+    return Near(
         np.empty(g),
         np.empty(g, dtype=np.int32),
         np.empty(g + 1, dtype=np.int64),
@@ -253,33 +270,56 @@ def _working_arrays(spheres):
 
 
 @inlined
-def _depths_of_one(spheres):
+def make_depths(spheres):
     """Those of one pose."""
     g = spheres.weight.shape[0]
     return Depths(np.empty((1, g)), np.empty((1, g, 3)), np.empty((1, g, 3)))
 
 
 @part
-def _find_depths(
-    grid: Grid, coarse: Singles3, spheres: Spheres, X: Floats2, near: _Near, depths: Depths, b: int
-) -> None:
+def find_depths(grid: Grid, spheres: Spheres, X: Floats2, near: Near, depths: Depths, b: int) -> None:
     """How deep each neighbourhood is in the object at a pose X (3, 4), row b of the depths."""
-    count = _find_near(grid, coarse, spheres, X, near)
+    count = _find_near(grid, spheres, X, near)
     _fetch(grid, near, count)
     depths.excess[b] = 0.0
     _measure(grid, spheres, near, count, depths, b)
 
 
+@part
+def penetration_cost(spheres: Spheres, depths: Depths) -> float:
+    """Half the sum of the squared residuals by the first row of the depths."""
+    cost = 0.0
+    for g in range(spheres.weight.shape[0]):
+        residual = spheres.weight[g] * depths.excess[0, g]
+        cost += 0.5 * residual * residual
+    return cost
+
+
+@part
+def add_penetration(
+    spheres: Spheres, depths: Depths, X: Floats2, J: OutFloats1, gradient: OutFloats1, hessian: OutFloats2
+) -> None:
+    """Adds to gradient (6,) and Gauss-Newton Hessian (6, 6); most neighbourhoods are clear and add nothing."""
+    for g in range(spheres.weight.shape[0]):
+        residual = spheres.weight[g] * depths.excess[0, g]
+        if residual > 0.0:
+            chain(depths.slopes[0, g], depths.points[0, g], X, -spheres.weight[g], J)
+            for a in range(6):
+                gradient[a] += residual * J[a]
+                for c in range(6):
+                    hessian[a, c] += J[a] * J[c]
+
+
 @kernel
-def penetration_depths(grid: Grid, coarse: Singles3, spheres: Spheres, X: Floats3, depths: Depths) -> None:
+def penetration_depths(grid: Grid, spheres: Spheres, X: Floats3, depths: Depths) -> None:
     """How deep each neighbourhood of spheres is in the object at each pose beyond what is allowed, excess (B, g) >= 0.
 
     Where one is in the object, the centre of its deepest sphere in O goes to points (B, g, 3), and the derivative of
     the distance there to slopes (B, g, 3).
     """
-    near = _working_arrays(spheres)
+    near = make_near(spheres)
     for b in range(X.shape[0]):
-        _find_depths(grid, coarse, spheres, X[b], near, depths, b)
+        find_depths(grid, spheres, X[b], near, depths, b)
 
 
 @kernel
@@ -294,39 +334,21 @@ def penetration_jacobian(weight: Floats1, X: Floats3, depths: Depths, jacobian: 
 
 
 @kernel
-def penetration_costs(grid: Grid, coarse: Singles3, spheres: Spheres, X: Floats3, cost: OutFloats1) -> None:
+def penetration_costs(grid: Grid, spheres: Spheres, X: Floats3, cost: OutFloats1) -> None:
     """Half the sums (B,) of the squared residuals."""
-    near, depths = _working_arrays(spheres), _depths_of_one(spheres)
+    near, depths = make_near(spheres), make_depths(spheres)
     for b in range(X.shape[0]):
-        _find_depths(grid, coarse, spheres, X[b], near, depths, 0)
-        cost[b] = 0.0
-        for g in range(spheres.weight.shape[0]):
-            cost[b] += 0.5 * (spheres.weight[g] * depths.excess[0, g]) ** 2
+        find_depths(grid, spheres, X[b], near, depths, 0)
+        cost[b] = penetration_cost(spheres, depths)
 
 
 @kernel
 def penetration_normal_equations(
-    grid: Grid,
-    coarse: Singles3,
-    spheres: Spheres,
-    X: Floats3,
-    cost: OutFloats1,
-    gradient: OutFloats2,
-    hessian: OutFloats3,
+    grid: Grid, spheres: Spheres, X: Floats3, cost: OutFloats1, gradient: OutFloats2, hessian: OutFloats3
 ) -> None:
-    """Cost (B,), gradient (B, 6) and Gauss-Newton Hessian (B, 6, 6): most neighbourhoods are clear and add nothing."""
-    near, depths, J = _working_arrays(spheres), _depths_of_one(spheres), np.empty(6)
+    """Cost (B,), gradient (B, 6) and Gauss-Newton Hessian (B, 6, 6)."""
+    near, depths, J = make_near(spheres), make_depths(spheres), np.empty(6)
     for b in range(X.shape[0]):
-        _find_depths(grid, coarse, spheres, X[b], near, depths, 0)
-        cost[b] = 0.0
-        gradient[b] = 0.0
-        hessian[b] = 0.0
-        for g in range(spheres.weight.shape[0]):
-            residual = spheres.weight[g] * depths.excess[0, g]
-            if residual > 0.0:
-                cost[b] += 0.5 * residual * residual
-                chain(depths.slopes[0, g], depths.points[0, g], X[b], -spheres.weight[g], J)
-                for a in range(6):
-                    gradient[b, a] += residual * J[a]
-                    for c in range(6):
-                        hessian[b, a, c] += J[a] * J[c]
+        find_depths(grid, spheres, X[b], near, depths, 0)
+        cost[b], gradient[b], hessian[b] = penetration_cost(spheres, depths), 0.0, 0.0
+        add_penetration(spheres, depths, X[b], J, gradient[b], hessian[b])

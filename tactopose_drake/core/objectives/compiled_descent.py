@@ -1,4 +1,4 @@
-"""Contacts on the distance field, believed or doubted, with a prior or without one: what one compiled loop does."""
+"""Contacts on the distance field, believed or doubted, maybe with a prior and a hand: what one compiled loop does."""
 
 from typing import NamedTuple
 
@@ -10,6 +10,7 @@ from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts
 from tactopose_drake.core.kernels.descent_kernels import Ends, descend
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
+from tactopose_drake.core.kernels.penetration_kernels import NO_SPHERES, Spheres
 from tactopose_drake.core.kernels.prior_kernels import Prior
 from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts
 from tactopose_drake.core.objectives.objective import Descent, NormalEquations
@@ -42,6 +43,7 @@ class CompiledDescent(NamedTuple):
     touch: WeightedContacts
     prior: Prior = NO_PRIOR
     doubts: Doubts = NO_DOUBTS
+    hand: Spheres = NO_SPHERES
 
     def normal_equations(self, X_PO: FloatArray, spared: NDArray[np.int64] | None = None) -> NormalEquations:
         """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4), each spared the contact (B,)."""
@@ -65,5 +67,5 @@ class CompiledDescent(NamedTuple):
             np.empty(count, dtype=np.bool_),
         )
         spared = np.full(count, -1) if spared is None else spared
-        descend(self.grid, self.touch, self.doubts, self.prior, rule, spared, X_PO, ends)
+        descend(self.grid, self.touch, self.doubts, self.prior, self.hand, rule, spared, X_PO, ends)
         return ends

@@ -28,8 +28,10 @@ from tactopose_drake.core.kernels import contact_alternatives_kernels
 from tactopose_drake.core.kernels.contact_judgement_kernels import Exact, Judged, judge
 from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts
 from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
+from tactopose_drake.core.kernels.penetration_kernels import NO_SPHERES
 from tactopose_drake.core.objectives.compiled_descent import CompiledDescent
 from tactopose_drake.core.objectives.objective import Descent, NormalEquations, SmoothObjective
+from tactopose_drake.core.objectives.penetration import Penetration
 from tactopose_drake.core.objectives.pose_prior import NO_PRIOR, PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
@@ -68,16 +70,28 @@ class ContactMixture(SmoothObjective):
         self.density = SurfaceDensity(model, contacts)
         self._doubts = _doubts(model, contacts, outlier_probability, doubt)
         self._reached, self._prior = doubt.reached, NO_PRIOR
+        self._hand: Penetration | None = None
 
     def with_prior(self, prior: PriorObjective) -> "ContactMixture":
         """The sum of both, in the same compiled loops."""
+        return self._with(_prior=prior.kernel_view)
+
+    def with_hand(self, hand: Penetration) -> "ContactMixture":
+        """Likewise, where derivatives are asked for."""
+        return self._with(_hand=hand)
+
+    def _with(self, **parts: Any) -> "ContactMixture":
         both = object.__new__(ContactMixture)
-        vars(both).update(vars(self), _prior=prior.kernel_view)
+        vars(both).update(vars(self), **parts)
         return both
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4) by the distance field, smooth in the pose."""
-        return self._judge(X_PO, np.zeros((len(X_PO), len(self._doubts.closeness))), -math.inf, whole=False).cost
+        density = np.zeros((len(X_PO), len(self._doubts.closeness)))
+        return self._with_overlap(self._judge(X_PO, density, -math.inf, whole=False).cost, X_PO)
+
+    def _with_overlap(self, cost: FloatArray, X_PO: FloatArray) -> FloatArray:
+        return cost if self._hand is None else cost + self._hand.cost(X_PO)
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4), by the distance field."""
@@ -90,7 +104,8 @@ class ContactMixture(SmoothObjective):
 
     @property
     def _compiled(self) -> CompiledDescent:
-        return CompiledDescent(self.touch.grid, self.touch.touch, self._prior, self._doubts)
+        hand = NO_SPHERES if self._hand is None else self._hand.spheres
+        return CompiledDescent(self.touch.grid, self.touch.touch, self._prior, self._doubts, hand)
 
     def alternatives(self, X_PO: FloatArray, hessian: FloatArray) -> FloatArray:
         """What is left of a cost's Hessians (B, 6, 6) at poses (B, 3, 4) with one contact false, (B, 2 k, 6, 6)."""
@@ -108,7 +123,8 @@ class ContactMixture(SmoothObjective):
 
     def exact_cost(self, X_PO: FloatArray) -> FloatArray:
         """Of what `judge` says the costs (B,) alone, which takes less time."""
-        return self._judge(X_PO, self.density.densities(X_PO), self._reached, whole=False).cost
+        cost = self._judge(X_PO, self.density.densities(X_PO), self._reached, whole=False).cost
+        return self._with_overlap(cost, X_PO)
 
     def _judge(self, X_PO: FloatArray, density: FloatArray, reached: float, whole: bool) -> Judged:
         """By the contacts' exact densities (B, k), as far as these are known."""

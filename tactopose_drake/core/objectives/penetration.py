@@ -51,29 +51,30 @@ class Penetration(LeastSquaresObjective):
         p_PH, radius, count = hand.p_PH[order], hand.radius[order], len(start) - 1
         leaders = np.concatenate([p_PH[start[:-1]].T, reach[None, start[:-1]]])
         limits = np.full(count, float(allowed)), np.full(count, 1.0 / hand.sigma)
-        self._grid, self._coarse = grid.nodes, grid.coarse_distances
-        self._spheres = Spheres(*map(read_only, (p_PH, radius, reach, start, leaders, *limits)))
+        arrays = p_PH, radius, reach, start, leaders, *limits, grid.coarse_distances
+        self._grid, self.spheres = grid.nodes, Spheres(*map(read_only, arrays))
 
     def joined(self, other: Self) -> Self:
         """That of both, of the same object."""
-        joined, own, others = copy.copy(self), self._spheres, other._spheres
-        arrays = own._replace(start=own.start[:-1]), others._replace(start=others.start + len(own.p))
-        axis = {"leaders": 1}
-        joined._spheres = Spheres(
-            *(
-                read_only(np.concatenate(pair, axis.get(name, 0)))
-                for name, pair in zip(Spheres._fields, zip(*arrays, strict=True), strict=True)
-            )
+        own, others = self.spheres, other.spheres
+        both, joined = zip(own, others._replace(start=others.start + len(own.p)), strict=True), copy.copy(self)
+        p, radius, reach, start, leaders, allowed, weight, coarse = both
+        arrays = (
+            *map(np.concatenate, (p, radius, reach)),
+            np.concatenate([start[0][:-1], start[1]]),
+            np.concatenate(leaders, axis=1),
+            *map(np.concatenate, (allowed, weight)),
         )
+        joined.spheres = Spheres(*map(read_only, arrays), coarse[0])
         return joined
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, g) of poses (B, 3, 4), one for each of g neighbourhoods."""
-        return self._spheres.weight * self._depths(X_PO).excess
+        return self.spheres.weight * self._depths(X_PO).excess
 
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, g) and their derivatives by the increment (B, g, 6)."""
-        depths, weight = self._depths(X_PO), self._spheres.weight
+        depths, weight = self._depths(X_PO), self.spheres.weight
         jacobian = np.empty((*depths.excess.shape, 6))
         penetration_kernels.penetration_jacobian(weight, np.ascontiguousarray(X_PO), depths, jacobian)
         return weight * depths.excess, jacobian
@@ -81,7 +82,7 @@ class Penetration(LeastSquaresObjective):
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
         cost = np.empty(len(X_PO))
-        penetration_kernels.penetration_costs(self._grid, self._coarse, self._spheres, np.ascontiguousarray(X_PO), cost)
+        penetration_kernels.penetration_costs(self._grid, self.spheres, np.ascontiguousarray(X_PO), cost)
         return cost
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
@@ -89,17 +90,15 @@ class Penetration(LeastSquaresObjective):
         count = len(X_PO)
         equations = NormalEquations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
         penetration_kernels.penetration_normal_equations(
-            self._grid, self._coarse, self._spheres, np.ascontiguousarray(X_PO), *equations
+            self._grid, self.spheres, np.ascontiguousarray(X_PO), *equations
         )
         return equations
 
     def _depths(self, X_PO: FloatArray) -> Depths:
         """Of each neighbourhood the overlap beyond what is allowed (B, g), m; where it is in O, and the slope there."""
-        shape = len(X_PO), len(self._spheres.weight)
+        shape = len(X_PO), len(self.spheres.weight)
         depths = Depths(np.empty(shape), np.empty((*shape, 3)), np.empty((*shape, 3)))
-        penetration_kernels.penetration_depths(
-            self._grid, self._coarse, self._spheres, np.ascontiguousarray(X_PO), depths
-        )
+        penetration_kernels.penetration_depths(self._grid, self.spheres, np.ascontiguousarray(X_PO), depths)
         return depths
 
 

@@ -52,6 +52,7 @@ class PoseProblem(NamedTuple):
         pads: the objective of the pads that feel the object by itself; None where there is none.
         pad_mixture: the likelihood of those where each may feel something else, likewise; None where none may.
         prior: the prior's objective by itself; None where there is none.
+        hand: that of the hand's volume, likewise.
         but_for_one: see `DoubtedObjective`.
     """
 
@@ -65,6 +66,7 @@ class PoseProblem(NamedTuple):
     pads: PatchContact | None = None
     pad_mixture: PatchMixture | None = None
     prior: PriorObjective | None = None
+    hand: Penetration | None = None
     but_for_one: ContactsButOne | None = None
 
     def doubted(self, objective: LeastSquaresObjective) -> DoubtedObjective:
@@ -74,10 +76,14 @@ class PoseProblem(NamedTuple):
         if self.pads is not None and self.pad_mixture is not None:
             doubted[id(self.pads)] = self.pad_mixture
         if self.mixture is not None:
-            doubted[id(self.touch)] = self.mixture
-            if self.prior in terms and self.touch in terms:  # In one compiled loop.
-                doubted[id(self.touch)] = self.mixture.with_prior(self.prior)
-                terms = tuple(term for term in terms if term is not self.prior)
+            mixture = self.mixture
+            if self.touch in terms:  # In one compiled loop.
+                if self.prior is not None and self.prior in terms:
+                    mixture = mixture.with_prior(self.prior)
+                if self.hand is not None and self.hand in terms:
+                    mixture = mixture.with_hand(self.hand)
+                terms = tuple(term for term in terms if term not in (self.prior, self.hand))
+            doubted[id(self.touch)] = mixture
         return DoubtedObjective([doubted.get(id(term), term) for term in terms], objective, self.but_for_one)
 
 
@@ -104,7 +110,9 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
     if evidence.planes:
         terms.append(PlaneSupport(model, evidence.planes))
     determining = _sum(terms)
-    bounding = _bounding_terms(model, evidence)
+    bounding, hand = _bounding_terms(model, evidence), _hand_term(model, evidence)
+    if hand is not None:
+        bounding.append(hand)
     likelihood = _sum([*terms, *bounding])
     known = None if prior is None else PriorObjective(prior)
     if known is None or prior is None:
@@ -130,26 +138,30 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
         pads,
         pad_mixture,
         known,
+        hand,
         but_for_one,
     )
 
 
 def _bounding_terms(model: ObjectModel, evidence: Evidence) -> list[LeastSquaresObjective]:
-    """The objectives of what bounds the pose on one side: silent pads, friction, and the hand's volume."""
+    """The objectives of what bounds the pose on one side, but for the hand's volume: silent pads and friction."""
     terms: list[LeastSquaresObjective] = []
     unfelt = [patch for patch in evidence.patches if not patch.is_felt]
     if unfelt:
         terms.append(PatchContact(model.grid, unfelt))
     if evidence.friction is not None:
         terms.append(FrictionCone(model.grid, evidence.contacts, evidence.friction))
+    return terms
+
+
+def _hand_term(model: ObjectModel, evidence: Evidence) -> Penetration | None:
+    """The objective of the hand's volume, and of its parts that feel no contact."""
     volumes = []
     if evidence.hand is not None:
         volumes.append(Penetration(model.grid, evidence.hand, _TOUCHING * evidence.hand.sigma))
     if evidence.untouched is not None:
         volumes.append(Penetration(model.grid, evidence.untouched))
-    if volumes:
-        terms.append(functools.reduce(Penetration.joined, volumes))
-    return terms
+    return functools.reduce(Penetration.joined, volumes) if volumes else None
 
 
 def _sum(terms: list[LeastSquaresObjective]) -> LeastSquaresObjective:
