@@ -15,7 +15,7 @@ from .penetration import Penetration as Penetration
 from .plane_support import PlaneSupport as PlaneSupport
 from .point_cloud_contact import PointCloudContact as PointCloudContact
 from .pose_prior import PriorObjective as PriorObjective
-from .surface_contact import ContactWithPrior as ContactWithPrior
+from .surface_contact import ContactSum as ContactSum
 from .surface_contact import SurfaceContact as SurfaceContact
 from .surface_density import SurfaceDensity as SurfaceDensity
 from .wrench_balance import WrenchBalance as WrenchBalance

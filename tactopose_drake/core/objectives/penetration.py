@@ -56,16 +56,13 @@ class Penetration(LeastSquaresObjective):
 
     def joined(self, other: Self) -> Self:
         """That of both, of the same object."""
-        own, others = self.spheres, other.spheres
-        both, joined = zip(own, others._replace(start=others.start + len(own.p)), strict=True), copy.copy(self)
-        p, radius, reach, start, leaders, allowed, weight, coarse = both
-        arrays = (
-            *map(np.concatenate, (p, radius, reach)),
-            np.concatenate([start[0][:-1], start[1]]),
-            np.concatenate(leaders, axis=1),
-            *map(np.concatenate, (allowed, weight)),
-        )
-        joined.spheres = Spheres(*map(read_only, arrays), coarse[0])
+        own, others, joined = self.spheres, other.spheres, copy.copy(self)
+        start = np.concatenate([own.start[:-1], others.start + len(own.p)])
+        leaders = np.concatenate([own.leaders, others.leaders], axis=1)
+        names = "p", "radius", "reach", "allowed", "weight"
+        rows = {name: np.concatenate([getattr(own, name), getattr(others, name)]) for name in names}
+        arrays = {name: read_only(array) for name, array in {**rows, "start": start, "leaders": leaders}.items()}
+        joined.spheres = own._replace(**arrays)
         return joined
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:

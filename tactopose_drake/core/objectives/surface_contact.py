@@ -9,6 +9,7 @@ from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import surface_contact_kernels
 from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
+from tactopose_drake.core.kernels.penetration_kernels import NO_SPHERES
 from tactopose_drake.core.kernels.prior_kernels import Prior
 from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts
 from tactopose_drake.core.objectives.compiled_descent import CompiledDescent
@@ -19,6 +20,7 @@ from tactopose_drake.core.objectives.objective import (
     SmoothObjective,
     SumObjective,
 )
+from tactopose_drake.core.objectives.penetration import Penetration
 from tactopose_drake.core.objectives.pose_prior import NO_PRIOR, PriorObjective
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
@@ -80,17 +82,25 @@ class SurfaceContact(LeastSquaresObjective):
         return CompiledDescent(self.grid, self.touch).descend
 
 
-class ContactWithPrior(SumObjective):
-    """Contacts and a prior, added up as `SumObjective` does it, but in one compiled loop."""
+class ContactSum(SumObjective):
+    """Contacts with a prior, the hand's volume, or both, added up as `SumObjective` does it, in one compiled loop."""
 
-    def __init__(self, touch: SurfaceContact, prior: PriorObjective) -> None:
-        super().__init__([touch, prior])
-        self._touch, self._prior = touch, prior.kernel_view
-        self._compiled = CompiledDescent(touch.grid, touch.touch, self._prior)
+    def __init__(
+        self,
+        touch: SurfaceContact,
+        prior: PriorObjective | None = None,
+        hand: Penetration | None = None,
+        quick: LeastSquaresObjective | None = None,
+    ) -> None:
+        super().__init__([touch, *(term for term in (hand, prior) if term is not None)], quick)
+        self._touch, self._prior, self._hand = touch, NO_PRIOR if prior is None else prior.kernel_view, hand
+        spheres = NO_SPHERES if hand is None else hand.spheres
+        self._compiled = CompiledDescent(touch.grid, touch.touch, self._prior, hand=spheres)
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
-        return _cost(self._touch, self._prior, X_PO)
+        cost = _cost(self._touch, self._prior, X_PO)
+        return cost if self._hand is None else cost + self._hand.cost(X_PO)
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4)."""

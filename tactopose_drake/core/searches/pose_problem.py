@@ -19,7 +19,7 @@ from tactopose_drake.core.objectives.patch_mixture import PatchMixture
 from tactopose_drake.core.objectives.penetration import Penetration
 from tactopose_drake.core.objectives.plane_support import PlaneSupport
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
-from tactopose_drake.core.objectives.surface_contact import ContactsButOne, ContactWithPrior, SurfaceContact
+from tactopose_drake.core.objectives.surface_contact import ContactsButOne, ContactSum, SurfaceContact
 from tactopose_drake.core.objectives.wrench_balance import WrenchBalance
 from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.searches.search import PoseSpace, PriorSpace
@@ -113,17 +113,20 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
     bounding, hand = _bounding_terms(model, evidence), _hand_term(model, evidence)
     if hand is not None:
         bounding.append(hand)
-    likelihood = _sum([*terms, *bounding])
     known = None if prior is None else PriorObjective(prior)
+    is_compiled = terms == [touch] and all(term is hand for term in bounding)
+    likelihood = ContactSum(touch, hand=hand) if is_compiled and hand is not None else _sum([*terms, *bounding])
     if known is None or prior is None:
         space: PoseSpace = TouchSpace(model, evidence.touch)
         objective = likelihood
     else:
-        space = PriorSpace(prior)
+        space, quick = PriorSpace(prior), ContactSum(touch, known)
         bounding.append(known)
-        objective = ContactWithPrior(touch, known)
-        if not likelihood.is_touch:
-            objective = SumObjective([*terms, *bounding], quick=objective if len(contacts) else None)
+        objective = quick
+        if is_compiled and hand is not None:
+            objective = ContactSum(touch, known, hand, quick)
+        elif not is_compiled:
+            objective = SumObjective([*terms, *bounding], quick=quick if len(contacts) else None)
     but_for_one = None
     if len(evidence.touch) > 1 and evidence.outlier_probability > 0.0:
         but_for_one = ContactsButOne(SurfaceContact(model.grid, evidence.touch) if pads else touch, known)

@@ -85,6 +85,37 @@ def test_every_sphere_is_in_one_neighbourhood(mug: ObjectModel) -> None:
     np.testing.assert_allclose(residuals.max(axis=1), np.maximum(deepest, 0.0) / hand.sigma, atol=1e-9)
 
 
+def test_no_neighbourhood_that_is_in_the_object_is_passed_over(mug: ObjectModel) -> None:
+    # Many are beside the grid or just about touch: what a coarse look leaves out is out, to the last one.
+    generator = np.random.default_rng(14)
+    hand = HandGeometry(generator.uniform(-0.2, 0.2, (400, 3)), generator.uniform(0.001, 0.03, 400))
+    X_PO = poses_near(15, 200, 0.08)
+    residuals = Penetration(mug.grid, hand, neighbourhood=1e-9).residuals(X_PO)
+    p_OH = (hand.p_PH - X_PO[:, None, :, 3]) @ X_PO[:, :, :3]
+    depth = np.maximum(hand.radius - mug.grid.distance(p_OH), 0.0) / hand.sigma
+    assert np.count_nonzero(depth) > 1000
+    # Spheres alone, each its own neighbourhood, come by falling radius.
+    expected = depth[:, np.argsort(-hand.radius, kind="stable")]
+    np.testing.assert_allclose(residuals, expected, atol=1e-9)
+
+
+def test_hands_that_are_joined_count_as_their_sum(mug: ObjectModel) -> None:
+    one, other = (
+        Penetration(mug.grid, fist(16, 60), allowed=0.002),
+        Penetration(mug.grid, HandGeometry(fist(17, 30).p_PH, np.full(30, 0.004), sigma=0.003)),
+    )
+    X_PO, both = poses_near(18, 50, 0.05), one.joined(other)
+    assert min(np.count_nonzero(each.cost(X_PO)) for each in (one, other)) > 20
+    np.testing.assert_array_equal(
+        both.residuals(X_PO), np.concatenate([one.residuals(X_PO), other.residuals(X_PO)], axis=1)
+    )
+    for mine, first, second in zip(
+        both.normal_equations(X_PO), one.normal_equations(X_PO), other.normal_equations(X_PO), strict=True
+    ):
+        np.testing.assert_allclose(mine, first + second, rtol=1e-9, atol=1e-9 * np.abs(mine).max())
+    np.testing.assert_allclose(both.cost(X_PO), 0.5 * np.square(both.residuals(X_PO)).sum(axis=1), rtol=1e-12)
+
+
 def test_denser_packing_costs_no_more(mug: ObjectModel) -> None:
     hand = fist(6)
     inside = HandGeometry(np.repeat(hand.p_PH, 3, axis=0), np.outer(hand.radius, [1.0, 0.9, 0.8]).ravel())

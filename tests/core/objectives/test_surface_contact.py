@@ -8,7 +8,7 @@ from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import (
     ContactsButOne,
-    ContactWithPrior,
+    ContactSum,
     SurfaceContact,
     along_normals,
 )
@@ -172,7 +172,7 @@ def test_contacts_but_one_are_those_without_the_one_that_a_pose_explains_least(
     np.testing.assert_array_equal(but_one.cost(X_PO), equations.cost)
     for b, left_out in enumerate(dearest):
         kept = SurfaceContact(blob.grid, contacts[np.delete(np.arange(6), left_out)])
-        alone = kept if prior is None else ContactWithPrior(kept, prior)
+        alone = kept if prior is None else ContactSum(kept, prior)
         for mine, other in zip(equations, alone.normal_equations(X_PO[b : b + 1]), strict=True):
             np.testing.assert_allclose(mine[b], other[0], rtol=1e-9, atol=1e-6)
         for mine, other in zip(ends, alone.descent(rule, X_PO[b : b + 1]), strict=True):

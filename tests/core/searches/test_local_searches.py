@@ -3,10 +3,12 @@ import pytest
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
+from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.kernels import prior_kernels
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, SumObjective
+from tactopose_drake.core.objectives.penetration import Penetration
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
-from tactopose_drake.core.objectives.surface_contact import ContactWithPrior, SurfaceContact
+from tactopose_drake.core.objectives.surface_contact import ContactSum, SurfaceContact
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract, rotation_angles
 from tactopose_drake.core.searches.baselines.gradient_descent import GradientDescent
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt, cholesky_steps, pseudo_inverse_steps
@@ -116,15 +118,21 @@ def test_a_batch_is_refined_as_its_poses_one_by_one(blob: ObjectModel) -> None:
     assert sorted(together.iterations) == sorted(int(one.iterations[0]) for one in alone)
 
 
-@pytest.mark.parametrize("has_prior", [True, False])
-def test_the_compiled_descent_steps_as_the_rounds_do(blob: ObjectModel, has_prior: bool) -> None:
-    summed, prior, _ = make_touch(blob, 8)
+@pytest.mark.parametrize(("has_prior", "has_hand"), [(True, False), (False, False), (True, True), (False, True)])
+def test_the_compiled_descent_steps_as_the_rounds_do(blob: ObjectModel, has_prior: bool, has_hand: bool) -> None:
+    summed, prior, X_true = make_touch(blob, 8)
     touch, known = summed.terms
     assert isinstance(touch, SurfaceContact)
     assert isinstance(known, PriorObjective)
-    compiled = ContactWithPrior(touch, known) if has_prior else touch
-    plain = SumObjective([touch, known] if has_prior else [touch])
+    generator = np.random.default_rng(5)
+    inside = HandGeometry(X_true[:, 3] + 0.03 * generator.normal(size=(12, 3)), np.full(12, 0.01), sigma=0.02)
+    hand = Penetration(blob.grid, inside)
+    assert np.count_nonzero(hand.residuals(X_true[None])) > 1
+    parts = [known] if has_prior else []
+    plain = SumObjective([touch, *([hand] if has_hand else []), *parts])
+    compiled = ContactSum(touch, known if has_prior else None, hand if has_hand else None)
     X_start = PriorSpace(prior).sample(np.random.default_rng(2), 30)
+    np.testing.assert_allclose(compiled.cost(X_start), plain.cost(X_start), rtol=1e-12)
     for got, expected in zip(compiled.normal_equations(X_start), plain.normal_equations(X_start), strict=True):
         np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
     here, there = (LevenbergMarquardt(max_iterations=2).refine(objective, X_start) for objective in (compiled, plain))
@@ -145,7 +153,7 @@ def test_after_a_refused_step_the_damping_counts_and_the_same_minima_take_fewer_
 ) -> None:
     summed, prior, X_true = make_touch(blob, 4)
     touch = next(term for term in summed.terms if isinstance(term, SurfaceContact))
-    objective = ContactWithPrior(touch, PriorObjective(prior)) if is_compiled else summed
+    objective = ContactSum(touch, PriorObjective(prior)) if is_compiled else summed
     assert (objective.descent is not None) == is_compiled
     X_start = retract(X_true, 0.5 * np.random.default_rng(4).normal(size=(40, 6)) * prior.sigmas)
     thesis, quicker = (LevenbergMarquardt(least_refused=least).refine(objective, X_start) for least in (0.0, 0.1))
