@@ -187,20 +187,20 @@ class Touch(NamedTuple):
     Attributes:
         evidence: of now.
         reading: its contacts by sources.
-        window: the touches of now and of the past.
+        keyframes: the touches of the past, and the one of now, which is the last.
         standing: what vision said, as of now.
         depth_in_hand: how deep poses would reach into the hand, of `Frame`.
     """
 
     evidence: Evidence
     reading: ContactReading
-    window: TouchWindow
+    keyframes: tuple[Keyframe, ...]
     standing: PoseMeasurement | None
     depth_in_hand: Callable[[FloatArray], FloatArray] | None = None
 
     def averaged(self, params: PoseTrackerParams) -> Evidence:
         """The evidence with the mean of the contacts while they stay, as sure as that is, and with what vision said."""
-        contacts, now = self.evidence.contacts, self.window.now
+        contacts, now = self.evidence.contacts, self.keyframes[-1]
         if len(contacts) == len(now.p_PC):
             more = calibration_excess(contacts, params, self.reading.errors.calibration)
             variances = averaged_variances(contacts, params, now.frames) + more

@@ -23,7 +23,7 @@ from tactopose_drake.core.tracking.contact_errors import (
 )
 from tactopose_drake.core.tracking.contact_update import follow_lasting_errors, update_modes
 from tactopose_drake.core.tracking.frame import ContactReading, Frame, SeemingErrors
-from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, follow_touch, make_window, move_keyframes
+from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, follow_touch, move_keyframes
 from tactopose_drake.core.tracking.motion_prediction import (
     Motion,
     MotionHistory,
@@ -248,9 +248,7 @@ class PoseTracker:
                 return belief
             search = search._replace(time=frame.time)
         assert frame.sources is not None
-        touch = Touch(
-            frame.evidence, reading, make_window(belief.keyframes, params.window), belief.standing, frame.depth_in_hand
-        )
+        touch = Touch(frame.evidence, reading, belief.keyframes, belief.standing, frame.depth_in_hand)
         step = search_on(self._model, params, touch, belief.modes, search, slices=slices, thorough=thorough)
         belief, weighed = copied(belief, search=step.state), step.weighed
         if step.calibration_scale is not None:

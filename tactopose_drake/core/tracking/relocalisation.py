@@ -23,7 +23,7 @@ from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_update import begin_modes
-from tactopose_drake.core.tracking.keyframes import Touch, past_cost, past_information
+from tactopose_drake.core.tracking.keyframes import Touch, make_window, past_cost, past_information
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
@@ -43,7 +43,8 @@ def relocalise(
         share: of the mean of a mode's weights, that is by it.
     """
     X_PO, covariance, weights = posterior.mixture.X_PO, posterior.mixture.covariance, posterior.mixture.weights
-    now = np.log(np.maximum(weights, 1e-300)) - past_cost(model, params, touch.window, X_PO)
+    window = make_window(touch.keyframes, params.window)
+    now = np.log(np.maximum(weights, 1e-300)) - past_cost(model, params, window, X_PO)
     now -= np.logaddexp.reduce(now)
     kept = np.argsort(-now, kind="stable")[: params.mixture.max_modes]
     kept = kept[now[kept] > now[kept[:1]] + math.log(params.mixture.least_share)]
@@ -58,7 +59,7 @@ def relocalise(
     if len(modes):
         before = modes.log_weight - np.logaddexp.reduce(modes.log_weight)
         now = _mean_weights(before, now, same, share)
-    information = inverses(covariance)[0] + past_information(model, params, touch.window, X_PO)
+    information = inverses(covariance)[0] + past_information(model, params, window, X_PO)
     joined = modes.chosen(pairs[is_right]).at_least(inverses(information[is_right])[0]).joined(new)
     order = np.argsort(~is_right, kind="stable")
     return dataclasses.replace(joined, log_weight=now[order], most_information=information[order])

@@ -238,7 +238,7 @@ def _estimate_scale(
     model: ObjectModel, params: PoseTrackerParams, touch: Touch, problem: PoseProblem, modes: Modes
 ) -> FloatArray | None:
     """How large the calibration's errors seem to the modes of a touch; see `estimate_scale`."""
-    contacts, X_PO, now = touch.reading.contacts, modes.mixture.X_PO, touch.window.now
+    contacts, X_PO, now = touch.reading.contacts, modes.mixture.X_PO, touch.keyframes[-1]
     inlier, count = np.ones((len(X_PO), len(contacts))), len(touch.evidence.contacts)
     if problem.mixture is not None:
         inlier[:, :count] = problem.mixture.judge(X_PO).inlier_probability

@@ -48,8 +48,7 @@ def box() -> ObjectModel:
 
 def touch_of(contacts: Contacts, standing: PoseMeasurement | None = None) -> Touch:
     reading = read(contacts)
-    window = make_window((Keyframe.of_now(reading, NAMES),), PARAMS.window)
-    return Touch(Evidence(contacts), reading, window, standing)
+    return Touch(Evidence(contacts), reading, (Keyframe.of_now(reading, NAMES),), standing)
 
 
 def search(
@@ -109,9 +108,9 @@ def test_a_mode_of_the_filter_that_explains_the_touch_keeps_its_pose_and_what_it
 
 def test_a_mode_of_the_filter_is_no_better_known_than_by_the_touches_of_now_and_of_the_past(box: ObjectModel) -> None:
     now = read(touch(X_PO, np.random.default_rng(1))[:3])
-    window = make_window((Keyframe.of_now(now, NAMES[:3]),), PARAMS.window)
+    alone = (Keyframe.of_now(now, NAMES[:3]),)
     others = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(2))[3:]), NAMES[3:])
-    longer = make_window((others, Keyframe.of_now(now, NAMES[:3])), PARAMS.window)
+    longer = (others, *alone)
     narrow = TrackedModes.independent(X_PO[None], 1e-9 * np.eye(6)[None], 6)
     wide = TrackedModes.independent(X_PO[None], 1e-2 * np.eye(6)[None], 6)
     posterior = Modes(
@@ -122,12 +121,13 @@ def test_a_mode_of_the_filter_is_no_better_known_than_by_the_touches_of_now_and_
     )
     after = [
         relocalise(box, PARAMS, Touch(now.evidence, now, touched, None), modes, posterior, 0.5).covariance[0]
-        for touched, modes in ((window, narrow), (longer, narrow), (window, wide))
+        for touched, modes in ((alone, narrow), (longer, narrow), (alone, wide))
     ]
     np.testing.assert_allclose(after[0], posterior.mixture.covariance[0], rtol=1e-6, atol=1e-12)
     told = np.linalg.inv(after[1]) - np.linalg.inv(after[0])
     assert np.linalg.eigvalsh(told).max() > 1e5
-    np.testing.assert_allclose(told, past_information(box, PARAMS, longer, X_PO[None])[0], rtol=1e-4, atol=1.0)
+    window = make_window(longer, PARAMS.window)
+    np.testing.assert_allclose(told, past_information(box, PARAMS, window, X_PO[None])[0], rtol=1e-4, atol=1.0)
     np.testing.assert_allclose(after[2], wide.covariance[0], rtol=1e-9, atol=1e-15)
 
 
@@ -172,8 +172,8 @@ def test_a_search_weighs_modes_by_how_far_the_calibration_seems_to_be_off(box: O
         bias = scale * draw_biases(np.random.default_rng(0), *told)
         contacts = touch(X_PO, np.random.default_rng(1), bias, (SIGMA_POSITION, SIGMA_NORMAL))
         reading = read(contacts)
-        window = make_window((dataclasses.replace(Keyframe.of_now(reading, NAMES), frames=8),), PARAMS.window)
-        touched, state, found = Touch(Evidence(contacts), reading, window, None), SearchState(), None
+        keyframes = (dataclasses.replace(Keyframe.of_now(reading, NAMES), frames=8),)
+        touched, state, found = Touch(Evidence(contacts), reading, keyframes, None), SearchState(), None
         while found is None:
             state, weighed, found = search_on(box, PARAMS, touched, modes_at(X_PO), state)
             assert weighed is None
