@@ -34,7 +34,7 @@ from tactopose_drake.core.tracking.motion_prediction import (
 )
 from tactopose_drake.core.tracking.pose_belief import Explanation, PoseBelief, summarise
 from tactopose_drake.core.tracking.relocalisation import relocalise
-from tactopose_drake.core.tracking.sliced_search import search_on
+from tactopose_drake.core.tracking.sliced_search import SearchState, search_on
 from tactopose_drake.core.tracking.slip_by_forces import BY_FORCES, detect_by_forces
 from tactopose_drake.core.tracking.slip_by_motion import BY_MOTION, detect_by_motion
 from tactopose_drake.core.tracking.slip_by_surface import BY_SURFACE, PoseChange, SlipTest, detect_slip
@@ -243,8 +243,7 @@ class PoseTracker:
         """The belief after so many more slices of the search, or all of them, where one is due."""
         params, search = self._params, belief.search
         if search.X_PO is None:
-            settings = params.relocalisation
-            if frame.time < search.time + (settings.urgent_period if is_urgent else settings.period) - 1e-9:
+            if frame.time < search.time + self._search_period(search, is_urgent) - 1e-9:
                 return belief
             search = search._replace(time=frame.time)
         assert frame.sources is not None
@@ -264,6 +263,13 @@ class PoseTracker:
         touch = touch._replace(reading=reading)
         modes = relocalise(self._model, params, touch, belief.modes, weighed.modes, share)
         return copied(belief, modes=modes, search=step.state._replace(agreeing=step.state.agreeing + 1))
+
+    def _search_period(self, search: SearchState, is_urgent: bool) -> float:
+        """From the begin of the last search to that of the next one, s."""
+        settings = self._params.relocalisation
+        if is_urgent:
+            return settings.urgent_period
+        return settings.period if search.agreeing < settings.steady_searches else settings.steady_period
 
     def _follow_errors(
         self, belief: PoseBelief, reading: ContactReading, errors: SeemingErrors

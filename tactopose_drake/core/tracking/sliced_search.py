@@ -51,6 +51,7 @@ class SearchState(NamedTuple):
     Attributes:
         X_PO: what the slices so far have found, as of the last of them, shape (n, 3, 4); None between two searches.
         is_settled: whether these are minima of all the evidence.
+        is_scaled: whether it has been asked of these how large the calibration's errors seem.
         minima: what the last search has found, as of that time, shape (m, 3, 4): modes led astray are found again.
         weighing: of the modes, which the next slice goes on with, or asks of them whether they are clear of the hand;
             None where that does something else.
@@ -62,6 +63,7 @@ class SearchState(NamedTuple):
 
     X_PO: FloatArray | None = None
     is_settled: bool = False
+    is_scaled: bool = False
     minima: FloatArray = np.empty((0, 3, 4))
     weighing: TouchWeighing | WeighedModes | None = None
     X_PP: FloatArray = np.eye(3, 4)
@@ -80,7 +82,7 @@ class SearchState(NamedTuple):
 
     def ended(self) -> SearchState:
         """That before the next search."""
-        return self._replace(X_PO=None, is_settled=False, weighing=None, searches=self.searches + 1)
+        return self._replace(X_PO=None, is_settled=False, is_scaled=False, weighing=None, searches=self.searches + 1)
 
 
 class SearchStep(NamedTuple):
@@ -127,7 +129,10 @@ def search_on(
         params = dataclasses.replace(params, relocalisation=one_round)
     while True:
         search, weighed, told = _next_slice(model, params, touch, modes, search)
-        taken, scale = taken + 1, scale if told is None else told
+        taken += 1
+        if told is not None:
+            scale, errors = told, follow_scale(touch.reading.errors, told, params.calibration_scale)
+            touch = touch._replace(reading=touch.reading._replace(errors=errors))
         if search.X_PO is None or taken == most:
             return SearchStep(search, weighed, scale)
 
@@ -151,9 +156,12 @@ def _next_slice(
     if search.X_PO is None:
         near = dataclasses.replace(evidence, prior=None) if search.searches % 2 else evidence
         return SearchStep(search._replace(X_PO=_propose_poses(model, settings, near, generator)))
+    if search.is_settled and not search.is_scaled:
+        scale = _estimate_scale(model, params, touch, search.X_PO)
+        return SearchStep(search._replace(is_scaled=True), calibration_scale=scale)
     if search.is_settled:
-        weighing, scale = _begin_weighing(model, params, touch, search.X_PO, generator)
-        return SearchStep(search._replace(weighing=weighing), calibration_scale=scale)
+        weighing = _begin_weighing(model, params, touch, search.X_PO, generator)
+        return SearchStep(search._replace(weighing=weighing))
     X_PO = np.concatenate([modes.X_PO, search.minima, search.X_PO])
     X_PO = _settle_poses(model, settings, evidence, X_PO) if len(X_PO) else X_PO
     search = search._replace(X_PO=X_PO, is_settled=True, minima=X_PO[: params.mixture.max_modes])
@@ -209,21 +217,13 @@ def _settle_poses(model: ObjectModel, params: RelocalisationParams, evidence: Ev
 
 def _begin_weighing(
     model: ObjectModel, params: PoseTrackerParams, touch: Touch, X_PO: FloatArray, generator: np.random.Generator
-) -> tuple[TouchWeighing, FloatArray | None]:
-    """Begins to weigh the posterior's modes at minima (m, 3, 4) of the touch, at least one.
-
-    How large the calibration's errors seem to them is estimated first; by that, too, they are weighed.
-    """
+) -> TouchWeighing:
+    """Begins to weigh the posterior's modes at minima (m, 3, 4) of the touch, at least one."""
     settings, evidence = params.relocalisation, touch.averaged(params)
     problem, modes = _modes_at(model, settings, evidence, X_PO)
-    scale = _estimate_scale(model, params, touch, problem, modes)
-    if scale is not None:
-        errors = follow_scale(touch.reading.errors, scale, params.calibration_scale)
-        evidence = touch._replace(reading=touch.reading._replace(errors=errors)).averaged(params)
-        problem, modes = _modes_at(model, settings, evidence, X_PO)
     posterior = make_posterior(model, evidence, problem, settings.posterior)
     sources = touch.reading.names[: len(evidence.contacts)]
-    return TouchWeighing(evidence, sources, begin_weighing(modes, posterior, generator)), scale
+    return TouchWeighing(evidence, sources, begin_weighing(modes, posterior, generator))
 
 
 def _modes_at(
@@ -234,10 +234,9 @@ def _modes_at(
     return problem, _distinct(model, params, problem, X_PO, problem.doubted(problem.objective).cost(X_PO))
 
 
-def _estimate_scale(
-    model: ObjectModel, params: PoseTrackerParams, touch: Touch, problem: PoseProblem, modes: Modes
-) -> FloatArray | None:
-    """How large the calibration's errors seem to the modes of a touch; see `estimate_scale`."""
+def _estimate_scale(model: ObjectModel, params: PoseTrackerParams, touch: Touch, X_PO: FloatArray) -> FloatArray | None:
+    """How large the calibration's errors seem to the modes at minima (m, 3, 4) of the touch; see `estimate_scale`."""
+    problem, modes = _modes_at(model, params.relocalisation, touch.averaged(params), X_PO)
     contacts, X_PO, now = touch.reading.contacts, modes.mixture.X_PO, touch.keyframes[-1]
     inlier, count = np.ones((len(X_PO), len(contacts))), len(touch.evidence.contacts)
     if problem.mixture is not None:

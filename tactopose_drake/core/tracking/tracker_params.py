@@ -129,7 +129,9 @@ class WindowParams:
 class RelocalisationParams:
     """When and where modes are searched for that the belief lacks."""
 
-    period: float = 0.3  # s between two searches, while all is well
+    period: float = 0.15  # s between two searches, while all is well
+    steady_period: float = 0.3  # likewise, once
+    steady_searches: int = 3  # so many have told of the same touch
     urgent_period: float = 0.03  # s between two searches, while it is not
     starts: int = 120  # poses with which a search without a prior begins, at the most
     found: int = 12  # poses that it ends with, at the most

@@ -78,7 +78,7 @@ def test_a_slip_says_by_what_it_was_found(
 
 def test_a_mode_that_is_wide_is_an_answer_only_along_what_the_touch_does_not_tell(tracker: PoseTracker) -> None:
     follower = Follower(tracker)
-    belief, contacts = follower.feel(X_PO, 12), touch(X_PO, follower.generator)
+    belief, contacts = follower.feel(X_PO, 13), touch(X_PO, follower.generator)
     sides = contacts[np.flatnonzero(np.abs(contacts.n_PC @ X_PO[:, 0]) < 0.3)]
     assert 3 <= len(sides) < len(contacts)
     assert belief.status == "ok"
@@ -97,7 +97,7 @@ def test_a_mode_that_is_wide_is_an_answer_only_along_what_the_touch_does_not_tel
 def test_what_is_known_to_twelve_degrees_or_twelve_millimetres_is_no_answer(tracker: PoseTracker) -> None:
     """Of such poses one in ten is off by 20 degrees or millimetres."""
     follower = Follower(tracker)
-    belief, contacts = follower.feel(X_PO, 12), touch(X_PO, follower.generator)
+    belief, contacts = follower.feel(X_PO, 13), touch(X_PO, follower.generator)
     for coordinate, sigma, said in (
         (2, math.radians(8.0), "ok"),
         (2, math.radians(12.0), "ambiguous: known to 1 mm and 12 degrees"),

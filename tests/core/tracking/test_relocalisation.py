@@ -21,6 +21,7 @@ from tactopose_drake.core.tracking.contact_errors import (
     averaged_variances,
     calibration_excess,
     follow_doubt,
+    follow_scale,
     with_errors,
 )
 from tactopose_drake.core.tracking.contact_update import begin_modes
@@ -151,21 +152,21 @@ def test_a_search_is_made_of_slices_while_there_is_a_mode_to_keep_up(box: Object
         assert state.searches == 0
         state, weighed, _ = search_on(box, PARAMS, touched, modes_at(X_PO), state)
         slices += 1
-    # Poses are proposed, settled, covered, joined, sampled, joined by way of what samples lead to, and sampled on.
+    # Poses are proposed, settled, asked of the calibration, covered, joined, sampled, joined by way of what samples lead
+    # to, and sampled on.
     assert 5 <= slices <= 14
-    assert (state.X_PO is None, state.searches) == (True, 1)
     twice, by_two = SearchState(), 0
     while not twice.searches:
         twice, weighed, _ = search_on(box, PARAMS, touched, modes_at(X_PO), twice, slices=2)
         by_two += 1
-    assert by_two == slices // 2
+    assert by_two == -(-slices // 2)
     assert search_on(box, PARAMS, touched, modes_at(X_PO), SearchState(), slices=None)[1] is not None
     _, weighed, _ = search_on(box, PARAMS, touched, TrackedModes.empty(6), SearchState())
     assert weighed is not None
 
 
 def test_a_search_weighs_modes_by_how_far_the_calibration_seems_to_be_off(box: ObjectModel) -> None:
-    """It says so before the weights: what the touch tells is put to use at once."""
+    """It says so before the weights: what the touch tells is put to use by the same search."""
     told = PARAMS.calibration_position, math.radians(PARAMS.calibration_normal_deg)
     scales = []
     for scale in (0.0, 4.0):
@@ -177,12 +178,20 @@ def test_a_search_weighs_modes_by_how_far_the_calibration_seems_to_be_off(box: O
         while found is None:
             state, weighed, found = search_on(box, PARAMS, touched, modes_at(X_PO), state)
             assert weighed is None
+        errors = follow_scale(reading.errors, found, PARAMS.calibration_scale)
+        touched = touched._replace(reading=reading._replace(errors=errors))
+        state = search_on(box, PARAMS, touched, modes_at(X_PO), state).state
         assert isinstance(state.weighing, TouchWeighing)
         stated = state.weighing.evidence.contacts
         np.testing.assert_allclose(
             np.square([stated.sigma_position, stated.sigma_normal]).T,
             averaged_variances(contacts, PARAMS, 8) + calibration_excess(contacts, PARAMS, found),
         )
+        # In the same frame it is put to use likewise.
+        at_once = search_on(box, PARAMS, touched._replace(reading=reading), modes_at(X_PO), SearchState(), slices=4)
+        assert isinstance(at_once.state.weighing, TouchWeighing)
+        again = at_once.state.weighing.evidence.contacts
+        np.testing.assert_allclose(again.sigma_position, stated.sigma_position)
         scales.append(found)
     assert scales[0].max() < 1.0
     assert np.all(scales[1] > 4.0 * scales[0])
