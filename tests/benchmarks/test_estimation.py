@@ -67,6 +67,42 @@ def test_correction(benchmark: Any, model: tp.ObjectModel, method: str) -> None:
     report(benchmark, f"{model.name}, correction by {method}", near / TRIALS, "within 10 mm and 10 degrees")
 
 
+def fingers_behind(contacts: tp.Contacts) -> tp.HandGeometry:
+    """A straight finger behind each contact, 10 cm long, of 80 spheres as dense as a hand's."""
+    assert contacts.n_PC is not None
+    along, around = np.linspace(0.0, 0.1, 20), np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False)
+    centres = []
+    for p, n in zip(contacts.p_PC, contacts.n_PC, strict=True):
+        across = np.linalg.svd(n[None])[2][1:]
+        ring = 0.003 * np.stack([np.cos(around), np.sin(around)], axis=1) @ across
+        centres.append(p + (0.005 + along)[:, None, None] * n + ring)
+    p_PH = np.concatenate(centres).reshape(-1, 3)
+    return tp.HandGeometry(p_PH, np.full(len(p_PH), 0.005))
+
+
+@pytest.mark.benchmark(timer=time.process_time)
+@pytest.mark.parametrize("is_near", [True, False])
+def test_with_the_hand_s_volume(benchmark: Any, model: tp.ObjectModel, is_near: bool) -> None:
+    """Beside the same without it, in the same rounds."""
+    trials = [(contacts, prior if is_near else None) for contacts, prior, _ in make_trials(model)]
+    endless = itertools.cycle([(*trial, fingers_behind(trial[0])) for trial in trials])
+    alone = []
+
+    def estimate() -> tp.PoseEstimate:
+        contacts, prior, hand = next(endless)
+        return tp.estimate_pose(model, contacts, prior=prior, hand=hand)
+
+    benchmark.pedantic(estimate, rounds=TRIALS, warmup_rounds=3)
+    for contacts, prior in trials:
+        begun = time.process_time()
+        tp.estimate_pose(model, contacts, prior=prior)
+        alone.append(time.process_time() - begun)
+    ratio = benchmark.stats.stats.median / float(np.median(alone))
+    benchmark.extra_info["ratio"] = ratio
+    what = f"{model.name}, with the hand's volume{' near a prior' if is_near else ''}"
+    print(f"\n{what}: {1e3 * benchmark.stats.stats.median:.2f} ms, {ratio:.2f} times as long as without")  # noqa: T201
+
+
 @pytest.mark.benchmark(timer=time.process_time)
 def test_global(benchmark: Any, model: tp.ObjectModel) -> None:
     trials = make_trials(model)

@@ -152,8 +152,8 @@ def test_a_search_is_made_of_slices_while_there_is_a_mode_to_keep_up(box: Object
         assert state.searches == 0
         state, weighed, _ = search_on(box, PARAMS, touched, modes_at(X_PO), state)
         slices += 1
-    # Poses are proposed, settled, asked of the calibration, covered, joined, sampled, joined by way of what samples lead
-    # to, and sampled on.
+    # Poses are proposed, settled, asked of the calibration, covered, joined, sampled, joined by way of what samples
+    # lead to, and sampled on.
     assert 5 <= slices <= 14
     twice, by_two = SearchState(), 0
     while not twice.searches:
