@@ -206,6 +206,11 @@ def _felt_since(
     since = {}
     for name, reading in readings.items():
         last, time = before.get(name, (reading, now))
-        is_same = last.shape == reading.shape and np.allclose(reading, last, rtol=_ROUNDING, atol=0.0)
-        since[name] = (reading, time if is_same else now)
+        since[name] = (reading, time if _is_same(reading.tolist(), last.tolist()) else now)
     return since
+
+
+def _is_same(reading: list[float], last: list[float]) -> bool:
+    """Whether two readings are the same but for rounding; of few numbers, NumPy's calls take long."""
+    pairs = zip(reading, last, strict=False)
+    return len(reading) == len(last) and all(abs(a - b) <= _ROUNDING * abs(b) for a, b in pairs)
