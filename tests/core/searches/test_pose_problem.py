@@ -7,6 +7,9 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.objectives.friction_cone import FrictionCone
+from tactopose_drake.core.objectives.penetration import Penetration
+from tactopose_drake.core.poses import retract
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
@@ -105,3 +108,33 @@ def test_balance_needs_symmetries_that_keep_the_centre_of_mass() -> None:
 def test_evidence_that_does_not_fit_is_refused(evidence: dict[str, object], message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
         Evidence(**{"contacts": CONTACTS, **evidence})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("with_friction", [False, True])
+@pytest.mark.parametrize("with_prior", [False, True])
+def test_what_one_loop_does_is_the_sum_of_its_parts(can: ObjectModel, with_prior: bool, with_friction: bool) -> None:
+    """Contacts, believed and doubted, a prior, the hand's volume, and its parts that feel nothing."""
+    prior = GaussianPrior(IDENTITY[0], sigma_translation=0.02, sigma_rotation=0.3) if with_prior else None
+    untouched = HandGeometry([[0.0, RADIUS + 0.004, 0.0]], [0.008], sigma=0.002)
+    problem = make_problem(
+        can,
+        Evidence(CONTACTS, prior, hand=TIPS, untouched=untouched, friction=0.2 if with_friction else None),
+    )
+    assert problem.mixture is not None
+    hands = [Penetration(can.grid, TIPS, 2.0 * TIPS.sigma), Penetration(can.grid, untouched)]
+    others = [*hands, *([] if problem.prior is None else [problem.prior])]
+    if with_friction:
+        others.append(FrictionCone(can.grid, CONTACTS, 0.2))
+    X_PO = retract(IDENTITY, 0.01 * np.random.default_rng(1).normal(size=(30, 6)))
+    assert all(np.count_nonzero(hand.cost(X_PO)) > 5 for hand in hands)
+    doubted = problem.doubted(problem.objective)
+    for whole, contacts in ((problem.objective, problem.touch), (doubted, problem.mixture)):
+        # Friction is part of no compiled loop; the rest is.
+        assert (whole.descent is None) == with_friction
+        parts = [contacts, *others]
+        np.testing.assert_allclose(whole.cost(X_PO), sum(part.cost(X_PO) for part in parts), rtol=1e-9)
+        np.testing.assert_allclose(whole.exact_cost(X_PO), sum(part.exact_cost(X_PO) for part in parts), rtol=1e-9)
+        for mine, *each in zip(
+            whole.normal_equations(X_PO), *(part.normal_equations(X_PO) for part in parts), strict=True
+        ):
+            np.testing.assert_allclose(mine, sum(each), rtol=1e-7, atol=1e-9 * np.abs(mine).max())
