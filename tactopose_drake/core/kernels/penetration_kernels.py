@@ -34,7 +34,6 @@ _OF_COARSE = 1.0 / COARSENESS
 # In cells: nothing is farther from the coarse node next to it, and for the interpolation; likewise from a fine one.
 _COARSE_SLACK = 0.5 * COARSENESS * np.sqrt(3.0) + 0.635
 _FINE_SLACK = 1.5
-_U4 = np.uintp(4)
 
 
 class Spheres(NamedTuple):
