@@ -83,7 +83,7 @@ def fingers_behind(contacts: tp.Contacts) -> tp.HandGeometry:
 @pytest.mark.benchmark(timer=time.process_time)
 @pytest.mark.parametrize("is_near", [True, False])
 def test_with_the_hand_s_volume(benchmark: Any, model: tp.ObjectModel, is_near: bool) -> None:
-    """Beside the same without it, in the same rounds."""
+    """Beside the same without it, in the same run."""
     trials = [(contacts, prior if is_near else None) for contacts, prior, _ in make_trials(model)]
     endless = itertools.cycle([(*trial, fingers_behind(trial[0])) for trial in trials])
     alone = []

@@ -77,7 +77,7 @@ class ContactMixture(SmoothObjective):
         return self._with(_prior=prior.kernel_view)
 
     def with_hand(self, hand: Penetration) -> "ContactMixture":
-        """Likewise, where derivatives are asked for."""
+        """Likewise with the hand's volume: costs and descents are of both, what `judge` says of the contacts alone."""
         return self._with(_hand=hand)
 
     def _with(self, **parts: Any) -> "ContactMixture":
