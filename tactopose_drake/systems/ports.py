@@ -1,14 +1,20 @@
-"""Reading abstract input ports with a check of what they hold, and checks of the names of systems."""
+"""Reading abstract input ports with a check of what they hold, passing outputs on, and checks of systems' names."""
 
 from collections.abc import Iterable
 from typing import Any, TypeVar
 
-from pydrake.systems.framework import Context, DiagramBuilder, InputPort
+from pydrake.systems.framework import Context, DiagramBuilder, InputPort, System
 
 from tactopose_drake.core.validation import instance_of
 from tactopose_drake.errors import InvalidInputError, PortTypeError
 
 Kind = TypeVar("Kind")
+
+
+def export_outputs(builder: DiagramBuilder, system: System, prefix: str = "") -> None:
+    """Gives a diagram all outputs of one of its systems, by their names behind a prefix."""
+    for port in map(system.get_output_port, range(system.num_output_ports())):
+        builder.ExportOutput(port, f"{prefix}{port.get_name()}")
 
 
 def check_name_is_free(builder: DiagramBuilder, name: str) -> None:

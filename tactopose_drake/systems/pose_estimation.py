@@ -6,10 +6,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import check_parts, flag, instance_of, params_of
+from tactopose_drake.core.validation import check_parts, instance_of, params_of
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.systems.plant_senses import add_with_plant
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
 from tactopose_drake.systems.touch_sensing import TouchParams, add_touch
@@ -20,12 +20,10 @@ class PoseEstimationParams(TouchParams):
     """The parameters of each part."""
 
     estimator: PoseEstimatorParams = dataclasses.field(default_factory=PoseEstimatorParams)
-    check_collisions: bool = True  # whether hypotheses that collide with the hand are dropped
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         TouchParams.validate(self)
-        flag("PoseEstimationParams.check_collisions", self.check_collisions)
         check_parts(self, estimator=PoseEstimatorParams)
 
 
@@ -87,6 +85,9 @@ def AddPoseEstimation(
 
     Returns:
         The diagram; all other ports are to be connected by name.
+
+    Raises:
+        InvalidInputError: if a parameter is out of its range, or a system of the builder has the name already.
     """
     estimation = MakePoseEstimation(hand, model, params)
     return add_with_plant(builder, name, estimation, hand, plant, simulated_senses)
@@ -100,7 +101,7 @@ def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimat
     builder = DiagramBuilder()
     collision = HandCollision(hand, model) if params.check_collisions else None
     estimator = builder.AddNamedSystem("pose_estimator", PoseEstimator(model, params.estimator, collision))
-    add_touch(builder, hand, params, estimator)
+    add_touch(builder, *make_hand_plant(hand), params, estimator)
     for port in ("prior", "planes", *(("palm_pose",) if params.estimator.balance else ())):
         builder.ExportInput(estimator.GetInputPort(port), port)
     diagram = builder.Build()

@@ -25,7 +25,6 @@ class PoseTrackingParams(TouchParams):
     """The parameters of each part."""
 
     belief: PoseBeliefParams = dataclasses.field(default_factory=PoseBeliefParams)
-    check_collisions: bool = True  # whether modes count the less, the deeper the object would be in the hand
     use_joint_velocities: bool = True  # whether the object is taken to move with the fingertips; else with the palm
     live: bool = False  # whether the belief is computed in a thread of its own, for hardware; not repeatable
     # Refines the encoders' offsets while it runs, by fingertips with a force-torque sensor; None: it does not.
@@ -34,7 +33,7 @@ class PoseTrackingParams(TouchParams):
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         TouchParams.validate(self)
-        for name in ("check_collisions", "use_joint_velocities", "live"):
+        for name in ("use_joint_velocities", "live"):
             flag(f"PoseTrackingParams.{name}", getattr(self, name))
         check_parts(self, belief=PoseBeliefParams)
         if self.refinement is not None:
@@ -97,6 +96,12 @@ def AddPoseTracking(
         name: of the diagram in the other.
         plant: as of `AddPoseEstimation`.
         simulated_senses: likewise.
+
+    Returns:
+        The diagram; all other ports are to be connected by name.
+
+    Raises:
+        InvalidInputError: if a parameter is out of its range, or a system of the builder has the name already.
     """
     return add_with_plant(builder, name, MakePoseTracking(hand, model, params), hand, plant, simulated_senses)
 
@@ -110,14 +115,13 @@ def MakePoseTracking(hand: HandConfig, model: ObjectModel, params: PoseTrackingP
     kind = LivePoseBeliefEstimator if params.live else PoseBeliefEstimator
     collision = HandCollision(hand, model) if params.check_collisions else None
     belief = builder.AddNamedSystem("pose_belief", kind(model, params.belief, collision))
-    refiner = None if params.refinement is None else _add_refiner(builder, hand, model, params.refinement, belief)
-    plant, parts = add_touch(builder, hand, params, belief, refiner)
-    if params.use_joint_velocities:
-        tip_frames = {**parts.sensor_frames, **{pad_source(pad): frame for pad, frame in parts.pad_frames.items()}}
-        tips = builder.AddNamedSystem("fingertip_velocities", FingertipVelocities(plant, tip_frames, parts.palm_frame))
-        builder.ConnectInput("joint_positions", tips.GetInputPort("joint_positions"))
-        builder.ExportInput(tips.GetInputPort("joint_velocities"), "joint_velocities")
-        builder.Connect(tips.GetOutputPort("tip_velocities"), belief.GetInputPort("tip_velocities"))
+    plant, parts = make_hand_plant(hand)
+    refiner = None
+    if params.refinement is not None:
+        refining = JointOffsetRefiner(plant, parts, hand.uncertainty or HandUncertainty(), model, params.refinement)
+        refiner = _add_refiner(builder, refining, belief)
+    tips = [_add_velocities(builder, plant, parts, belief)] if params.use_joint_velocities else []
+    add_touch(builder, plant, parts, params, belief, refiner, tips)
     for port in ("prior", "planes", "vision", "palm_pose"):
         builder.ExportInput(belief.GetInputPort(port), port)
     diagram = builder.Build()
@@ -125,18 +129,20 @@ def MakePoseTracking(hand: HandConfig, model: ObjectModel, params: PoseTrackingP
     return diagram
 
 
-def _add_refiner(
-    builder: DiagramBuilder,
-    hand: HandConfig,
-    model: ObjectModel,
-    params: OffsetRefinementParams,
-    belief: LeafSystem,
-) -> LeafSystem:
+def _add_refiner(builder: DiagramBuilder, refining: JointOffsetRefiner, belief: LeafSystem) -> LeafSystem:
     """Adds what refines the encoders' offsets by the belief."""
-    plant, parts = make_hand_plant(hand)
-    uncertainty = HandUncertainty() if hand.uncertainty is None else hand.uncertainty
-    refiner = builder.AddNamedSystem("offset_refiner", JointOffsetRefiner(plant, parts, uncertainty, model, params))
+    refiner: LeafSystem = builder.AddNamedSystem("offset_refiner", refining)
     builder.Connect(belief.GetOutputPort("belief"), refiner.GetInputPort("belief"))
     for name in ("joint_offsets", "joint_offset_sigmas"):
         builder.ExportOutput(refiner.GetOutputPort(name), name)
     return refiner
+
+
+def _add_velocities(builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand, belief: LeafSystem) -> LeafSystem:
+    """Adds what tells a belief how the fingertips move."""
+    frames = {**hand.sensor_frames, **{pad_source(pad): frame for pad, frame in hand.pad_frames.items()}}
+    moving = FingertipVelocities(plant, frames, hand.palm_frame)
+    tips: LeafSystem = builder.AddNamedSystem("fingertip_velocities", moving)
+    builder.ExportInput(tips.GetInputPort("joint_velocities"), "joint_velocities")
+    builder.Connect(tips.GetOutputPort("tip_velocities"), belief.GetInputPort("tip_velocities"))
+    return tips

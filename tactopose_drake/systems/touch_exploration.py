@@ -3,19 +3,25 @@
 import dataclasses
 from typing import NamedTuple
 
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import check_parts, params_of
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig
-from tactopose_drake.hand.hand_in_plant import make_hand_plant
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
+from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.systems.hand_volume import HandVolume
+from tactopose_drake.systems.measured_joints import MeasuredJoints
 from tactopose_drake.systems.next_touch_chooser import NextTouchChooser, NextTouchParams
 from tactopose_drake.systems.ports import check_name_is_free
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
 from tactopose_drake.systems.touch_explorer import TouchExplorer, TouchExplorerParams
+from tactopose_drake.systems.touch_sensing import export_joints
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -76,7 +82,7 @@ def AddTouchExploration(
     - object_pose, hypotheses, status: of `PoseEstimator`, by all that was felt.
     - next_touch, resolved, touch_status: of `NextTouchChooser` (its `status`).
     - rest_positions, touches, phase, count: of `TouchExplorer`. The first is what the hand's controller is to do with
-      the joints that do not hold: `GraspController` has an input of that name.
+      the joints that do not hold, as encoders will read them: `GraspController` has an input of that name.
 
     Args:
         builder: receives the diagram.
@@ -94,30 +100,37 @@ def AddTouchExploration(
     check_name_is_free(builder, name)
     params = params_of(TouchExplorationParams, params)
     inner = DiagramBuilder()
-    _connect(inner, _add_parts(inner, hand, model, params))
+    plant, parts = make_hand_plant(hand)
+    systems = _add_systems(inner, plant, parts, model, params)
+    _connect(inner, systems)
+    _export_inputs(inner, plant, parts, systems)
+    _export_outputs(inner, plant, parts, systems)
     return builder.AddNamedSystem(name, inner.Build())
 
 
-class _Parts(NamedTuple):
+class _Systems(NamedTuple):
     estimator: PoseEstimator
     chooser: NextTouchChooser
     explorer: TouchExplorer
     volume: HandVolume
 
 
-def _add_parts(inner: DiagramBuilder, hand: HandConfig, model: ObjectModel, params: TouchExplorationParams) -> _Parts:
-    plant, parts = make_hand_plant(hand)
-    return _Parts(
+def _add_systems(
+    inner: DiagramBuilder, plant: MultibodyPlant, hand: Hand, model: ObjectModel, params: TouchExplorationParams
+) -> _Systems:
+    told = hand.config.uncertainty
+    errors = None if told is None else ContactUncertainty(plant, hand, told)
+    return _Systems(
         inner.AddNamedSystem("pose_estimator", PoseEstimator(model, params.estimator)),
-        inner.AddNamedSystem("next_touch_chooser", NextTouchChooser(hand, model, params.chooser)),
-        inner.AddNamedSystem("touch_explorer", TouchExplorer(hand, params.explorer)),
-        inner.AddNamedSystem("hand_volume", HandVolume(plant, parts, BodySpheres.of_hand(hand))),
+        inner.AddNamedSystem("next_touch_chooser", NextTouchChooser(hand.config, model, params.chooser)),
+        inner.AddNamedSystem("touch_explorer", TouchExplorer(hand.config, params.explorer)),
+        inner.AddNamedSystem("hand_volume", HandVolume(plant, hand, BodySpheres.of_hand(hand.config), errors)),
     )
 
 
-def _connect(inner: DiagramBuilder, parts: _Parts) -> None:
-    """Connects the parts with each other, and gives the diagram its ports."""
-    estimator, chooser, explorer, volume = parts
+def _connect(inner: DiagramBuilder, systems: _Systems) -> None:
+    """Connects the systems with each other."""
+    estimator, chooser, explorer, volume = systems
     for source, port, taker, taken in (
         (explorer, "touches", estimator, "contacts"),
         (explorer, "untouched", estimator, "untouched"),
@@ -127,20 +140,30 @@ def _connect(inner: DiagramBuilder, parts: _Parts) -> None:
         (chooser, "next_touch", explorer, "next_touch"),
     ):
         inner.Connect(source.GetOutputPort(port), taker.GetInputPort(taken))
-    for name_in, takers in (
-        ("contacts", (chooser, explorer)),
-        ("fingers_in_contact", (chooser, explorer)),
-        ("joint_positions", (chooser, explorer, volume)),
-        ("holding", (explorer,)),
-        ("prior", (estimator,)),
+
+
+def _export_inputs(inner: DiagramBuilder, plant: MultibodyPlant, hand: Hand, systems: _Systems) -> None:
+    for name in ("contacts", "fingers_in_contact"):
+        inner.ExportInput(systems.chooser.GetInputPort(name), name)
+        inner.ConnectInput(name, systems.explorer.GetInputPort(name))
+    export_joints(inner, plant, hand, (systems.chooser, systems.explorer, systems.volume))
+    inner.ExportInput(systems.explorer.GetInputPort("holding"), "holding")
+    inner.ExportInput(systems.estimator.GetInputPort("prior"), "prior")
+
+
+def _export_outputs(inner: DiagramBuilder, plant: MultibodyPlant, hand: Hand, systems: _Systems) -> None:
+    estimator, chooser, explorer, _ = systems
+    rest = explorer.GetOutputPort("rest_positions")
+    if hand.calibration is not None:  # The explorer moves joints to where they truly are to be.
+        readings = MeasuredJoints(np.eye(plant.num_positions()), reading_offsets(plant, hand))
+        read = inner.AddNamedSystem("rest_readings", readings)
+        inner.Connect(rest, read.GetInputPort("measured"))
+        rest = read.GetOutputPort("joint_positions")
+    for port, called in (
+        *((estimator.GetOutputPort(name), name) for name in ("object_pose", "hypotheses", "status")),
+        *((chooser.GetOutputPort(name), name) for name in ("next_touch", "resolved")),
+        (chooser.GetOutputPort("status"), "touch_status"),
+        (rest, "rest_positions"),
+        *((explorer.GetOutputPort(name), name) for name in ("touches", "phase", "count")),
     ):
-        inner.ExportInput(takers[0].GetInputPort(name_in), name_in)
-        for taker in takers[1:]:
-            inner.ConnectInput(name_in, taker.GetInputPort(name_in))
-    for system, port, called in (
-        *((estimator, name_out, name_out) for name_out in ("object_pose", "hypotheses", "status")),
-        *((chooser, name_out, name_out) for name_out in ("next_touch", "resolved")),
-        (chooser, "status", "touch_status"),
-        *((explorer, name_out, name_out) for name_out in ("rest_positions", "touches", "phase", "count")),
-    ):
-        inner.ExportOutput(system.GetOutputPort(port), called)
+        inner.ExportOutput(port, called)

@@ -1,6 +1,7 @@
 """From what a hand senses to the touch of one instant: the systems that an estimator and a belief have in common."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -10,7 +11,7 @@ from tactopose_drake.core.validation import check_parts, flag
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig
-from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
+from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.hand.pad_uncertainty import PadUncertainty
 from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams
@@ -18,6 +19,7 @@ from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInP
 from tactopose_drake.systems.hand_volume import HandVolume
 from tactopose_drake.systems.measured_joints import MeasuredJoints
 from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
+from tactopose_drake.systems.ports import export_outputs
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -30,21 +32,26 @@ class TouchParams:
     # Whether each contact and array is as certain as the hand's file says, where it does; else as parameters say.
     use_uncertainty: bool = True
     use_hand_volume: bool = True  # whether it is evidence that the object is not in the hand, nor at silent fingertips
+    # Whether hypotheses of an estimation that collide with the hand are dropped, and modes of a belief count the less,
+    # the deeper the object would be in it.
+    check_collisions: bool = True
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
-        for name in ("use_uncertainty", "use_hand_volume"):
+        for name in ("use_uncertainty", "use_hand_volume", "check_collisions"):
             flag(f"{type(self).__name__}.{name}", getattr(self, name))
         check_parts(self, solver=ContactSolverParams, contacts=ContactsInPalmParams, patches=PatchDescriptorParams)
 
 
 def add_touch(
     builder: DiagramBuilder,
-    hand: HandConfig,
+    plant: MultibodyPlant,
+    hand: Hand,
     params: TouchParams,
     estimator: LeafSystem,
     refiner: LeafSystem | None = None,
-) -> tuple[MultibodyPlant, Hand]:
+    others: Sequence[LeafSystem] = (),
+) -> None:
     """Adds what leads from the senses to an estimator, and gives the diagram its ports.
 
     Its inputs are `wrench_<finger>`, `pressures_<pad>`, `age_<pad>` and `joint_positions`; its outputs `contacts`,
@@ -52,36 +59,36 @@ def add_touch(
     `patch_status`, and all of the estimator's.
 
     Args:
-        builder: of the diagram; it has estimator and refiner already.
-        hand: the hand's names, fingertips and model.
+        builder: of the diagram; it has estimator, refiner and others already.
+        plant: finalized plant of the hand alone, by which the kinematics are computed.
+        hand: the hand in it.
         params: parameters of each part.
         estimator: each of its inputs is connected to what is called as it is, if there is such a thing.
         refiner: a `JointOffsetRefiner`, through which the joint positions go.
-
-    Returns:
-        The plant of the hand alone, by which the kinematics are computed, and the hand in it.
+        others: what takes the joint positions as well.
     """
-    plant, parts = make_hand_plant(hand)
-    solver = _add_solver(builder, parts, params)
-    told = hand.uncertainty if params.use_uncertainty else None
-    errors = None if told is None else ContactUncertainty(plant, parts, told)
+    solver = _add_solver(builder, hand, params)
+    told = hand.config.uncertainty if params.use_uncertainty else None
+    errors = None if told is None else ContactUncertainty(plant, hand, told)
     contacts = builder.AddNamedSystem(
-        "contacts_in_palm", ContactsInPalm(plant, parts.sensor_frames, parts.palm_frame, params.contacts, errors)
+        "contacts_in_palm", ContactsInPalm(plant, hand.sensor_frames, hand.palm_frame, params.contacts, errors)
     )
     builder.Connect(solver.GetOutputPort("contact_solutions"), contacts.GetInputPort("contact_solutions"))
     posed: list[LeafSystem] = [contacts]
     touch = {name: contacts.GetOutputPort(name) for name in ("contacts", "fingers_in_contact")}
     touch["contact_status"] = contacts.GetOutputPort("status")
     touch["contact_solutions"] = solver.GetOutputPort("contact_solutions")
-    if hand.pads:
-        pad_errors = None if told is None else PadUncertainty(plant, parts, told)
-        descriptor = _add_pads(builder, PatchDescriptor(plant, parts, params.patches, pad_errors), hand)
+    if hand.config.pads:
+        pad_errors = None if told is None else PadUncertainty(plant, hand, told)
+        descriptor = _add_pads(builder, PatchDescriptor(plant, hand, params.patches, pad_errors), hand.config)
         posed.append(descriptor)
         touch |= {name: descriptor.GetOutputPort(name) for name in ("patches", "pads")}
         touch["patch_status"] = descriptor.GetOutputPort("status")
     known = dict(touch)
     if params.use_hand_volume:
-        volume = builder.AddNamedSystem("hand_volume", HandVolume(plant, parts, BodySpheres.of_hand(hand), errors))
+        volume = builder.AddNamedSystem(
+            "hand_volume", HandVolume(plant, hand, BodySpheres.of_hand(hand.config), errors)
+        )
         posed.append(volume)
         builder.Connect(contacts.GetOutputPort("fingers_untouched"), volume.GetInputPort("fingers_untouched"))
         known |= {name: volume.GetOutputPort(name) for name in ("hand", "untouched")}
@@ -89,24 +96,22 @@ def add_touch(
         if estimator.HasInputPort(name):
             builder.Connect(port, estimator.GetInputPort(name))
 
-    takers = [system for system in (*posed, estimator) if system.HasInputPort("joint_positions")]
+    takers = [system for system in (*posed, *others, estimator) if system.HasInputPort("joint_positions")]
     if refiner is not None:
         takers = _refined(builder, refiner, solver, takers)
-    _export_joints(builder, plant, parts, takers)
+    export_joints(builder, plant, hand, takers)
     for name, port in touch.items():
         builder.ExportOutput(port, name)
-    for port in map(estimator.get_output_port, range(estimator.num_output_ports())):
-        builder.ExportOutput(port, port.get_name())
-    return plant, parts
+    export_outputs(builder, estimator)
 
 
-def _add_solver(builder: DiagramBuilder, parts: Hand, params: TouchParams) -> ContactSolver:
+def _add_solver(builder: DiagramBuilder, hand: Hand, params: TouchParams) -> ContactSolver:
     """Adds what solves for the contacts, and gives the diagram the inputs of its wrenches."""
-    found = {} if parts.calibration is None else parts.calibration.fingers
+    found = {} if hand.calibration is None else hand.calibration.fingers
     biases = {finger: calibration.bias for finger, calibration in found.items()}
-    solving = ContactSolver(parts.surfaces, params.solver, parts.layers, biases)
+    solving = ContactSolver(hand.surfaces, params.solver, hand.layers, biases)
     solver: ContactSolver = builder.AddNamedSystem("contact_solver", solving)
-    for finger in parts.sensor_frames:
+    for finger in hand.sensor_frames:
         builder.ExportInput(solver.GetInputPort(f"wrench_{finger}"), f"wrench_{finger}")
     return solver
 
@@ -129,15 +134,15 @@ def _refined(
     return [refiner]
 
 
-def _export_joints(builder: DiagramBuilder, plant: MultibodyPlant, parts: Hand, takers: list[LeafSystem]) -> None:
+def export_joints(builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand, takers: Sequence[LeafSystem]) -> None:
     """Gives the diagram the input of joint positions, less what a calibration has found them too large by."""
-    if parts.calibration is None:
+    if hand.calibration is None:
         builder.ExportInput(takers[0].GetInputPort("joint_positions"), "joint_positions")
         for system in takers[1:]:
             builder.ConnectInput("joint_positions", system.GetInputPort("joint_positions"))
     else:
         corrected = builder.AddNamedSystem(
-            "corrected_joints", MeasuredJoints(np.eye(plant.num_positions()), -reading_offsets(plant, parts))
+            "corrected_joints", MeasuredJoints(np.eye(plant.num_positions()), -reading_offsets(plant, hand))
         )
         builder.ExportInput(corrected.GetInputPort("measured"), "joint_positions")
         for system in takers:
