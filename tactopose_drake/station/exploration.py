@@ -4,6 +4,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.systems.ports import export_outputs
 from tactopose_drake.systems.touch_exploration import AddTouchExploration, TouchExplorationParams
 
 
@@ -38,6 +39,5 @@ def add_exploration(
     ):
         builder.Connect(port, exploration.GetInputPort(name))
     builder.Connect(exploration.GetOutputPort("rest_positions"), controller.GetInputPort("rest_positions"))
-    for port in map(exploration.get_output_port, range(exploration.num_output_ports())):
-        builder.ExportOutput(port, f"explored_{port.get_name()}")
+    export_outputs(builder, exploration, "explored_")
     return exploration

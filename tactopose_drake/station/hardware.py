@@ -27,6 +27,7 @@ from tactopose_drake.systems.fingertip_weight import FingertipWeight
 from tactopose_drake.systems.measured_joints import MeasuredJoints
 from tactopose_drake.systems.palm_on_base import PalmOnBase
 from tactopose_drake.systems.played_signal import PlayedValue, PlayedVector
+from tactopose_drake.systems.ports import export_outputs
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tactopose_drake.systems.sense_status import SenseStatus
@@ -45,10 +46,10 @@ class HardwareStation:
             and `age_<sense>` of each device, where a sense is a finger's name or "hand", and `sense_status`; where the
             scenario tracks, `tracked_object_pose` and so on, likewise. Input ports `joint_positions` and `prior` where
             nothing else gives them; `joint_velocities`, which may stay unconnected, where the tracking uses them; and
-            `palm_pose`, X_WP of a hand that an arm moves, where the fingertips' weight is taken off or the forces'
-            balance counts and no signal gives it. While that stays unconnected, the base stands still at the scenario's
-            `X_WBase`. Where a signal gives it, there is an output of that name instead, and where the scenario tracks
-            `tracked_object_pose_in_world`.
+            `palm_pose`, X_WP of a hand that an arm moves, where the fingertips' weight is taken off, the balance of
+            forces counts, or the scenario tracks, and no signal gives it. While that stays unconnected, the base stands
+            still at the scenario's `X_WBase`. Where a signal gives it, there is an output of that name instead, and
+            where the scenario tracks `tracked_object_pose_in_world`.
         model: the object's model.
         scenario: what all this was made from.
     """
@@ -110,11 +111,10 @@ def make_hardware_station(
         palm = builder.AddNamedSystem("palm_pose", PalmOnBase(plant, hand, X_WBase))
         builder.Connect(known["joint_positions"], palm.GetInputPort("joint_positions"))
         builder.Connect(palm.get_output_port(), estimation.GetInputPort("palm_pose"))
-    _tell_palm_pose(builder, known.get("palm_pose"))
-    for port in map(estimation.get_output_port, range(estimation.num_output_ports())):
-        builder.ExportOutput(port, port.get_name())
+    export_outputs(builder, estimation)
     if scenario.tracking is not None:
         _add_tracking(builder, scenario.tracking, config, model, {**known, **ages})
+    _tell_palm_pose(builder, known.get("palm_pose"))
     diagram = builder.Build()
     diagram.set_name("hardware_station")
     return HardwareStation(diagram, model, scenario)
@@ -183,9 +183,9 @@ def _add_boards(
 
 def _tell_palm_pose(builder: DiagramBuilder, known: OutputPort | None) -> None:
     """Connects all that asks where the palm is with what is known of that, or with one input port of the diagram."""
-    askers = [name for name in ("fingertip_weight", "palm_pose") if builder.HasSubsystemNamed(name)]
-    ports = [builder.GetSubsystemByName(name).GetInputPort("palm_pose") for name in askers]
-    for i, port in enumerate(ports):
+    askers = ["fingertip_weight", "palm_pose", *(["pose_tracking"] if known is None else [])]
+    systems = [builder.GetSubsystemByName(name) for name in askers if builder.HasSubsystemNamed(name)]
+    for i, port in enumerate(system.GetInputPort("palm_pose") for system in systems):
         if known is not None:
             builder.Connect(known, port)
         elif i == 0:
@@ -212,8 +212,7 @@ def _add_tracking(
     known: Mapping[str, OutputPort],
 ) -> None:
     """The belief over time; what nothing gives comes in through the diagram's own ports."""
-    if "prior" in known:
-        known = {**known, "vision": known["prior"]}
+    known = {"vision" if name == "prior" else name: port for name, port in known.items()}
     tracking = add_tracking(builder, params, config, model, known)
     if "vision" not in known:
         builder.ConnectInput("prior", tracking.GetInputPort("vision"))

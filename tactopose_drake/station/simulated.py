@@ -45,6 +45,7 @@ from tactopose_drake.station.simulated_senses import (
 from tactopose_drake.station.tracking import add_tracking
 from tactopose_drake.station.vision_source import add_vision
 from tactopose_drake.systems.grip_controller import set_motor_gains
+from tactopose_drake.systems.ports import export_outputs
 from tactopose_drake.systems.pose_display import PoseDisplay, PoseDisplayParams
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.random_sources import seed_random_sources
@@ -233,8 +234,7 @@ def feed_estimation(builder: DiagramBuilder, estimation: Diagram, inputs: Mappin
     """Connects the inputs of an estimation or a tracking by their names, and gives the diagram its outputs."""
     for name, port in inputs.items():
         builder.Connect(port, estimation.GetInputPort(name))
-    for port in map(estimation.get_output_port, range(estimation.num_output_ports())):
-        builder.ExportOutput(port, port.get_name())
+    export_outputs(builder, estimation)
 
 
 def finish_station(

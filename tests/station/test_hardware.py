@@ -25,6 +25,7 @@ from tactopose_drake.station.hardware import make_hardware_station
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.senses import CanBus, FixedJoints, JointFile, SimulatedDevices, SimulatedSenses
 from tactopose_drake.station.simulated import make_station
+from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tactopose_drake.systems.signals import Signal
 from tests import held_cube
 
@@ -93,6 +94,23 @@ def test_where_an_arm_moves_the_hand_its_pose_comes_in_for_weight_and_balance(cu
     assert not ports[1][0].Eval(ports[1][1]).IsNearlyEqualTo(X_WP, 0.1)
     diagram.GetInputPort("palm_pose").FixValue(context, AbstractValue.Make(X_WP))
     assert all(port.Eval(own).IsExactlyEqualTo(X_WP) for port, own in ports)
+
+
+def test_a_belief_too_is_told_where_an_arm_holds_the_palm(cube: ObjectModel) -> None:
+    scenario = held_cube.scenario()
+    scenario.tracking = PoseTrackingParams(use_joint_velocities=False)
+    X_WP = RigidTransform(RollPitchYaw(0.3, -0.8, 1.9), [0.4, 0.1, 0.7])
+    wrenches = {f"wrench_{finger}": Signal.constant(F_S) for finger, F_S in held_cube.WRENCHES.items()}
+    for signals in (wrenches, {**wrenches, "palm_pose": Signal.constant(X_WP)}):
+        diagram = make_hardware_station(scenario, None, signals, model=cube).diagram
+        assert inputs(diagram) == {"joint_positions", "prior"} | ({"palm_pose"} - signals.keys())
+        context = diagram.CreateDefaultContext()
+        belief = diagram.GetSubsystemByName("pose_tracking")
+        port, own = belief.GetInputPort("palm_pose"), belief.GetMyContextFromRoot(context)
+        if "palm_pose" not in signals:
+            assert not port.HasValue(own)
+            diagram.GetInputPort("palm_pose").FixValue(context, AbstractValue.Make(X_WP))
+        assert port.Eval(own).IsExactlyEqualTo(X_WP)
 
 
 def test_a_station_warms_up_by_the_touch_alone_whatever_else_it_may_be_told(cube: ObjectModel) -> None:
