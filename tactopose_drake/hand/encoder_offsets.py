@@ -15,6 +15,15 @@ from tactopose_drake.hand.joint_matrices import joint_matrix
 SLIDE = 0.001 / math.radians(1.0)  # m of a sliding joint that count as a radian
 
 
+def radian_units(plant: MultibodyPlant) -> FloatArray:
+    """How much of each of a plant's positions counts as a radian, shape (nq,): of what slides, `SLIDE` m."""
+    units = np.ones(plant.num_positions())
+    for joint in (plant.get_joint(index) for index in plant.GetJointIndices()):
+        if isinstance(joint, PrismaticJoint):
+            units[joint.position_start()] = SLIDE
+    return units
+
+
 class EncoderGains(NamedTuple):
     """The encoders of a hand.
 

@@ -19,7 +19,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.keyframes import Keyframe
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas
+from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas, radian_units
 from tactopose_drake.hand.hand_config import HandUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics
@@ -88,7 +88,7 @@ class JointOffsetRefiner(CollectableSystem):
         self._params, self._model = OffsetRefinementParams() if params is None else params, model
         self._params.validate()
         self.joints, self._gains = encoder_gains(plant, hand)
-        self._frames = hand.sensor_frames
+        self._frames, self._units = hand.sensor_frames, radian_units(plant)
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
         self._solutions = self.DeclareAbstractInputPort("contact_solutions", AbstractValue.Make({}))
         self._belief = self.DeclareAbstractInputPort("belief", AbstractValue.Make(None))
@@ -140,11 +140,11 @@ class JointOffsetRefiner(CollectableSystem):
             if before.q_told is None or belief.time < belief.touch_time + self._params.let_go_time:
                 return before
             return _Refined(before.offsets, before.offsets.mean)
-        turned = np.inf if before.q_told is None else np.nanmax(np.abs(q - before.q_told), initial=0.0)
-        touch = belief.keyframes[-1] if belief.keyframes else None
-        is_settled = belief.status == "ok" and touch is not None and touch.frames >= self._params.least_frames
-        if not is_settled or touch is None or turned < math.radians(self._params.least_turn_deg):
+        told = before.q_told
+        turned = np.inf if told is None else np.nanmax(np.abs(q - told) / self._units, initial=0.0)
+        if not self._is_settled(belief) or turned < math.radians(self._params.least_turn_deg):
             return before
+        touch = belief.keyframes[-1]
         by_source = self._contact_gains(context, eval_named(self._solutions, context, ContactSolution))
         rows = [i for i, source in enumerate(touch.sources) if source in by_source]
         gains = np.array([by_source[touch.sources[i]] for i in rows]).reshape(len(rows), 6, len(self.joints))
@@ -152,6 +152,12 @@ class JointOffsetRefiner(CollectableSystem):
         left = dataclasses.replace(known, mean=known.mean - before.applied)
         found = refine_offsets(self._model, self._params, _contacts(touch, rows), gains, belief.X_PO[0], left)
         return _Refined(dataclasses.replace(found, mean=found.mean + before.applied), before.applied, q.copy())
+
+    def _is_settled(self, belief: PoseBelief) -> bool:
+        """Whether one mode of the belief explains a touch that has lasted."""
+        is_known = belief.status in ("ok", "ambiguous") and belief.probability[0] >= self._params.least_probability
+        has_lasted = bool(belief.keyframes) and belief.keyframes[-1].frames >= self._params.least_frames
+        return is_known and has_lasted and bool(belief.explains_touch[0])
 
     def _contact_gains(self, context: Context, solutions: Mapping[str, ContactSolution]) -> dict[str, FloatArray]:
         """What errors of the encoders move each contact by."""

@@ -1,6 +1,7 @@
 """A belief over time that refines the encoders' offsets of a hand that is off, by grasps made up by kinematics."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,14 +15,16 @@ from tactopose_drake.core.poses import exp_so3, inverse, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.closed_grasps import ClosedGrasp, ClosedGraspParams
-from tactopose_drake.hand.encoder_offsets import encoder_gains
-from tactopose_drake.hand.hand_config import HandUncertainty
+from tactopose_drake.hand.encoder_offsets import encoder_gains, radian_units
+from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.resources import model_path
 from tactopose_drake.systems.object_tracker import ObjectTracker
 from tactopose_drake.systems.pose_estimation import MakePoseEstimation, PoseEstimationParams
 from tactopose_drake.systems.pose_tracking import MakePoseTracking, PoseTrackingParams
 from tests.hand.calibrated_shadow import WrongHand
+from tests.hand.grippers import write_gripper
 
 UNCERTAINTY = HandUncertainty(
     encoder_offset_deg=2.0,
@@ -150,7 +153,9 @@ def test_a_touch_that_drops_out_for_a_moment_counts_once(bottle: ObjectModel) ->
             run.feel({name: wrench + noise * generator.normal(size=6) for name, wrench in wrenches.items()})
             run.time += STEP
             run.simulator.AdvanceTo(run.time)
-    assert run.diagram.GetOutputPort("status").Eval(run.context) == "ok"
+    belief = run.diagram.GetOutputPort("belief").Eval(run.context)
+    assert belief.probability[0] > 0.98
+    assert belief.explains_touch[0]
     np.testing.assert_array_equal(run.said("joint_offset_sigmas"), sigma)
     felt = run.diagram.GetOutputPort("contacts").Eval(run.context)
     np.testing.assert_allclose(felt.p_PC, contacts_of(run, grasp, 0.0 * found).p_PC, atol=5e-4)
@@ -176,6 +181,13 @@ def test_a_loop_without_a_simulator_refines_too(bottle: ObjectModel) -> None:
     felt = tracker.diagram.GetOutputPort("contacts").Eval(tracker.context)
     np.testing.assert_allclose(felt.p_PC, contacts_of(run, second, found).p_PC, atol=5e-4)
     assert np.abs(felt.p_PC - contacts_of(run, second, 0.0 * found).p_PC).max() > 5e-4
+
+
+def test_a_joint_that_slides_counts_a_millimetre_as_a_degree(tmp_path: Path) -> None:
+    plant, _ = make_hand_plant(load_hand_config(write_gripper(tmp_path)))
+    np.testing.assert_allclose(np.degrees(0.001 / radian_units(plant)), np.ones(2))
+    shadow, _ = make_hand_plant(load_hand_config("shadow_like"))
+    np.testing.assert_array_equal(radian_units(shadow), np.ones(shadow.num_positions()))
 
 
 def test_it_is_off_by_default_and_refuses_what_cannot_be(bottle: ObjectModel) -> None:

@@ -33,6 +33,7 @@ class OffsetRefinementParams:
 
     period: float = 0.05  # s between two looks at the belief
     least_frames: int = 6  # that a touch is the mean of, before it tells
+    least_probability: float = 0.98  # of the best mode; however wide it is, for the pose is looked for along
     least_turn_deg: float = 10.0  # of any joint since the last touch that told, unless the hand let go since
     let_go_time: float = 0.2  # s without touch after which the hand has let go: sensors drop out for less
     least_sigma_deg: float = 0.2  # to which an offset may come to be known, deg; of a joint that slides 1 deg is 1 mm
@@ -44,7 +45,8 @@ class OffsetRefinementParams:
         whole_number("OffsetRefinementParams.least_frames", self.least_frames, least=1)
         for field in dataclasses.fields(self):
             if field.name != "least_frames":
-                positive_number(f"OffsetRefinementParams.{field.name}", getattr(self, field.name))
+                most = 1.0 if field.name in ("least_probability", "least_noise_share", "chance") else math.inf
+                positive_number(f"OffsetRefinementParams.{field.name}", getattr(self, field.name), most=most)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

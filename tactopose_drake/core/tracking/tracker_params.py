@@ -174,7 +174,7 @@ class VisionParams:
     outlier_probability: float = 0.05  # that a pose is an error, turned at random,
     outlier_volume: float = 1.0  # and anywhere within so many m^3
     gate: float = 22.5  # NIS of a pose by the earlier ones, beyond which they contradict it (chi-square, 0.1 %)
-    remembered: int = 16  # times of poses by which repeated ones are known
+    remembered: int = 16  # times of poses before the last one's, by which repeated ones are known
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -203,9 +203,10 @@ class PoseTrackerParams:
     settling_time: float = 0.09  # s after a finger has come to touch, or the best mode has become another, until it is
     settled_distance: float = 0.01  # of the surface between two best modes that are not the same, m
     answer_probability: float = 0.98  # of the best mode, from which on it is the answer; it may stay so for long
-    # Standard deviations up to which it is one, where the touch of now tells of it: one in twenty is off by twice that.
-    answer_distance: float = 0.010  # m
-    answer_turn_deg: float = 10.0  # deg
+    # Standard deviations up to which it is one, where the touch of now tells of it: fewer than one in a hundred are off
+    # by 20 mm or 20 degrees.
+    answer_distance: float = 0.0075  # m
+    answer_turn_deg: float = 7.5  # deg
     untold_share: float = 0.3  # of the object's size: the touch of now tells nothing where it is no better known
     slip_time: float = 0.1  # s for which a slip that was found is taken to go on
     lost_time: float = 0.2  # s without an explanation of the touch, after which the pose is lost
@@ -237,7 +238,7 @@ class PoseTrackerParams:
 
 
 # What has such a name is a part of one.
-_PARTS_OF_ONE = ("_share", "_probability", "_factor", "_margin", "gain")
+_PARTS_OF_ONE = ("_share", "_probability", "_margin", "gain")
 _NOT_PARTS = ("least_gain",)  # of a cost
 _MAY_BE_NONE = ("seed", "doublings", "halvings")
 

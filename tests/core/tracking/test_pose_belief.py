@@ -94,15 +94,15 @@ def test_a_mode_that_is_wide_is_an_answer_only_along_what_the_touch_does_not_tel
         assert message(opened, Evidence(told)) == said
 
 
-def test_what_is_known_to_twelve_degrees_or_twelve_millimetres_is_no_answer(tracker: PoseTracker) -> None:
-    """Of such poses one in ten is off by 20 degrees or millimetres."""
+def test_what_is_known_to_nine_degrees_or_nine_millimetres_is_no_answer(tracker: PoseTracker) -> None:
+    """Of such poses one in forty is off by 20 degrees or millimetres."""
     follower = Follower(tracker)
     belief, contacts = follower.feel(X_PO, 13), touch(X_PO, follower.generator)
     for coordinate, sigma, said in (
-        (2, math.radians(8.0), "ok"),
-        (2, math.radians(12.0), "ambiguous: known to 1 mm and 12 degrees"),
-        (5, 0.008, "ok"),
-        (5, 0.012, "ambiguous: known to 12 mm and 2 degrees"),
+        (2, math.radians(6.0), "ok"),
+        (2, math.radians(9.0), "ambiguous: known to 1 mm and 9 degrees"),
+        (5, 0.006, "ok"),
+        (5, 0.009, "ambiguous: known to 9 mm and 2 degrees"),
     ):
         covariance = belief.modes.covariance.copy()
         covariance[:, coordinate, coordinate] += sigma**2
