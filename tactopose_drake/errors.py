@@ -19,10 +19,21 @@ Each leaf is also the built-in error that it is a case of, so code that knows no
 """
 
 from collections.abc import Iterable
+from typing import Any
 
 
 class TactoposeError(Exception):
     """The root of this package's errors."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # By its message, which other arguments may have led to: so it comes out of another process as it is.
+        return _remade, (type(self), self.args), vars(self)
+
+
+def _remade(kind: type[TactoposeError], args: tuple[Any, ...]) -> TactoposeError:
+    error = kind.__new__(kind, *args)
+    error.args = args
+    return error
 
 
 class InvalidInputError(TactoposeError, ValueError):

@@ -52,7 +52,7 @@ def estimate_poses(
 
     Raises:
         InvalidInputError: models, priors or seeds of another number than the touches, or of another type; `prior`
-            among the options.
+            among the options; an executor that is shut down.
         TactoposeError: what `estimate_pose` raises of one of the touches, with a note of which one; work that is not
             begun yet is dropped.
     """
@@ -83,7 +83,11 @@ def estimate_poses(
         futures: dict[Future[list[PoseEstimate]], list[int]] = {}
         for model, part in _parts(of, size):
             touches = [(i, contacts[i], {"prior": before[i], "seed": seeds[i]}) for i in part]
-            futures[pool.submit(_estimate_some, model, Sealed(touches), Sealed(options))] = part
+            try:
+                future = pool.submit(_estimate_some, model, Sealed(touches), Sealed(options))
+            except RuntimeError as error:
+                raise InvalidInputError(f"executor: takes no work ({error}); allowed is one that is open.") from None
+            futures[future] = part
         done = 0
         try:
             for future in as_completed(futures):

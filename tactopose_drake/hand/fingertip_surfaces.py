@@ -1,8 +1,10 @@
 """The shape and the skin of a fingertip, as a hand's YAML file has them."""
 
 import dataclasses
+from typing import Any
 
 from pydrake.common.schema import Transform
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Superquadric, Surface
@@ -11,8 +13,21 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import fixed_pose
 
 
+class _Picklable:
+    """The base of what has a `Transform`, which Drake does not pickle."""
+
+    __slots__ = ()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _read, (type(self), yaml_dump_typed(self))
+
+
+def _read(kind: type, text: str) -> Any:
+    return yaml_load_typed(schema=kind, data=text)
+
+
 @dataclasses.dataclass(kw_only=True, slots=True)
-class SphereSurface:
+class SphereSurface(_Picklable):
     """A spherical fingertip, `!SphereSurface` in YAML."""
 
     radius: float = 0.009  # m
@@ -24,7 +39,7 @@ class SphereSurface:
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
-class EllipsoidSurface:
+class EllipsoidSurface(_Picklable):
     """An ellipsoidal fingertip, `!EllipsoidSurface` in YAML."""
 
     semi_axes: list[float] = dataclasses.field(default_factory=lambda: [0.009, 0.009, 0.009])  # m
@@ -37,7 +52,7 @@ class EllipsoidSurface:
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
-class CapsuleSurface:
+class CapsuleSurface(_Picklable):
     """A hemisphere on a cylinder along z of F, `!CapsuleSurface` in YAML; F's origin is the cylinder's middle."""
 
     radius: float = 0.009  # m
@@ -50,7 +65,7 @@ class CapsuleSurface:
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
-class SuperquadricSurface:
+class SuperquadricSurface(_Picklable):
     """A rounded box, cylinder or anything between them and an ellipsoid, `!SuperquadricSurface` in YAML."""
 
     semi_axes: list[float] = dataclasses.field(default_factory=lambda: [0.009, 0.009, 0.009])  # m

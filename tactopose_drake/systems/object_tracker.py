@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -66,6 +67,11 @@ class ObjectTracker:
             kind: {port.get_name()[len(kind) + 1 :]: port.size() for port in ports if port.get_name().startswith(kind)}
             for kind in ("wrench", "pressures")
         }
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            "an ObjectTracker is neither copied nor pickled: make one for each use, of hand and model; its beliefs are"
+        )
 
     def update(
         self,

@@ -87,6 +87,14 @@ def test_a_fault_names_the_touch(box: tp.ObjectModel) -> None:
     assert caught.value.__notes__ == ["This is of contacts[3]."]
 
 
+def test_an_executor_that_is_shut_down_is_refused(box: tp.ObjectModel) -> None:
+    contacts, _ = touches([box] * 2)
+    with ThreadPoolExecutor(1) as executor:
+        pass
+    with pytest.raises(InvalidInputError, match=r"^executor: takes no work"):
+        tp.estimate_poses(box, contacts, executor=executor)
+
+
 def test_kernels_are_ready_before_threads_begin(box: tp.ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
     events: list[str] = []
     monkeypatch.setattr(many, "make_kernels_ready", lambda: events.append("kernels"))

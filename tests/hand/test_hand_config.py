@@ -1,4 +1,5 @@
 import math
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -394,3 +395,11 @@ def test_model_file_is_what_the_generator_writes():
     assert callable(text)
     assert text() == (folder / "shadow_like.sdf").read_text()
     assert math.isclose(float(namespace["TIP_RADIUS"]), 0.009)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("hand", ["shadow_like", "barrett_like", "allegro"])
+def test_a_hand_is_pickled(hand: str) -> None:
+    config = load_hand_config(hand)
+    again = pickle.loads(pickle.dumps(config))
+    assert repr(again) == repr(config)
+    assert type(again.fingers[0].surface) is type(config.fingers[0].surface)
