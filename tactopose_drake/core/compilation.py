@@ -239,9 +239,13 @@ def _kernel_files() -> dict[str, Path]:
 
 @functools.cache
 def _fingerprint(name: str) -> bytes:
-    """Of how kernels are compiled, and the file of that name with all that it names and so may have compiled in it."""
+    """Of how kernels are compiled, and the file of that name with all that it names and so may have compiled in it.
+
+    Files of kernels take nothing else that is compiled in: a constant of another file would go unnoticed.
+    """
     files, todo = _kernel_files(), [name]
-    found = {path: Path(path).read_bytes() for path in (__file__, kernel_types.__file__, linked_code.__file__)}
+    how = __file__, kernel_types.__file__, linked_code.__file__, str(Path(__file__).parent / "kernels" / "prefetch.py")
+    found = {path: Path(path).read_bytes() for path in how}
     while todo:
         here = todo.pop()
         if here in files and here not in found:

@@ -100,8 +100,8 @@ def estimate_pose(
         UnknownNameError: a method that does not exist.
         InvalidInputError: no prior for a method that starts from one, a friction or a seed below 0, `max_hypotheses`
             below 1, a time limit that is not above 0, or a value of another type; a touch that is evidently not in
-            metres (see `check_units`); balance or friction without forces, or balance of an object whose mass is not
-            known or whose centre of mass is moved by its symmetries.
+            metres, or whose forces are of the wrong sign (see `check_contacts`); balance or friction without forces, or
+            balance of an object whose mass is not known or whose centre of mass is moved by its symmetries.
     """
     limit = math.inf if time_limit is None else positive_number("time_limit", time_limit)
     _check_question(model, contacts, method, prior)
@@ -136,21 +136,35 @@ def _check_question(model: ObjectModel, contacts: Contacts, method: str, prior: 
 def _check_touch(evidence: Evidence, size: float) -> None:
     if len(evidence.touch) < 1:
         raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
-    check_units(evidence, size)
+    check_contacts(evidence, size)
 
 
-def check_units(evidence: Evidence, size: float) -> None:
-    """Checks that a touch is not evidently in other units than an object of this size, m.
+def check_contacts(evidence: Evidence, size: float) -> None:
+    """Checks that a touch is not evidently in other units than an object of this size, m, nor of the wrong sign.
 
     Raises:
-        InvalidInputError: if the contacts are farther apart than 1 m and than 30 times the size.
+        InvalidInputError: if the contacts are farther apart than 1 m and than 30 times the size, or if most of those
+            that have a force pull at the object, by their own normals.
     """
+    _check_signs(evidence.contacts)
     p_PC = evidence.touch.p_PC
     apart = math.dist(p_PC.max(axis=0), p_PC.min(axis=0))
     if apart > max(_WIDEST_HAND, _WIDEST_TOUCH * size):
         raise InvalidInputError(
             f"contacts: are up to {apart:.3g} m apart on an object of {size:.3g} m; allowed is {_WIDEST_HAND:g} m, "
             f"or {_WIDEST_TOUCH:g} times the object's size. Multiply by 0.001 what is in millimetres."
+        )
+
+
+def _check_signs(contacts: Contacts) -> None:
+    if contacts.f_PC is None or contacts.n_PC is None:
+        return
+    has_force = np.linalg.norm(contacts.f_PC, axis=1) > 3.0 * contacts.sigma_force
+    pulls = has_force & (np.einsum("ij,ij->i", contacts.f_PC, contacts.n_PC) < 0.0)
+    if 2 * np.count_nonzero(pulls) > np.count_nonzero(has_force):
+        raise InvalidInputError(
+            f"contacts: f_PC is against n_PC in {', '.join(map(str, np.flatnonzero(pulls)))}: they would pull at the "
+            "object; allowed are forces on the fingertips, and normals that point out of the object into the fingers."
         )
 
 

@@ -36,7 +36,7 @@ from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, positive_number, shown, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
-from tactopose_drake.estimation.estimate import check_units, weigh_poses
+from tactopose_drake.estimation.estimate import check_contacts, weigh_poses
 from tactopose_drake.estimation.far_origins import with_near_origin
 from tactopose_drake.estimation.identities import Identification, Identity
 from tactopose_drake.estimation.object_library import LibraryObject, ObjectLibrary
@@ -109,7 +109,7 @@ def identify(
         chosen, rest = order[:candidates], order[candidates:]
     explain = functools.partial(_explain, evidence=Sealed(evidence), max_hypotheses=max_hypotheses, seed=seed)
     several = [objects[i] for i in chosen]
-    check_units(evidence, max(_model(known).size for known in several))
+    check_contacts(evidence, max(_model(known).size for known in several))
     estimates = list(run(explain, [Sealed(known) for known in several]))
     groups = group_equal_shapes([_model(known) for known in several])
     shapes = len(set(groups)) + len(rest)

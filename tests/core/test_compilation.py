@@ -26,6 +26,7 @@ MODULES = [
     "tactopose_drake." + ".".join(path.relative_to(CORE.parent).with_suffix("").parts)
     for path in sorted(CORE.rglob("*_kernels.py"))
 ]
+FOR_ANNOTATIONS = {"tactopose_drake.core.validation.FloatArray"}
 NUMBA_ELSEWHERE = {"compilation.py", "kernel_cache.py", "kernel_types.py", "linked_code.py", "prefetch.py"}
 
 
@@ -224,3 +225,16 @@ def test_the_cache_notices_changes_of_all_that_is_compiled_in(tmp_path: Path, mo
         assert fingerprint() != before
     finally:
         compilation._fingerprint.cache_clear()
+
+
+def test_files_of_kernels_take_nothing_else_that_is_compiled_in() -> None:
+    """A constant of another file would be compiled in, and its change go unnoticed."""
+    for module in MODULES:
+        path = CORE.parent.parent / Path(*module.split(".")).with_suffix(".py")
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("tactopose_drake"):
+                taken = {f"{node.module}.{name.name}" for name in node.names}
+                part = (node.module or "").rsplit(".", 1)[-1]
+                are_kernels = part.endswith("_kernels") or all(name.endswith("_kernels") for name in taken)
+                of_compiling = part in ("compilation", "kernel_types", "prefetch")
+                assert are_kernels or of_compiling or taken <= FOR_ANNOTATIONS, f"{module}: {taken}"

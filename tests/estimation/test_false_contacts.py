@@ -128,3 +128,20 @@ def test_a_share_of_false_contacts_that_is_none_is_refused(blob: tp.ObjectModel,
     _, contacts = touched(blob, 0)
     with pytest.raises(tp.TactoposeError, match="outlier_probability"):
         tp.estimate_pose(blob, contacts, outlier_probability=share)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_forces_that_pull_are_refused_unless_few_do(blob: tp.ObjectModel, sign: float) -> None:
+    X_PO, contacts = touched(blob, 0)
+    n_PC, p_PC = sign * contacts.n_PC, contacts.p_PC
+    with pytest.raises(tp.InvalidInputError, match=r"^contacts: f_PC is against n_PC in 0, 1, .* pull at the object"):
+        tp.estimate_pose(blob, tp.Contacts(p_PC, n_PC, -2.0 * n_PC, **NOISE), prior=near(X_PO, 0))
+    with pytest.raises(tp.InvalidInputError, match=r"^contacts: f_PC is against n_PC"):
+        tp.identify({"blob": blob}, tp.Contacts(p_PC, n_PC, -2.0 * n_PC, **NOISE))
+    # One of them may be false; and where nothing presses, noise points anywhere.
+    f_PC = 2.0 * contacts.n_PC
+    f_PC[0] *= -1.0
+    one = tp.estimate_pose(blob, tp.Contacts(p_PC, contacts.n_PC, f_PC, **NOISE), prior=near(X_PO, 0))
+    assert is_right(X_PO, one)
+    silent = tp.Contacts(p_PC, contacts.n_PC, -0.05 * contacts.n_PC, **NOISE)
+    assert is_right(X_PO, tp.estimate_pose(blob, silent, prior=near(X_PO, 0)))

@@ -15,7 +15,6 @@ from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 from tactopose_drake.core.sensing.closed_form_kernels import EDGE, closed_form, facing_point, rod_contact
 from tactopose_drake.core.sensing.contact_newton_kernels import MAX_ITERATIONS, Line, NewtonScratch, linearize, newton
 from tactopose_drake.core.surfaces.surface_kernels import ROD, SMOOTH, project
-from tactopose_drake.core.validation import MOST_FORCE
 
 VALID, NOT_FINITE, TOO_WEAK, MISSES, TENSION, OUTSIDE, FRICTION, TORQUE, LAYER, TOO_STRONG = range(10)
 RESULT_SIZE = 18  # p, n, normal force, friction force, local torque (three each), residual, deformation, iterations
@@ -27,7 +26,6 @@ _EXTRA = 0.2  # lever arm of the moment that keeps f.m off zero on that way, rel
 # contact for a line far off, one that would hang on almost nothing but friction and local torque. It is the coefficient
 # that `solve_contact` says it takes without one; who wants a lower bound gives that.
 _GRAZING = 10.0
-_STRONGEST = (1.0 - 1e-9) * MOST_FORCE  # N; what rounding adds when the force is turned into the palm stays allowed
 
 
 class Points(NamedTuple):
@@ -50,7 +48,7 @@ class Conditions(NamedTuple):
 
     Attributes:
         limits: least force, N; friction coefficient (infinite: unknown); the layer's compliance, m/N, and thickness, m;
-            shape (4,), read-only.
+            largest force, N; shape (5,), read-only.
         iterate: whether Newton's method is used even where there is a closed form.
     """
 
@@ -82,7 +80,7 @@ def _solve(
     force = math.sqrt(F[3] * F[3] + F[4] * F[4] + F[5] * F[5])
     if force < limits[0] or force == 0.0:
         return TOO_WEAK
-    if force > _STRONGEST:
+    if force > limits[4]:
         return TOO_STRONG
     a0, a1, a2 = F[3] / force, F[4] / force, F[5] / force
     b0 = F[0] / force - (X[1, 3] * a2 - X[2, 3] * a1)

@@ -56,7 +56,7 @@ _REASONS: Final[dict[int, str]] = {
     contact_kernels.FRICTION: "the friction force exceeds what friction_coefficient allows",
     contact_kernels.TORQUE: "the local torque exceeds what friction on a patch of the fingertip's size can give",
     contact_kernels.LAYER: "the soft layer is pressed in by more than its thickness or the surface's radius",
-    contact_kernels.TOO_STRONG: f"the force is beyond {MOST_FORCE:g} N",
+    contact_kernels.TOO_STRONG: f"the force is beyond {MOST_FORCE:g} N: it must be in millinewtons",
 }
 _REASON_TABLE: Final = np.array([_REASONS[code] for code in range(len(_REASONS))], dtype=object)
 
@@ -178,7 +178,7 @@ def solve_contacts(
 ) -> ContactSolutions:
     """Finds the contacts that explain wrenches on one fingertip, each on its own; as `solve_contact`.
 
-    A wrench with a NaN or infinite number is not an error here but a row that is not valid, as is one beyond 1e6 N.
+    A wrench with a NaN or infinite number is not an error here but a row that is not valid, as is one beyond 1000 N.
 
     Args:
         F_S: wrenches on the fingertip about S's origin, shape (B, 6), N m and N.
@@ -194,6 +194,10 @@ def solve_contacts(
         UnknownNameError: another method.
     """
     return FingertipSolver(surface, layer, min_force, friction_coefficient, method).solve_all(F_S)
+
+
+# N; what rounding adds when the force is turned into the palm stays allowed.
+_STRONGEST = (1.0 - 1e-9) * MOST_FORCE
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -226,7 +230,7 @@ class FingertipSolver:
             instance_of("layer", self.layer, SoftLayer)
             self.layer.check_fits(self.surface.half_width)
             compliance, thickness = 1.0 / self.layer.stiffness, self.layer.thickness
-        limits = read_only(np.array([least, friction, compliance, thickness]))
+        limits = read_only(np.array([least, friction, compliance, thickness, _STRONGEST]))
         object.__setattr__(self, "_conditions", contact_kernels.Conditions(limits, self.method == "newton"))
 
     def solve(self, F_S: FloatArray) -> ContactSolution:
