@@ -1,5 +1,8 @@
 """What the fingertips weigh at their sensors, for any position of the joints."""
 
+import copy
+from typing import Any
+
 import numpy as np
 from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
@@ -44,11 +47,17 @@ class FingertipWeights:
             mass, p_STipcm = fingertip_mass(plant, weld, self._frames[finger])
             self._per_gravity[finger] = weight_matrix(mass, p_STipcm)
 
+    def __deepcopy__(self, memo: Any) -> "FingertipWeights":
+        copied = copy.copy(self)
+        copied._on_base, copied._on_palm = copy.deepcopy((self._on_base, self._on_palm), memo)
+        return copied
+
     def wrenches(self, q: FloatArray, R_WP: RotationMatrix | None = None) -> dict[str, FloatArray]:
         """The weight of each fingertip about the origin of its sensor's frame S, in S, by finger.
 
         Args:
-            q: positions of the hand's joints, shape (nq,), rad; NaN where not known.
+            q: positions of the hand's joints, shape (nq,), rad; NaN where not known. What is far beyond its limits is
+                not known either.
             R_WP: how the palm is turned in the real world, of a hand that an arm moves; None: as its base stands.
 
         Returns:
@@ -58,7 +67,7 @@ class FingertipWeights:
         on, gravity = self._on_base, self._g_Base
         if R_WP is not None:
             on, gravity = self._on_palm, R_WP.inverse() @ GRAVITY_W
-        on.move(q)
+        on.move_to_readings(q)
         wrenches = {finger: np.full(6, np.nan) for finger in self._frames}
         for finger, X_S in on.poses(self._frames).items():
             wrenches[finger] = self._per_gravity[finger] @ (X_S.rotation().matrix().T @ gravity)

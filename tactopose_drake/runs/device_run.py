@@ -152,9 +152,9 @@ def _start(station: HardwareStation, true_pose: Signal | None, recording: Record
 
 
 def warm_up(station: HardwareStation) -> None:
-    """One estimate of a made-up touch: it compiles the kernels, and prepares the model for the search.
+    """One estimate of a made-up touch: the first call of everything is slow.
 
-    It takes seconds, for which a robot would otherwise wait in the middle of its first grasp.
+    A robot would otherwise wait for it in the middle of its first grasp.
     """
     estimation = station.diagram.GetSubsystemByName("pose_estimation")
     simulator = Simulator(estimation)

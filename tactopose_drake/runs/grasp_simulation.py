@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
@@ -11,13 +10,12 @@ from pydrake.systems.framework import Context
 
 from tactopose_drake.core.grasping.grasp_plan import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.runs.contact_truth import ContactTruth, contact_truth
+from tactopose_drake.runs.contact_truth import ContactTruth
+from tactopose_drake.runs.grasp_watch import GraspWatch
 from tactopose_drake.runs.stepping import Observer, RunView
 from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated import Station, make_station
-
-_FALLEN = 0.3  # slip after which nothing more is to be seen, m
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,86 +115,27 @@ def run_grasp(
     simulator.Initialize()
     if meshcat is not None:
         meshcat.StartRecording()
-    plant_context, view = station.plant.GetMyContextFromRoot(context), RunView(station.diagram, context)
-    check, step = station.scenario.check, 0.02
-    release_time, X_PO_release = None, station.object_pose(context)
-    while context.get_time() < station.scenario.duration - 1e-9:
+    watch, view, step = GraspWatch(station), RunView(station.diagram, context), 0.02
+    while context.get_time() < station.scenario.duration - 1e-9 and not watch.is_over(context):
         simulator.AdvanceTo(context.get_time() + step)
+        watch.see(context)
         observer(view)
-        if release_time is None:
-            X_PO_release = station.object_pose(context)
-            if not station.object_joint.is_locked(plant_context):
-                release_time = context.get_time()
-        elif _slip(station.object_pose(context), X_PO_release) > _FALLEN or (
-            context.get_time() >= release_time + check.hold_time and _is_still(station, plant_context)
-        ):
-            break
     if meshcat is not None:
         # The last estimate may be younger than what is shown.
         display = station.diagram.GetSubsystemByName("pose_display")
         display.ForcedPublish(display.GetMyContextFromRoot(context))
         meshcat.StopRecording()
         meshcat.PublishRecording()
-    truth = contact_truth(station.plant, plant_context, station.hand, station.object_body)
-    X_PO = station.object_pose(context)
-    slip = _slip(X_PO, X_PO_release)
-    speed, _ = _motion(station, plant_context)
-    reason = judge_grasp(station, plant_context, release_time, truth, slip)
+    truth, reason = watch.judge(context)
     return GraspResult(
         reason == "ok",
         reason,
         station,
         simulator,
         truth,
-        X_PO,
-        release_time,
-        slip,
-        speed,
+        station.object_pose(context),
+        watch.release_time,
+        watch.slip(context),
+        watch.motion(context)[0],
         failed_attempts,
     )
-
-
-def _slip(X_PO: RigidTransform, X_PO_release: RigidTransform) -> float:
-    return float(np.linalg.norm(X_PO.translation() - X_PO_release.translation()))
-
-
-def _motion(station: Station, plant_context: Context) -> tuple[float, float]:
-    """Speed, m/s, and angular speed, rad/s, of the object in the palm."""
-    palm = station.hand.palm_frame
-    V_PO = station.object_body.body_frame().CalcSpatialVelocity(plant_context, palm, palm)
-    return float(np.linalg.norm(V_PO.translational())), float(np.linalg.norm(V_PO.rotational()))
-
-
-def _is_still(station: Station, plant_context: Context) -> bool:
-    speed, spin = _motion(station, plant_context)
-    return speed <= station.scenario.check.most_speed and spin <= station.scenario.check.most_angular_speed
-
-
-def judge_grasp(
-    station: Station, plant_context: Context, release_time: float | None, truth: ContactTruth, slip: float
-) -> str:
-    """Why a grasp is not stable; "ok" where it is.
-
-    Args:
-        station: the diagram.
-        plant_context: of its plant, at the end.
-        release_time: when the object was let go, s; None if never.
-        truth: the contacts.
-        slip: of the object since, m.
-    """
-    check = station.scenario.check
-    if release_time is None:
-        return "the fingers did not close in time"
-    if slip > check.most_slip:
-        return f"the object slipped by {1e3 * slip:.1f} mm"
-    parts = truth.tips | truth.pads
-    carrying = [name for name, part in parts.items() if np.linalg.norm(part.f_PC) >= check.least_force]
-    if len(carrying) < min(check.least_fingers, len(station.hand.sensor_frames) + len(station.hand.pad_frames)):
-        return f"only {len(carrying)} {'pads' if truth.pads else 'fingertips'} carry the object"
-    # A plan is for the fingertips alone; a grip takes what comes.
-    if truth.other_contacts and station.plan is not None:
-        return f"the object also touches {', '.join(truth.other_contacts)}"
-    if not _is_still(station, plant_context):
-        speed, spin = _motion(station, plant_context)
-        return f"the object still moves at {1e3 * speed:.2f} mm/s and {spin:.3f} rad/s"
-    return "ok"

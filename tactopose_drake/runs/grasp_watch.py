@@ -1,4 +1,4 @@
-"""How a simulated run's grasp went, and how far its estimate is from the truth."""
+"""How a simulated run's grasp goes: when the object is let go, whether it stays, and how far its estimate is off."""
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -7,38 +7,89 @@ from pydrake.systems.framework import Context
 from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior.hypotheses import determined_part
 from tactopose_drake.estimation.results import PoseEstimate
-from tactopose_drake.runs.contact_truth import contact_truth
-from tactopose_drake.runs.grasp_simulation import judge_grasp
+from tactopose_drake.runs.contact_truth import ContactTruth, contact_truth
 from tactopose_drake.station.simulated import Station
+
+_FALLEN = 0.3  # slip after which nothing more is to be seen, m
 
 
 class GraspWatch:
-    """Watches a simulated run, and says at its end what came of it."""
+    """Watches a simulated run, and says at its end what came of it; all contexts are the whole diagram's.
+
+    Attributes:
+        release_time: when the object was seen to be let go, s; None as long as it was not.
+    """
 
     def __init__(self, station: Station) -> None:
         """Keeps the station."""
         self._station = station
-        self._release: tuple[float, RigidTransform] | None = None
+        self.release_time: float | None = None
+        self._X_PO = RigidTransform()  # at that time
 
     def see(self, context: Context) -> None:
         """Notes when the object is let go, and where."""
         locked = self._station.object_joint.is_locked(self._station.plant.GetMyContextFromRoot(context))
-        if self._release is None and not locked:
-            self._release = context.get_time(), self._station.object_pose(context)
+        if self.release_time is None and not locked:
+            self.release_time, self._X_PO = context.get_time(), self._station.object_pose(context)
+
+    def slip(self, context: Context) -> float:
+        """How far the object's origin has moved in the palm since it was let go, m."""
+        if self.release_time is None:
+            return 0.0
+        return float(np.linalg.norm(self._station.object_pose(context).translation() - self._X_PO.translation()))
+
+    def motion(self, context: Context) -> tuple[float, float]:
+        """Speed, m/s, of the object's origin in the palm, and its angular speed, rad/s."""
+        palm, body = self._station.hand.palm_frame, self._station.object_body.body_frame()
+        V_PO = body.CalcSpatialVelocity(self._station.plant.GetMyContextFromRoot(context), palm, palm)
+        return float(np.linalg.norm(V_PO.translational())), float(np.linalg.norm(V_PO.rotational()))
+
+    def is_over(self, context: Context) -> bool:
+        """Whether nothing more is to be seen: the object has fallen, or was held long enough and is still."""
+        if self.release_time is None:
+            return False
+        held = context.get_time() >= self.release_time + self._station.scenario.check.hold_time
+        return self.slip(context) > _FALLEN or (held and self._is_still(context))
+
+    def judge(self, context: Context) -> tuple[ContactTruth, str]:
+        """The contacts at the end, and why the grasp is not stable; "ok" where it is."""
+        station = self._station
+        plant_context = station.plant.GetMyContextFromRoot(context)
+        truth = contact_truth(station.plant, plant_context, station.hand, station.object_body)
+        return truth, self._fault(context, truth) or "ok"
 
     def outcome(self, context: Context) -> str:
         """Whether the object is held, and how far the estimate is off, in a sentence."""
-        station = self._station
-        plant_context = station.plant.GetMyContextFromRoot(context)
-        X_PO = station.object_pose(context)
-        truth = contact_truth(station.plant, plant_context, station.hand, station.object_body)
-        slip = 0.0
-        if self._release is not None:
-            slip = float(np.linalg.norm(X_PO.translation() - self._release[1].translation()))
-        reason = judge_grasp(station, plant_context, self._release[0] if self._release else None, truth, slip)
+        _, reason = self.judge(context)
         held = "the grasp is stable" if reason == "ok" else f"the grasp is not stable: {reason}"
-        estimate: PoseEstimate | None = station.diagram.GetOutputPort("hypotheses").Eval(context)
-        return held if estimate is None else f"{held}; {error_text(estimate, X_PO, station.model.size)}"
+        estimate: PoseEstimate | None = self._station.diagram.GetOutputPort("hypotheses").Eval(context)
+        if estimate is None:
+            return held
+        return f"{held}; {error_text(estimate, self._station.object_pose(context), self._station.model.size)}"
+
+    def _fault(self, context: Context, truth: ContactTruth) -> str:
+        """Why the grasp is not stable; empty where it is."""
+        station, check = self._station, self._station.scenario.check
+        if self.release_time is None:
+            return "the fingers did not close in time"
+        if (slip := self.slip(context)) > check.most_slip:
+            return f"the object slipped by {1e3 * slip:.1f} mm"
+        parts = truth.tips | truth.pads
+        carrying = [name for name, part in parts.items() if np.linalg.norm(part.f_PC) >= check.least_force]
+        if len(carrying) < min(check.least_fingers, len(station.hand.sensor_frames) + len(station.hand.pad_frames)):
+            return f"only {len(carrying)} {'pads' if truth.pads else 'fingertips'} carry the object"
+        # A plan is for the fingertips alone; a grip takes what comes.
+        if truth.other_contacts and station.plan is not None:
+            return f"the object also touches {', '.join(truth.other_contacts)}"
+        if not self._is_still(context):
+            speed, spin = self.motion(context)
+            return f"the object still moves at {1e3 * speed:.2f} mm/s and {spin:.3f} rad/s"
+        return ""
+
+    def _is_still(self, context: Context) -> bool:
+        speed, spin = self.motion(context)
+        check = self._station.scenario.check
+        return speed <= check.most_speed and spin <= check.most_angular_speed
 
 
 def error_text(estimate: PoseEstimate, X_PO_true: RigidTransform, size: float) -> str:

@@ -182,7 +182,7 @@ def _measurement(message: ObjectPoseMessage | None, remarks: list[str]) -> PoseM
 
 
 def _warm_up(tracker: ObjectTracker) -> None:
-    """Some beliefs of a made-up touch, which compile the kernels and prepare the model before anything is measured."""
+    """Some beliefs of a made-up touch, before anything is measured: the first call of everything is slow."""
     joints = np.zeros(len(tracker.joint_names))
     touch = np.array([0.0, 0.0, 0.0, 0.0, 2.0, -2.0])
     names = [tracker.diagram.get_input_port(index).get_name() for index in range(tracker.diagram.num_input_ports())]

@@ -15,6 +15,7 @@ from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.errors import EndOfLogError, InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.resources import fixed_pose
 from tactopose_drake.runs.manifest import ESTIMATES, MANIFEST, SIGNALS, Manifest, load_manifest
 from tactopose_drake.runs.replay_comparison import ReplayComparison
 from tactopose_drake.runs.simulation import TRUE_POSE
@@ -76,7 +77,7 @@ def replay(
     manifest = load_manifest(folder)
     manifest.check_scenario(scenario, folder)
     comparison = ReplayComparison(folder / ESTIMATES, is_live=isinstance(manifest.scenario.senses, CanSenses))
-    is_compared = scenario.estimation == manifest.scenario.estimation
+    is_compared = _estimates_alike(scenario, manifest.scenario)
     scenario = as_recorded(scenario, manifest)
     signals, cut = read_signals(folder / SIGNALS)
     last = max((signal.times[-1] for signal in signals.values()), default=0.0)  # What is beyond is not known.
@@ -114,6 +115,13 @@ def replay(
         if difference:
             difference = f"{difference} {manifest.version_change()}".rstrip()
         return _replay(view, [bus.log_end for bus in buses if bus.log_end is not None], cut, difference)
+
+
+def _estimates_alike(one: Scenario, other: Scenario) -> bool:
+    """Whether two scenarios of the same hand and object, and of the recording's senses, give the same estimates."""
+    bases = [fixed_pose("Scenario.X_WBase", scenario.X_WBase) for scenario in (one, other)]
+    same_shape = (one.surface_sigma, one.scale_sigma) == (other.surface_sigma, other.scale_sigma)
+    return one.estimation == other.estimation and same_shape and bases[0].IsExactlyEqualTo(bases[1])
 
 
 def _replay(view: RunView, ends: list[EndOfLogError], cut: str, difference: str) -> Replay:

@@ -1,8 +1,9 @@
 """Systems in Python whose diagram is freed when nobody uses it any more.
 
 A diagram and its systems refer to each other, and only Python's garbage collector can free them. What Drake's C++ holds
-of Python it does not see: a callback that holds its system, and the handle of a cache entry, keep the diagram for ever.
-So callbacks are kept by the system, and C++ gets them by way of a weak reference.
+of Python it does not see: the callback of an output port or of a cache entry, and the handle of one, keep the diagram
+for ever, where those of events do not. So these callbacks are kept by the system, and C++ gets them by way of a weak
+reference.
 """
 
 import weakref
@@ -47,13 +48,6 @@ class CollectableSystem(LeafSystem, metaclass=_OneDictionary):
 
     DeclareVectorOutputPort = _keeping(LeafSystem.DeclareVectorOutputPort)
     DeclareAbstractOutputPort = _keeping(LeafSystem.DeclareAbstractOutputPort)
-    DeclareInitializationPublishEvent = _keeping(LeafSystem.DeclareInitializationPublishEvent)
-    DeclareInitializationDiscreteUpdateEvent = _keeping(LeafSystem.DeclareInitializationDiscreteUpdateEvent)
-    DeclareInitializationUnrestrictedUpdateEvent = _keeping(LeafSystem.DeclareInitializationUnrestrictedUpdateEvent)
-    DeclarePeriodicPublishEvent = _keeping(LeafSystem.DeclarePeriodicPublishEvent)
-    DeclareForcedPublishEvent = _keeping(LeafSystem.DeclareForcedPublishEvent)
-    DeclarePeriodicDiscreteUpdateEvent = _keeping(LeafSystem.DeclarePeriodicDiscreteUpdateEvent)
-    DeclarePeriodicUnrestrictedUpdateEvent = _keeping(LeafSystem.DeclarePeriodicUnrestrictedUpdateEvent)
 
 
 class CachedValue:

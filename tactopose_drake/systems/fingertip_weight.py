@@ -37,7 +37,7 @@ class FingertipWeight(CollectableSystem):
     """
 
     def __init__(self, weights: FingertipWeights, fingers: tuple[str, ...], num_positions: int) -> None:
-        """Keeps a reference to `weights`.
+        """Keeps a reference to the plant of `weights`.
 
         Args:
             weights: of the hand's fingertips.
@@ -46,11 +46,14 @@ class FingertipWeight(CollectableSystem):
         """
         super().__init__()
         instance_of("weights", weights, FingertipWeights)
-        self._weights, self._fingers = weights, fingers
+        self._fingers = fingers
         self._positions = self.DeclareVectorInputPort("joint_positions", num_positions)
         self._palm = self.DeclareAbstractInputPort("palm_pose", AbstractValue.Make(RigidTransform()))
         self._at_tare = self.DeclareDiscreteState(np.full(6 * len(fingers), np.nan))
         self.DeclareInitializationUnrestrictedUpdateEvent(self._remember)
+        self._weights = declare_cache(
+            self, "a context's own weights", AbstractValue.Make(weights).Clone, lambda *_: None, {self.nothing_ticket()}
+        )
         self._turned = declare_cache(
             self,
             "what the weights have changed by since the tare, by finger",
@@ -79,7 +82,8 @@ class FingertipWeight(CollectableSystem):
     def _now(self, context: Context) -> dict[str, FloatArray]:
         has_palm = self._palm.HasValue(context)
         R_WP = eval_input(self._palm, context, RigidTransform).rotation() if has_palm else None
-        return self._weights.wrenches(self._positions.Eval(context), R_WP)
+        weights: FingertipWeights = self._weights.Eval(context)
+        return weights.wrenches(self._positions.Eval(context), R_WP)
 
     def _remember(self, context: Context, state: State) -> EventStatus:
         before, now = context.get_discrete_state(self._at_tare).value(), self._now(context)

@@ -11,6 +11,7 @@ from typing import Self
 from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import params_of
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.systems.belief_inputs import Reading
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams, TimedBelief
@@ -70,7 +71,7 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
             params: the period, and what is assumed; the latency is what it is.
             collision: as of `PoseBeliefEstimator`.
         """
-        super().__init__(model, params, collision)
+        super().__init__(model, dataclasses.replace(params_of(PoseBeliefParams, params), latency=0.0), collision)
         self._exchange = _Exchange(TimedBelief(self._tracker.start()))
         # A thread that held the system would keep its diagram for ever.
         own = weakref.ref(self), self._exchange
@@ -102,9 +103,6 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
             exchange.wakened.notify()
         self._raise()
         state.get_mutable_abstract_state(self._shown).set_value(self._aged(finished, context.get_time()))
-        return EventStatus.Succeeded()
-
-    def _show(self, context: Context, state: State) -> EventStatus:
         return EventStatus.Succeeded()
 
     def _aged(self, timed: TimedBelief, now: float) -> TimedBelief:

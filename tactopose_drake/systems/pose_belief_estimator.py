@@ -231,8 +231,7 @@ class PoseBeliefEstimator(CollectableSystem):
         """All that the inputs say now; writes what is to be remembered of it into the state."""
         before = context.get_abstract_state(self._remembered).get_value()
         reading, remembered = self._inputs.read(context, before)
-        if remembered is not before:
-            state.get_mutable_abstract_state(self._remembered).set_value(remembered)
+        state.get_mutable_abstract_state(self._remembered).set_value(remembered)
         return reading
 
     def _belief(self, context: Context) -> PoseBelief:

@@ -1,5 +1,6 @@
 """Recordings that are not what a run has written: each is refused in one line, and none plays as if it were whole."""
 
+import dataclasses
 import gc
 import json
 import shutil
@@ -66,6 +67,8 @@ def test_a_part_that_ends_between_two_estimates_is_like_the_run(
         replay(recording, scenario, observer=lambda view: writer.write(view.diagram, view.context))
     played = replay(copy, scenario, duration=0.25)
     assert (played.view.context.get_time(), played.difference) == (0.25, "")
+    other = dataclasses.replace(scenario, surface_sigma=0.002)  # They are not to be compared.
+    assert replay(copy, other, duration=0.25).difference == ""
     signals = copy / SIGNALS
     edit(lambda lines: [line for line in lines if line["time"] <= 0.2])(copy)
     signals.write_text(signals.read_text().replace('"time": 0.2', '"time": 0.15') + '{"time"')

@@ -141,3 +141,27 @@ def test_a_joint_that_is_not_known_spares_the_other_fingers(hand) -> None:
     q[plant.GetJointByName("WRJ1").position_start()] = np.nan  # the wrist turns them all
     wrenches = FingertipWeights(plant, parts, RotationMatrix()).wrenches(q)
     assert all(np.isnan(wrench).all() for wrench in wrenches.values())
+
+
+def test_a_reading_that_cannot_be_true_counts_for_nothing(hand) -> None:
+    plant, parts = hand
+    q = held_cube.Q.copy()
+    q[plant.GetJointByName("THJ4").position_start()] = 40.0
+    wrenches = FingertipWeights(plant, parts, RotationMatrix()).wrenches(q)
+    assert np.isnan(wrenches["thumb"]).all()
+    assert all(np.isfinite(wrench).all() for finger, wrench in wrenches.items() if finger != "thumb")
+
+
+def test_contexts_share_no_kinematics(hand) -> None:
+    plant, parts = hand
+    weights = FingertipWeights(plant, parts, R_WBASE)
+    system = FingertipWeight(weights, ("thumb",), plant.num_positions())
+    one, other = system.CreateDefaultContext(), system.CreateDefaultContext()
+    for context, q in ((one, 0.0 * held_cube.Q), (other, held_cube.Q)):
+        system.GetInputPort("joint_positions").FixValue(context, q)
+        system.GetInputPort("wrench_thumb").FixValue(context, TOUCH)
+        Simulator(system, context).Initialize()
+    system.GetInputPort("joint_positions").FixValue(one, held_cube.Q)
+    turned = weights.wrenches(held_cube.Q)["thumb"] - weights.wrenches(0.0 * held_cube.Q)["thumb"]
+    np.testing.assert_allclose(system.GetOutputPort("wrench_thumb").Eval(one), TOUCH - turned, atol=1e-12)
+    np.testing.assert_allclose(system.GetOutputPort("wrench_thumb").Eval(other), TOUCH, atol=1e-12)
