@@ -6,6 +6,7 @@ import click
 
 from tactopose_drake.cli.consoles import OUT
 from tactopose_drake.core.shape import model_cache
+from tactopose_drake.errors import InvalidInputError
 
 _MB = 1e6
 
@@ -15,6 +16,8 @@ _MB = 1e6
 def cache_command(clear: bool) -> None:
     """Shows what is kept of objects between runs: models, their pairs of points, and libraries' indices."""
     folder, files = model_cache.cache_folder(), model_cache.cached_files()
+    if folder.exists() and not folder.is_dir():
+        raise InvalidInputError(f"{model_cache.FOLDER_VARIABLE}: is {folder}, which is no folder: nothing is kept.")
     if clear:
         size = model_cache.clear()
         OUT.print(f"Removed {len(files)} files, {size / _MB:.0f} MB, from {folder}", soft_wrap=True, highlight=False)

@@ -13,16 +13,17 @@ from tactopose_drake.core.poses import exp_so3, skew
 from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT, contact_covariance
 from tactopose_drake.core.sensing.intrinsic_contact import solve_contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, finite_array, instance_of
+from tactopose_drake.core.validation import MOST_FORCE, FloatArray, finite_array, instance_of
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.contact_gains import contact_gains, thicker
 from tactopose_drake.hand.hand_errors import FingertipErrors, HandErrors
 from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
+from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.hand.joint_paths import JointPaths
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.hand.named_joints import NamedJoints, check_near_limits
 
-_MOST_WRENCH = np.repeat([100.0, 1000.0], 3)  # N m and N: more is in other units
+_MOST_WRENCH = np.repeat([100.0, MOST_FORCE], 3)  # N m and N: more is in other units
 _NOISE = np.repeat([NANO17_SIGMA_MOMENT, NANO17_SIGMA_FORCE], 3)  # of a reading, N m and N
 _MOST_BIAS = 6.0  # standard deviations: what a sensor reads beyond that is a touch
 
@@ -212,11 +213,15 @@ def check_grasps(plant: MultibodyPlant, hand: Hand, grasps: Sequence[RecordedGra
         q = named.positions(f"{where}: joint_positions", dict(grasp.joint_positions))
         check_near_limits(f"{where}: joint_positions", grasp.joint_positions, plant, hand)
         named.check_couplings(f"{where}: joint_positions", grasp.joint_positions)
-        known = paths.known(q)
-        if not all(known[int(frame.body().index())] for frame in hand.sensor_frames.values()):
-            missing = [joint for joint in measured_joints(plant, hand) if joint not in grasp.joint_positions]
+        needed = np.unique(np.concatenate([paths.between(int(f.body().index())) for f in hand.sensor_frames.values()]))
+        if np.isnan(q[needed]).any():
+            joints = measured_joints(plant, hand)
+            moves = (joint_matrix(plant, hand, joints)[needed] != 0.0).any(axis=0)
+            lacking = [
+                joint for joint, k in zip(joints, moves, strict=True) if k and joint not in grasp.joint_positions
+            ]
             raise InvalidInputError(
-                f"{where}: joint_positions: lack {', '.join(missing)}; allowed is a number of each."
+                f"{where}: joint_positions: lack {', '.join(lacking)}; allowed is a number of each."
             )
         for key, wrenches in (("wrenches", grasp.wrenches), ("out_of_touch", grasp.out_of_touch)):
             for finger, wrench in wrenches.items():
@@ -277,7 +282,7 @@ def _scatter(times: FloatArray, wrenches: FloatArray, drifts: bool) -> FloatArra
 
 
 def _check_different(grasps: Sequence[RecordedGrasp]) -> None:
-    """Raises InvalidInputError if a grasp is there twice: no sensor reads the very same numbers in two."""
+    """Raises InvalidInputError if a grasp is there twice, or a sensor reads the very same numbers of two touches."""
     seen: dict[object, str] = {}
     for i, grasp in enumerate(grasps):
         wrenches = (
@@ -289,3 +294,11 @@ def _check_different(grasps: Sequence[RecordedGrasp]) -> None:
         if readings in seen:
             raise InvalidInputError(f"{where}: has the readings of {seen[readings]}; allowed is each grasp once.")
         seen[readings] = where
+        for finger, wrench in grasp.wrenches.items():
+            touch = (finger, tuple(np.asarray(wrench, dtype=float).tolist()))
+            if touch in seen:
+                raise InvalidInputError(
+                    f"{where}: wrenches.{finger}: is to the last digit that of {seen[touch]}; allowed are different "
+                    "ones. A sensor that goes on to say the same is frozen."
+                )
+            seen[touch] = where

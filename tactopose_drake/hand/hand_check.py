@@ -118,6 +118,7 @@ def _check(config: HandConfig, complaints: list[str]) -> HandCheck:
         *_contact(plant, scene_graph, hand, context),
         *_dynamics(plant, hand, context),
         *check_pads(plant, scene_graph, hand),
+        _uncertainty(config),
         *_calibration(config),
     )
     unlimited = any(has_unlimited_joints(plant, hand, finger) for finger in config.fingers if finger.sensor_frame)
@@ -272,6 +273,21 @@ def _reach(config: HandConfig) -> Iterator[Finding]:
 def _box(low: np.ndarray, high: np.ndarray) -> str:
     sides = zip("xyz", 1e3 * low, 1e3 * high, strict=True)
     return ", ".join(f"{axis} {a:z.0f} to {b:z.0f}" for axis, a, b in sides) + " mm"
+
+
+def _uncertainty(config: HandConfig) -> Finding:
+    told = config.uncertainty
+    if told is None:
+        text = (
+            "is not declared, so that contacts are as certain as parameters say; `{}` declares a good research hand's"
+        )
+        return Finding("uncertainty", text, "note")
+    return Finding(
+        "uncertainty",
+        f"encoders {told.encoder_offset_deg:g} deg; mounting {1e3 * told.mounting:g} mm, {told.mounting_deg:g} deg; "
+        f"fingertips {1e3 * told.fingertip_radius:g} mm; sensors {told.sensor_force:g} N, "
+        f"{1e3 * told.sensor_moment:g} mN m",
+    )
 
 
 def _calibration(config: HandConfig) -> Iterator[Finding]:

@@ -138,7 +138,10 @@ class _Composer:
         if any(ord(letter) < 32 or 127 <= ord(letter) < 160 for letter in event.value):
             raise InvalidFileError(f"{_line(event)}{shown(event.value)} has a control character, or more than a line.")
         if len(event.value) > MAX_LETTERS:
-            raise InvalidFileError(f"{_line(event)}{shown(event.value)} has more than {MAX_LETTERS} letters.")
+            raise InvalidFileError(
+                f"{_line(event)}{shown(event.value)} has more than {MAX_LETTERS} letters; allowed are fewer. No file "
+                "of this package has such a text: this may be a mesh, or another file that is not YAML."
+            )
         return yaml.ScalarNode(
             self._tag(yaml.ScalarNode, event), event.value, event.start_mark, event.end_mark, event.style
         )

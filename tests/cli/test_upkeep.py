@@ -58,6 +58,15 @@ def test_a_limit_that_is_none_is_unusable_input(
     assert "TACTOPOSE_CACHE_GB: is 'plenty'" in capsys.readouterr().err
 
 
+def test_a_folder_of_the_cache_that_is_none_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv(model_cache.FOLDER_VARIABLE, str(tmp_path / "file"))
+    assert run("cache") == 2
+    assert "which is no folder: nothing is kept." in " ".join(capsys.readouterr().err.split())
+
+
 def test_what_is_not_compiled_is_compiled_elsewhere(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -255,7 +255,7 @@ def test_unusable_grasps_are_refused_by_name(wrong_hand: WrongHand, grasps: list
     with pytest.raises(UnknownNameError, match=r"one\.yaml: wrenches: 'sixth' is unknown; valid names: first"):
         calibrate_hand(config, [*recorded, stranger])
     lacking = {name: value for name, value in recorded[0].joint_positions.items() if name != "THJ5"}
-    with pytest.raises(InvalidInputError, match=r"grasps\[4\]: joint_positions: lack .*THJ5"):
+    with pytest.raises(InvalidInputError, match=r"grasps\[4\]: joint_positions: lack THJ5; allowed"):
         calibrate_hand(config, [*recorded, dataclasses.replace(recorded[0], joint_positions=lacking)])
     weights = {"first": [0.0, 0.0, 0.0, 0.0, 0.0, 1200.0]}
     with pytest.raises(
@@ -264,6 +264,11 @@ def test_unusable_grasps_are_refused_by_name(wrong_hand: WrongHand, grasps: list
         calibrate_hand(config, [*recorded, dataclasses.replace(recorded[0], wrenches=weights)])
     with pytest.raises(InvalidInputError, match=r"wrenches\.first"):
         calibrate_hand(config, [*recorded, dataclasses.replace(recorded[0], wrenches={"first": [1.0, 2.0]})])
+    frozen = {"first": np.array(recorded[0].wrenches["first"])}
+    with pytest.raises(
+        InvalidInputError, match=r"^grasps\[4\]: wrenches\.first: is to the last digit that of grasps\[0\]"
+    ):
+        calibrate_hand(config, [*recorded, dataclasses.replace(recorded[1], wrenches=frozen)])
     with pytest.raises(InvalidInputError, match="every error is 0"):
         calibrate_hand(dataclasses.replace(config, uncertainty=HandUncertainty(**NONE)), recorded)
 

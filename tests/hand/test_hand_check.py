@@ -411,3 +411,14 @@ def test_a_pad_on_a_link_without_a_shape_is_noted(tmp_path: Path) -> None:
     assert ("note", "the link 'mark' has no collision shape, which its cells could be compared with") in verdicts(
         check_hand(path), "pad tip"
     )
+
+
+def test_what_is_declared_of_the_hand_s_errors_is_said(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    (silent,) = (finding for finding in check_hand(path).findings if finding.part == "uncertainty")
+    assert silent.verdict == "note"
+    assert silent.text.startswith("is not declared")
+    path.write_text(path.read_text() + "uncertainty: {encoder_offset_deg: 2.0}\n")
+    (told,) = (finding for finding in check_hand(path).findings if finding.part == "uncertainty")
+    assert told.verdict == "ok"
+    assert told.text == "encoders 2 deg; mounting 0.3 mm, 0.5 deg; fingertips 0.1 mm; sensors 0.05 N, 0.5 mN m"
