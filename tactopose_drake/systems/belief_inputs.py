@@ -40,11 +40,13 @@ class Remembered:
     """What was read before and tells no time of its own, and since when it is so, s.
 
     Attributes:
-        prior: what vision said, as a measurement of then; None before the first.
+        seen: the prior that vision said last; None before the first.
+        prior: that which was news, as a measurement of then.
         felt: what each finger or pad felt, and since when, s, by its name: the size of a force, shape (1,), N, which no
             motion of the joints changes, or where there is none the point, shape (3,), m.
     """
 
+    seen: PosePrior | None = None
     prior: PoseMeasurement | None = None
     felt: Mapping[str, tuple[FloatArray, float]] = dataclasses.field(default_factory=dict)
 
@@ -156,9 +158,10 @@ class BeliefInputs:
                 "and None."
             )
         now = context.get_time()
-        measured = PoseMeasurement.from_prior(seen, now)
-        if before.prior is None or measured.is_news_after(before.prior):
-            before = dataclasses.replace(before, prior=measured)
+        if seen is not before.seen:
+            measured = PoseMeasurement.from_prior(seen, now)
+            is_news = before.prior is None or measured.is_news_after(before.prior)
+            before = Remembered(seen, measured if is_news else before.prior, before.felt)
         # One that stays as it is is no new measurement, nor a late one.
         return (before.prior if before.prior is not None and now < before.prior.time + _FROZEN else None), before
 
