@@ -67,7 +67,7 @@ def update_push(push: float, force: float, set_force: float, holding: bool, peri
         return push
     # The last half of it is approached ever more slowly, so that the measured force does not overshoot.
     rate = law.push_rate * float(np.clip(2.0 * lack, -1.0, 1.0))
-    return min(push + period * rate, law.most_push_share * set_force)
+    return max(-law.approach_push, min(push + period * rate, law.most_push_share * set_force))
 
 
 def joint_torques(

@@ -39,6 +39,7 @@ class RigidityTest(NamedTuple):
         noise: variance of the velocities' errors, of each coordinate, m^2/s^2; None before the first frame.
         readings: by which reading of the velocities each frame is, counted from any number.
         velocity: the last one, by source, shape (s, 6), rad/s and m/s; NaN where one did not stay in touch.
+        durations: of each of the latest frames since the one before, s.
     """
 
     times: tuple[float, ...] = ()
@@ -47,6 +48,7 @@ class RigidityTest(NamedTuple):
     noise: float | None = None
     readings: tuple[int, ...] = ()
     velocity: FloatArray = np.zeros((0, 6))
+    durations: tuple[float, ...] = ()
 
 
 def detect_by_motion(
@@ -84,18 +86,19 @@ def detect_by_motion(
     readings = (*test.readings[first:], (test.readings[-1] if is_held else test.readings[-1] + 1) if len(before) else 0)
     last = np.full((len(names), 6), np.nan)
     last[source] = velocity
-    test = RigidityTest((*test.times[first:], time), displacements, touching, noise, readings, last)
+    durations = *test.durations[first:], duration
+    test = RigidityTest((*test.times[first:], time), displacements, touching, noise, readings, last, durations)
     if steady < _LEAST_CONTACTS:
         return test, False
     unexplained, of_change, of_ways = squares.tolist()
     freedom = 3 * steady - 6
     if len(before) and not is_held:
-        # Of two independent errors the difference has twice the variance of one. A slide goes on as before.
-        seen = 0.5 * of_change / (freedom * duration**2)
+        # Of two independent errors the difference has the sum of their variances. A slide goes on as before.
+        seen = of_change / (freedom * (durations[-1] ** 2 + durations[-2] ** 2))
         seen = min(max(seen, params.least_velocity_noise**2), _MOST_GROWTH * noise)
         test = test._replace(noise=noise + params.noise_gain * (seen - noise))
     # Noise adds up as a random walk over readings, what kinematics err along the way does not average out.
-    frames = np.bincount(np.subtract(readings, readings[0]))
-    variance = noise * duration**2 * int(frames @ frames) + params.way_share**2 * of_ways / (3 * steady)
+    held = np.bincount(np.subtract(readings, readings[0]), weights=durations)
+    variance = noise * float(held @ held) + params.way_share**2 * of_ways / (3 * steady)
     is_news = unexplained > variance * chi_square_limit(freedom, params.false_alarm_probability)
     return test, bool(is_news and unexplained > steady * params.least_distance**2)

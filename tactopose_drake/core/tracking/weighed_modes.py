@@ -35,9 +35,14 @@ class WeighedModes(NamedTuple):
     noise_scale: float
 
     def moved(self, X_PP: FloatArray) -> WeighedModes:
-        """The same after a motion (3, 4) of the object, which acts from the left."""
-        mixture = dataclasses.replace(self.modes.mixture, X_PO=compose(X_PP, self.modes.mixture.X_PO))
-        return self._replace(modes=dataclasses.replace(self.modes, mixture=mixture))
+        """The same after a motion (3, 4) of the object, which acts from the left: translations turn with it."""
+        turn, mixture = np.eye(6), self.modes.mixture
+        turn[3:, 3:] = X_PP[:, :3]
+        mixture = dataclasses.replace(
+            mixture, X_PO=compose(X_PP, mixture.X_PO), covariance=turn @ mixture.covariance @ turn.T
+        )
+        free = tuple(directions @ turn.T for directions in self.modes.free_directions)
+        return self._replace(modes=dataclasses.replace(self.modes, mixture=mixture, free_directions=free))
 
     def likely(self, params: RelocalisationParams) -> NDArray[np.intp]:
         """Which of several modes are likely, the numbers of two at least; none where one alone is."""

@@ -54,6 +54,13 @@ def test_push_never_changes_faster_than_its_rate():
         assert abs(update_push(1.0, force, 3.0, False, PERIOD, LAW) - 1.0) <= LAW.push_rate * PERIOD + 1e-12
 
 
+def test_a_finger_that_is_pressed_from_outside_does_not_wind_up():
+    push = 1.0
+    for _ in range(2000):
+        push = update_push(push, 6.0, 3.0, False, PERIOD, LAW)
+    assert push == -LAW.approach_push
+
+
 def test_no_reading_counts_as_no_force_until_the_hand_holds():
     for set_force in (0.5, 3.0):
         no_force = update_push(1.0, 0.0, set_force, False, PERIOD, LAW)

@@ -229,6 +229,16 @@ def test_what_is_older_than_the_memory_is_forgotten() -> None:
     assert history.predict(PoseMeasurement(0.9, np.eye(3, 4), COVARIANCE)) is not None
 
 
+def test_the_most_that_touch_may_tell_turns_with_the_object() -> None:
+    spread = np.diag([4e-4, 1e-4, 2e-4, 1e-6, 9e-6, 4e-6])
+    modes = TrackedModes.independent(random_pose(4)[None], spread[None], 1)
+    modes = dataclasses.replace(modes, most_information=np.linalg.inv(spread)[None])
+    motion = Motion(np.array([0.3, -0.9, 0.5, 0.05, 0.0, -0.03]), np.zeros((6, 6)))
+    turned = predict_poses(modes.X_PO, spread[None], motion)[1]
+    np.testing.assert_allclose(np.linalg.inv(predict_modes(modes, motion, 0.3).most_information), turned, atol=1e-12)
+    assert np.abs(turned - spread).max() > 1e-6
+
+
 def test_what_is_no_knowledge_any_more_does_not_grow() -> None:
     modes = TrackedModes.independent(random_pose(3)[None], COVARIANCE[None], 1)
     motion = Motion(np.zeros(6), np.diag(np.repeat([9.0, 4.0], 3)))

@@ -241,6 +241,11 @@ def test_modes_are_weighed_as_of_the_time_that_this_began_and_moved_with_the_obj
     assert at_rest is not None
     np.testing.assert_allclose(moved.modes.mixture.X_PO, compose(X_PP, at_rest.modes.mixture.X_PO), atol=1e-12)
     np.testing.assert_array_equal(moved.modes.mixture.weights, at_rest.modes.mixture.weights)
+    turn = np.eye(6)
+    turn[3:, 3:] = X_PP[:, :3]
+    expected = turn @ at_rest.modes.mixture.covariance @ turn.T
+    np.testing.assert_allclose(moved.modes.mixture.covariance, expected, atol=1e-12)
+    assert np.abs(expected - at_rest.modes.mixture.covariance).max() > 1e-7, "the turn matters"
 
 
 def test_weights_are_means_over_the_searches_that_agree(box: ObjectModel) -> None:

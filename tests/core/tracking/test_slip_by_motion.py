@@ -22,12 +22,17 @@ def moves(carried: np.ndarray, errors: np.ndarray) -> dict[str, np.ndarray]:
     return {name: carried + np.append(np.zeros(3), error) for name, error in zip(names, errors, strict=True)}
 
 
-def calls(velocities: list[dict[str, np.ndarray]], readings: list[ContactReading] | None = None) -> list[bool]:
-    """At which frames a fingertip is found to slide."""
-    test, said = RigidityTest(), []
+def calls(
+    velocities: list[dict[str, np.ndarray]],
+    readings: list[ContactReading] | None = None,
+    durations: np.ndarray | None = None,
+) -> list[bool]:
+    """At which frames, of these durations, a fingertip is found to slide."""
+    test, said, time = RigidityTest(), [], 0.0
     for i, velocity in enumerate(velocities):
-        reading = touch() if readings is None else readings[i]
-        test, slides = detect_by_motion(PARAMS, test, reading, velocity, PERIOD * (i + 1), PERIOD)
+        reading, duration = touch() if readings is None else readings[i], PERIOD if durations is None else durations[i]
+        time += duration
+        test, slides = detect_by_motion(PARAMS, test, reading, velocity, time, duration)
         said.append(slides)
     return said
 
@@ -41,6 +46,14 @@ def noisy(
 def test_fingertips_that_carry_an_object_do_not_slide() -> None:
     for seed, carried in enumerate([REST, TWIST, 3.0 * TWIST]):
         assert not any(calls(noisy(np.random.default_rng(seed), 1000, carried, 0.002)))
+
+
+@pytest.mark.parametrize("sigma", [0.003, 0.01])
+def test_frames_of_uneven_length_are_no_slide(sigma: float) -> None:
+    generator = np.random.default_rng(7)
+    durations = PERIOD * generator.choice([1.0, 1.0, 1.0, 1.0, 5.0], size=2000)
+    said = calls(noisy(generator, len(durations), REST, sigma), durations=durations)
+    assert not any(said[100:])  # By then the noise is known.
 
 
 def test_fingertips_that_turn_as_they_roll_do_not_slide() -> None:
