@@ -52,11 +52,11 @@ class FrameDispatch:
         Raises:
             InvalidInputError: if another device has the same identifiers.
         """
-        for identifier in device.replies & self._owners.keys():
-            other = self._owners[identifier]
-            raise InvalidInputError(
-                f"{device.name}: has the identifier {identifier:#x}, which {other.name} on the same bus has too."
-            )
+        for other in self._devices:
+            for identifier in sorted((device.requests | device.replies) & (other.requests | other.replies)):
+                raise InvalidInputError(
+                    f"{device.name}: has the identifier {identifier:#x}, which {other.name} on the same bus has too."
+                )
         self._devices += (device,)
         self._askers.update(dict.fromkeys(device.requests, device))
         self._owners.update(dict.fromkeys(device.replies, device))

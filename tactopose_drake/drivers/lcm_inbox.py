@@ -7,6 +7,7 @@ from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectPoseMe
 from tactopose_drake.errors import BusError, InvalidInputError, ProtocolError
 
 _AHEAD = 500_000  # microseconds
+_BACK = 1_000_000  # microseconds that a message may be older than the one before; beyond, its sender began anew
 _MOST_MISSED = 10**6  # a gap beyond is another counter, and not that many messages
 
 
@@ -49,7 +50,7 @@ class LcmInbox:
     Attributes:
         received: messages of senses so far.
         lost: how many were sent meanwhile and never came, by their sequence.
-        passed_over: how many were received and not taken, since a newer one was there.
+        passed_over: how many were received and not taken, since a newer one was there or had been.
         remarks: what is to be said of what came since the last was taken.
     """
 
@@ -115,7 +116,11 @@ class LcmInbox:
             return
         self.received += 1
         if self._last is not None:
-            self._count(message.sequence - self._last.sequence)
+            step, back = message.sequence - self._last.sequence, self._last.utime - message.utime
+            if step <= 0 < message.sequence and 0 <= back < _BACK:  # It was overtaken, or came twice; 0 is a first one.
+                self.passed_over += 1
+                return
+            self._count(step)
         if self._newest is not None:
             self.passed_over += 1
         self._last = self._newest = message

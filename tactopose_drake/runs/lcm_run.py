@@ -1,5 +1,7 @@
 """Runs a scenario whose senses are messages over LCM."""
 
+from collections.abc import Collection
+
 from tactopose_drake.drivers.lcm_inbox import LcmInbox, open_lcm
 from tactopose_drake.runs.message_run import run_messages
 from tactopose_drake.runs.publishing import open_publisher
@@ -26,7 +28,7 @@ def run_lcm(scenario: Scenario, duration: float | None, observer: Observer, tell
     link = open_lcm(senses.url)
     out = open_publisher(scenario, senses.url, link)
 
-    def inbox() -> LcmInbox:
+    def inbox(_: Collection[str]) -> LcmInbox:
         return LcmInbox(link, senses.channel, senses.vision)
 
     return run_messages(scenario, senses.max_age, inbox, out, duration, observer, tell)

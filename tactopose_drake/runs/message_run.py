@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Protocol
 
 import numpy as np
@@ -57,7 +57,7 @@ class Publisher(Protocol):
 def run_messages(
     scenario: Scenario,
     max_age: float,
-    open_inbox: Callable[[], Inbox],
+    open_inbox: Callable[[Collection[str]], Inbox],
     out: Publisher | None,
     duration: float | None,
     observer: Observer,
@@ -72,35 +72,42 @@ def run_messages(
     Args:
         scenario: whose senses are messages.
         max_age: of a message; after a longer silence the belief is called lost, s.
-        open_inbox: begins to take messages in.
+        open_inbox: begins to take messages in, of a hand whose joints have these names.
         out: sends beliefs; None: nobody does.
         duration: s; until it is interrupted, if not given.
-        observer: is shown each belief.
+        observer: is shown each belief, and ten times a second a silence.
         tell: is told what begins.
     """
     tell("reading the object")
     hand, model = load_hand_config(scenario.hand), scenario.object_model()
     tell("preparing the estimate")
     _warm_up(ObjectTracker(hand, model, scenario.tracking))
-    run = _MessageRun(max_age, hand, ObjectTracker(hand, model, scenario.tracking), open_inbox(), out)
-    view = RunView(run.tracker.diagram, run.tracker.context)
+    tracker = ObjectTracker(hand, model, scenario.tracking)
+    run = _MessageRun(max_age, hand, tracker, open_inbox(tracker.joint_names), out)
+    view = RunView(tracker.diagram, tracker.context)
     end = math.inf if duration is None else time.monotonic() + duration
     tell("waiting for senses")
     with contextlib.suppress(KeyboardInterrupt):
         while time.monotonic() < end:
             if run.step(min(_HEARTBEAT, end - time.monotonic())):
                 tell("running")
+                view = dataclasses.replace(view, status=run.status)
                 observer(view)
-    return view
+    return dataclasses.replace(view, status=run.status)
 
 
 class _MessageRun:
-    """Takes messages in, and sends beliefs."""
+    """Takes messages in, and sends beliefs.
+
+    Attributes:
+        tracker: makes them.
+        status: of the last one, with all that is remarked; or that nothing comes any more.
+    """
 
     def __init__(
         self, max_age: float, hand: HandConfig, tracker: ObjectTracker, inbox: Inbox, out: Publisher | None
     ) -> None:
-        self.tracker = tracker
+        self.tracker, self.status = tracker, ""
         self._max_age, self._out, self._inbox = max_age, out, inbox
         self._fingers = tuple(finger.name for finger in hand.fingers if finger.sensor_frame)
         self._cells = {pad.name: len(load_tactile_pad(pad.array).layout) for pad in hand.pads}
@@ -108,17 +115,17 @@ class _MessageRun:
         self._is_silent = False
 
     def step(self, timeout: float) -> bool:
-        """Waits for a message, s; makes a belief of it. Whether there is a new one."""
+        """Waits for a message, s; makes a belief of it. Whether there is a new one, or none any more."""
         self._inbox.wait(timeout)
         senses = self._inbox.take()
         if senses is None:
-            self._be_patient()
-            return False
+            return self._be_patient()
         remarks = list(self._inbox.take_remarks())
         if self._is_silent:
             remarks.append(f"the senses are back after {time.monotonic() - self._last_time:.1f} s")
         message = self._believe(senses, remarks)
         self._last, self._last_time, self._is_silent = message, time.monotonic(), False
+        self.status = message.status
         self._send(message)
         return True
 
@@ -145,17 +152,19 @@ class _MessageRun:
         message.utime, message.sequence = senses.utime, senses.sequence
         return message
 
-    def _be_patient(self) -> None:
-        """Says that nothing comes in, now and then."""
+    def _be_patient(self) -> bool:
+        """Says that nothing comes in, now and then; whether it did, of what came once."""
         now = time.monotonic()
         silence = now - self._last_time
         if silence <= self._max_age or now - self._beat_time < _HEARTBEAT:
-            return
+            return False
         self._beat_time = now
         self._is_silent = math.isfinite(silence)
         text = f"no senses for {silence:.1f} s" if self._is_silent else "no senses yet"
         remarks = "".join(f"; {remark}" for remark in self._inbox.take_remarks())
-        self._send(dataclasses.replace(self._last, status=f"lost: {text}{remarks}"))
+        self.status = f"lost: {text}{remarks}"
+        self._send(dataclasses.replace(self._last, status=self.status))
+        return self._is_silent
 
     def _send(self, message: ObjectBeliefMessage) -> None:
         if self._out is None:

@@ -29,7 +29,8 @@ class Monitor:
         self._console = console
         self._live = Live(console=console, auto_refresh=False) if console.is_terminal else None
         self._rates = _Rates()
-        self._next = 0.0
+        self._next = self._time = 0.0
+        self._said = ""
 
     def __enter__(self) -> Self:
         if self._live is not None:
@@ -43,8 +44,11 @@ class Monitor:
     def show(self, view: RunView) -> None:
         """Shows the present state, if it is time."""
         self._rates.count(view)
-        time = view.context.get_time()
-        if time < self._next:
+        time, said = view.context.get_time(), view.status.partition(":")[0]
+        # A clock may begin anew, and in a silence it stands.
+        is_time = time >= self._next or time < self._time or said != self._said
+        self._time, self._said = time, said
+        if not is_time:
             return
         rates = self._rates.of(view)
         if self._live is not None:
@@ -153,7 +157,7 @@ def wrong_senses(view: RunView) -> str:
 
 def estimate_line(view: RunView) -> str:
     """The status, and the pose of which it is; where the station tracks, those of the belief over time."""
-    status, estimate = _value(view, belief_port(view, "status")), explained_estimate(view)
+    status, estimate = view.status or _value(view, belief_port(view, "status")), explained_estimate(view)
     if estimate is None:
         return str(status)
     position = " ".join(f"{1e3 * x:z.1f}" for x in _value(view, belief_port(view, "object_pose")).translation())
@@ -163,9 +167,10 @@ def estimate_line(view: RunView) -> str:
 
 
 def explained_estimate(view: RunView) -> PoseEstimate | None:
-    """The last estimate; None before the first, and where none of its poses explains the touch."""
+    """The last estimate; None before the first, and where none of its poses explains the touch or all is silent."""
     estimate: PoseEstimate | None = _value(view, belief_port(view, "hypotheses"), None)
-    return None if estimate is None or estimate.status == "no_solution" else estimate
+    is_none = estimate is None or estimate.status == "no_solution" or view.status.startswith("lost")
+    return None if is_none else estimate
 
 
 def _value(view: RunView, port: str, otherwise: Any = "") -> Any:

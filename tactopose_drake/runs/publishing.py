@@ -68,7 +68,8 @@ def publishing(scenario: Scenario, observer: Observer) -> Observer:
         known_by = view.context.get_time()
         if prefix:  # The belief over time may be late.
             known_by = view.diagram.GetOutputPort("tracked_belief").Eval(view.context).time
-        message.utime = round(1e6 * known_by)
+        begun = 0.0 if view.devices is None else next(iter(view.devices.buses.values())).origin
+        message.utime = round(1e6 * (begun + known_by))
         out.send(message)
         observer(view)
 

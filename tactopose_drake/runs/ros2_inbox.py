@@ -2,6 +2,7 @@
 
 import functools
 import math
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -23,16 +24,18 @@ class Ros2Inbox:
     Attributes:
         received: joint states so far.
         lost: 0; messages of ROS 2 are not counted by who sends them.
-        passed_over: how many were received and not taken, since a newer one was there.
+        passed_over: how many were received and not taken, since a newer one was there or had been.
     """
 
-    def __init__(self, link: Ros2Link, senses: Ros2Senses) -> None:
+    def __init__(self, link: Ros2Link, senses: Ros2Senses, joints: Collection[str] | None = None) -> None:
         """Subscribes.
 
         Args:
             link: a participant.
             senses: the topics, and how old a wrench or a pad's frame may be.
+            joints: the hand's; a joint state of none of them, such as an arm's, is no message. None: any may be.
         """
+        self._joints = joints
         self.received = self.lost = self.passed_over = 0
         self._link, self._max_age = link, senses.max_age
         self._remarks: list[str] = []
@@ -113,7 +116,13 @@ class Ros2Inbox:
         if len(said.name) != len(said.position):
             self._remarks.append(f"a joint state has {len(said.name)} names and {len(said.position)} positions")
             return
-        if time < self._time - _BACK:
+        if self._joints is not None and not any(name in self._joints for name in said.name):
+            return  # It is of another part of the robot.
+        if self._time - _BACK <= time < self._time:  # It was overtaken.
+            self.received += 1
+            self.passed_over += 1
+            return
+        if time < self._time:
             self._remarks.append("the senses' sender began anew")
             self._wrenches.clear()
             self._pressures.clear()

@@ -26,4 +26,6 @@ def run_ros2(scenario: Scenario, duration: float | None, observer: Observer, tel
     assert isinstance(senses, Ros2Senses)
     link = Ros2Link(senses.domain, senses.config)
     out = open_publisher(scenario)
-    return run_messages(scenario, senses.max_age, lambda: Ros2Inbox(link, senses), out, duration, observer, tell)
+    return run_messages(
+        scenario, senses.max_age, lambda joints: Ros2Inbox(link, senses, joints), out, duration, observer, tell
+    )

@@ -22,6 +22,8 @@ class RunView:
         slowness: by how much a finished run on devices fell behind them, in a sentence; empty where it kept up.
         outcome: how the grasp of a finished run went, where a simulator knows the truth.
         true_pose: X_PO, where a simulator knows it.
+        status: what is said in place of the diagram's status, of which that is a part: of messages also what is wrong
+            with them, or that none comes any more. Empty where the diagram says all.
     """
 
     diagram: Diagram
@@ -31,6 +33,7 @@ class RunView:
     slowness: str = ""
     outcome: str = ""
     true_pose: RigidTransform | None = None
+    status: str = ""
 
 
 def belief_port(view: RunView, name: str) -> str:

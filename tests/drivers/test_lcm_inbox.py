@@ -107,3 +107,15 @@ def test_without_the_package_the_message_says_what_to_install(monkeypatch: pytes
     monkeypatch.setitem(sys.modules, "lcm", None)
     with pytest.raises(InvalidInputError, match=r"pip install tactopose_drake\[lcm\]"):
         open_lcm("memq://")
+
+
+def test_a_message_that_was_overtaken_or_comes_twice_is_passed_over() -> None:
+    link = open_lcm("memq://")
+    inbox = LcmInbox(link, "SENSES")
+    send(link, 4, 3, 4, 5)
+    inbox.wait(0.1)
+    newest = inbox.take()
+    assert newest is not None
+    assert newest.sequence == 5
+    assert (inbox.received, inbox.lost, inbox.passed_over) == (4, 0, 3)
+    assert inbox.take_remarks() == ()

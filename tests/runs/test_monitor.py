@@ -123,3 +123,18 @@ def test_pressures_of_the_pads(can: ObjectModel) -> None:
 def test_a_run_that_falls_behind_its_devices_says_by_how_much() -> None:
     assert slowness_of(2.0, 2.2) == ""
     assert slowness_of(2.0, 9.0).startswith("the run of 2.00 s took 9.00 s: estimates take longer than their period")
+
+
+def test_a_clock_that_begins_anew_and_a_silence_are_shown() -> None:
+    console = Console(file=io.StringIO(), width=200)
+    diagram = Ports(**INSTANT)
+    diagram.num_output_ports = lambda: 0
+    with Monitor(console) as monitor:
+        for time, status in ((1e9, "ok: a"), (1e9 + 0.1, "ok: b"), (0.0, "ok: c"), (0.1, "lost: no senses for 0.2 s")):
+            context = SimpleNamespace(get_time=lambda time=time: time)
+            monitor.show(RunView(diagram, context, status=status))
+    lines = console.file.getvalue().splitlines()
+    assert len(lines) == 3
+    assert "ok: a; object at 1.0 2.0 3.0 mm" in lines[0]
+    assert "ok: c; object at" in lines[1]
+    assert lines[2].endswith("lost: no senses for 0.2 s")

@@ -263,3 +263,21 @@ def test_what_cannot_be_run_is_refused(tmp_path: Path) -> None:
         path.write_text(f"hand: shadow_like\n{change}\n")
         with pytest.raises(InvalidFileError, match=message):
             load_scenario(path)
+
+
+def test_joint_states_of_another_part_or_that_were_overtaken_are_passed_over() -> None:
+    link = Beside()
+    inbox = Ros2Inbox(link, Ros2Senses(wrenches={"thumb": "/thumb"}), ("a", "b"))  # type: ignore[arg-type]
+
+    def joints(seconds: float, name: str) -> None:
+        state = {"header": {"stamp": stamp_of(seconds)}, "name": [name], "position": [seconds]}
+        link.say("/joint_states", "sensor_msgs/JointState", state)
+
+    joints(5.0, "a")
+    joints(5.004, "arm_1")
+    joints(4.996, "a")
+    said = inbox.take()
+    assert said is not None
+    assert said.joints == {"a": 5.0}
+    assert (inbox.received, inbox.passed_over) == (2, 1)
+    assert inbox.take_remarks() == ()
