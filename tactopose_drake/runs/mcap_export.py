@@ -16,8 +16,8 @@ from tactopose_drake.drivers.ros2_messages import TRIANGLE_LIST, definition, enc
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.prior import PosePrior
-from tactopose_drake.hand.hand_config import load_hand_config
-from tactopose_drake.hand.hand_in_plant import add_hand
+from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
+from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.resources import fixed_pose, passing_builder
 from tactopose_drake.runs.recorded_senses import RecordedRun
 from tactopose_drake.runs.ros2_poses import ros_covariance, ros_pose, ros_xyz
@@ -164,7 +164,8 @@ class _Hand:
 
     def __init__(self, run: RecordedRun) -> None:
         scenario = run.manifest.scenario
-        config = load_hand_config(scenario.hand)
+        config = scenario.hand_config()
+        self._offsets = reading_offsets(*make_hand_plant(config))
         with passing_builder() as builder:
             self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
             hand = add_hand(self._plant, config, fixed_pose("Scenario.X_WBase", scenario.X_WBase))
@@ -184,8 +185,11 @@ class _Hand:
         self.sensor_frames = {finger: frame.name() for finger, frame in hand.sensor_frames.items()}
 
     def links(self, q: FloatArray) -> Iterator[tuple[str, str, RigidTransform]]:
-        """Parent, child, and pose of each link in the world and of each further frame in its link; NaN counts as 0."""
-        self._plant.SetPositions(self._context, np.nan_to_num(q))
+        """Parent, child, and pose of each link in the world and of each further frame in its link.
+
+        They are where readings of the joints are by the hand's calibration; those that are not known count as 0.
+        """
+        self._plant.SetPositions(self._context, np.nan_to_num(q - self._offsets))
         for body in self._bodies:
             yield "world", body.name(), body.EvalPoseInWorld(self._context)
         for name, frame in self._frames.items():

@@ -13,8 +13,8 @@ from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.results import PoseEstimate
-from tactopose_drake.hand.hand_config import load_hand_config
-from tactopose_drake.hand.hand_in_plant import add_hand
+from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
+from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.runs.stepping import RunView, belief_port
 from tactopose_drake.runs.timeline_recorder import TimelineRecorder
@@ -61,7 +61,8 @@ class PageRecorder:
             scenario: of the run.
             model: its object.
         """
-        config = load_hand_config(scenario.hand)
+        config = scenario.hand_config()
+        self._offsets = reading_offsets(*make_hand_plant(config))
         self._model, self._timeline = model, TimelineRecorder(config, model)
         scene_graph = SceneGraph()
         self._plant = MultibodyPlant(time_step=0.001)
@@ -180,8 +181,8 @@ class PageRecorder:
         return max(map(len, felt)), cells
 
     def _body_poses(self, q: FloatArray) -> list[RigidTransform]:
-        """Poses of all bodies in P."""
-        self._plant.SetPositions(self._context, q)
+        """Poses of all bodies in P, by readings; those that are not known count as 0."""
+        self._plant.SetPositions(self._context, np.nan_to_num(q - self._offsets))
         X_PW = self._hand.palm_frame.CalcPoseInWorld(self._context).inverse()
         return [X_PW @ X_WB for X_WB in self._plant.get_body_poses_output_port().Eval(self._context)]
 

@@ -13,6 +13,7 @@ from tactopose_drake.systems.signals import Signal
 
 _WRENCH = "wrench_"
 _STEP = 0.02  # s, at which the recording is looked at
+_A_GAP = 1e6  # as many degrees of motion: worse than any
 _WINDOW = 15  # steps, over which readings are averaged
 _TOUCHES = 0.3  # N: less may be a bias
 _STILL = np.repeat([0.001, 0.05], 3)  # changes of a wrench that weigh as much as one of a joint by a degree, N m and N
@@ -44,7 +45,9 @@ def quiet_grasp(run: RecordedRun, model: ObjectModel, name: str) -> RecordedGras
     count = touching.sum(axis=1)
     if not count.any():
         raise InvalidFileError(f"{name}: no finger presses with more than {_TOUCHES} N for 0.3 s.")
-    unrest = np.nansum(np.ptp(q[windows], axis=1), axis=1) / math.radians(1.0)
+    # A joint that is known at other times is to be known at this one.
+    gaps = np.isnan(q[windows]).any(axis=1)[:, np.isfinite(q).any(axis=0)].sum(axis=1)
+    unrest = np.nansum(np.ptp(q[windows], axis=1), axis=1) / math.radians(1.0) + _A_GAP * gaps
     unrest = unrest + np.nansum(np.ptp(F[windows], axis=1) / _STILL, axis=(1, 2))
     best = int(np.argmin(np.where(count == count.max(), unrest, np.inf)))
     rows = windows[best]

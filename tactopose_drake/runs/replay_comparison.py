@@ -16,11 +16,19 @@ _CLOSE = 0.005  # m: as far as the best pose of one touch moves from one sample 
 
 
 class _Instant(NamedTuple):
-    """What is compared of a line of estimates: time, s, fingers in contact, and p_PO of the hypotheses, if any."""
+    """What is compared of a line of estimates.
+
+    Attributes:
+        time: s.
+        fingers: in contact.
+        places: p_PO of the hypotheses, shape (n, 3), m; None where there are none.
+        turns: their quaternions wxyz, shape (n, 4).
+    """
 
     time: float
     fingers: frozenset[str]
     places: FloatArray | None
+    turns: FloatArray
 
 
 class ReplayComparison:
@@ -70,7 +78,9 @@ class ReplayComparison:
         moves = np.array([_distance(*pairs[row]) for row in different])
         unlike, said = int(np.isinf(moves).sum()), []
         if unlike < len(moves):
-            said.append(f"the best poses are up to {1e3 * moves[np.isfinite(moves)].max():.3g} mm apart")
+            turn = max(_turn(*pairs[row]) for row, move in zip(different, moves, strict=True) if np.isfinite(move))
+            turned = f" and {np.degrees(turn):.3g} degrees" if turn > _SAME else ""
+            said.append(f"the best poses are up to {1e3 * moves[np.isfinite(moves)].max():.3g} mm{turned} apart")
         if unlike:
             said.append(f"at {unlike} of {len(pairs)} times, other fingers touch or one of the two has no pose")
         return f"{text}: {'; '.join(said)}."
@@ -89,16 +99,21 @@ def _instant(line: dict[str, Any]) -> _Instant:
     places = None if hypotheses is None else np.array([each["translation"] for each in hypotheses], dtype=np.float64)
     if places is not None and (places.ndim, places.shape[-1]) != (2, 3):
         raise ValueError("translation")
-    return _Instant(float(line["time"]), frozenset(line["fingers_in_contact"]), places)
+    turns = np.array([each["quaternion_wxyz"] for each in hypotheses or ()], dtype=np.float64).reshape(-1, 4)
+    return _Instant(float(line["time"]), frozenset(line["fingers_in_contact"]), places, turns)
 
 
 def _is_same(ours: _Instant, theirs: _Instant) -> bool:
-    """Whether two agree in when, whether and where the object is."""
+    """Whether two agree in when, whether, where and how turned the object is."""
     if abs(ours.time - theirs.time) > 1e-9 or ours.fingers != theirs.fingers:
         return False
     if ours.places is None or theirs.places is None:
         return ours.places is theirs.places
-    return ours.places.shape == theirs.places.shape and bool(np.abs(ours.places - theirs.places).max() < _SAME)
+    if ours.places.shape != theirs.places.shape or np.abs(ours.places - theirs.places).max() >= _SAME:
+        return False
+    # A quaternion and its opposite are one turn.
+    apart = np.minimum(np.abs(ours.turns - theirs.turns), np.abs(ours.turns + theirs.turns))
+    return bool(np.abs(apart).max(axis=1).max() < _SAME)
 
 
 def _distance(ours: _Instant, theirs: _Instant) -> float:
@@ -106,6 +121,13 @@ def _distance(ours: _Instant, theirs: _Instant) -> float:
     if ours.fingers != theirs.fingers or (ours.places is None) != (theirs.places is None):
         return np.inf
     return 0.0 if ours.places is None or theirs.places is None else _gap(ours.places[0], theirs.places[0])
+
+
+def _turn(ours: _Instant, theirs: _Instant) -> float:
+    """Between the best poses, rad; 0 where there is none."""
+    if not len(ours.turns) or not len(theirs.turns):
+        return 0.0
+    return 2.0 * float(np.arccos(min(1.0, abs(float(ours.turns[0] @ theirs.turns[0])))))
 
 
 def _gap(p: FloatArray, q: FloatArray) -> float:

@@ -12,7 +12,7 @@ from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
-from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
+from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix, joint_offsets
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
@@ -80,7 +80,7 @@ def make_hardware_station(
     """
     scenario.validate()
     model = scenario.object_model() if model is None else model
-    config = load_hand_config(scenario.hand)
+    config = scenario.hand_config()
     plant, hand = make_hand_plant(config)
     builder = DiagramBuilder()
     known = _add_signals(builder, config, plant, signals or {})

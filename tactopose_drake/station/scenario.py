@@ -15,7 +15,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import positive_number, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.simulated_body import read_mass
-from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import drawn_pose, fixed_pose, load_typed_yaml, model_path, resource_root
 from tactopose_drake.station.scenario_limits import check_limits, check_plant
@@ -131,6 +131,18 @@ class Scenario:
     estimation: PoseEstimationParams = dataclasses.field(default_factory=PoseEstimationParams)
     tracking: PoseTrackingParams | None = None  # of the belief over time; None: there is none
     exploration: TouchExplorationParams | None = None  # by free fingers of a planned grasp, once it holds; None: none
+
+    def hand_config(self) -> HandConfig:
+        """The hand that the pose is estimated by.
+
+        A calibration in its file is of a real hand. A simulated one is as its model, and so as the file without that,
+        but where `errors` says what it is off by: that may be what the calibration has found.
+        """
+        config = load_hand_config(self.hand)
+        is_told = self.errors is not None and (self.errors.joint_offsets_deg or self.errors.fingers)
+        if isinstance(self.senses, SimulatedSenses) and not is_told:
+            config = dataclasses.replace(config, calibration="")
+        return config
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range, or a file is missing."""

@@ -26,7 +26,6 @@ from tactopose_drake.hand.contact_properties import (
     make_meshes_rigid,
     rigid_shapes,
 )
-from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import add_model, fixed_pose, make_parser, passing_builder
@@ -184,7 +183,7 @@ def _add_bodies(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyP
         scene_graph_config=SceneGraphConfig(default_proximity_properties=default),
         builder=builder,
     )
-    hand = add_hand(plant, load_hand_config(scenario.hand), fixed_pose("Scenario.X_WBase", scenario.X_WBase))
+    hand = add_hand(plant, scenario.hand_config(), fixed_pose("Scenario.X_WBase", scenario.X_WBase))
     object_instance = add_model(make_parser(plant), scenario.object_sdf())
     make_compliant(plant, scene_graph, hand.model_instance)
     make_meshes_rigid(plant, scene_graph, object_instance)

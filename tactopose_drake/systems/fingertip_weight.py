@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, EventStatus, State
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
 
 from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
@@ -28,7 +28,7 @@ class FingertipWeight(CollectableSystem):
         - wrench_<finger>
 
     - joint_positions: of the hand, shape (nq,), rad. Those at a context's first initialisation count as those of the
-      tare; of a finger with one that is not known then, those at the next.
+      tare; of a finger with one that is not known then, the first that are at a later step or initialisation.
     - palm_pose: `RigidTransform` X_WP at each instant, of a hand that an arm moves, z of W pointing up; its orientation
       alone counts. Optional: without it, the hand's base stays as `weights` has it.
     - wrench_<finger> (input): F_S of a sensor that was tared with nothing but the fingertip on it, N m and N.
@@ -50,7 +50,8 @@ class FingertipWeight(CollectableSystem):
         self._positions = self.DeclareVectorInputPort("joint_positions", num_positions)
         self._palm = self.DeclareAbstractInputPort("palm_pose", AbstractValue.Make(RigidTransform()))
         self._at_tare = self.DeclareDiscreteState(np.full(6 * len(fingers), np.nan))
-        self.DeclareInitializationUnrestrictedUpdateEvent(self._remember)
+        self.DeclareInitializationDiscreteUpdateEvent(self._remember)
+        self.DeclarePerStepDiscreteUpdateEvent(self._remember)
         self._weights = declare_cache(
             self, "a context's own weights", AbstractValue.Make(weights).Clone, lambda *_: None, {self.nothing_ticket()}
         )
@@ -85,9 +86,11 @@ class FingertipWeight(CollectableSystem):
         weights: FingertipWeights = self._weights.Eval(context)
         return weights.wrenches(self._positions.Eval(context), R_WP)
 
-    def _remember(self, context: Context, state: State) -> EventStatus:
-        before, now = context.get_discrete_state(self._at_tare).value(), self._now(context)
+    def _remember(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
+        before = context.get_discrete_state(self._at_tare).value()
+        if not np.isnan(before).any():  # A context that goes on is of sensors that were tared before.
+            return EventStatus.DidNothing()
+        now = self._now(context)
         at_tare = np.concatenate([now[finger] for finger in self._fingers])
-        # A context that goes on is of sensors that were tared before.
-        state.get_mutable_discrete_state(self._at_tare).SetFromVector(np.where(np.isnan(before), at_tare, before))
+        discrete_state.set_value(self._at_tare, np.where(np.isnan(before), at_tare, before))
         return EventStatus.Succeeded()

@@ -1,5 +1,6 @@
 """The page of a run, from what a station says; the station here says what it is told."""
 
+import dataclasses
 import json
 import re
 from pathlib import Path
@@ -14,12 +15,18 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.hand.calibration_file import HandCalibration, MeasuredNumber, save_calibration
+from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
+from tactopose_drake.hand.joint_matrices import reading_offsets
+from tactopose_drake.resources import model_path
 from tactopose_drake.runs.page_recorder import PageRecorder
 from tactopose_drake.runs.stepping import RunView
 from tactopose_drake.runs.timeline_recorder import TimelineRecorder
 from tactopose_drake.station.scenario import Scenario, load_scenario
+from tactopose_drake.station.simulated_errors import SimulatedErrors
+from tests import held_cube
 
 
 class Station:
@@ -180,3 +187,36 @@ def test_the_truth_is_drawn_where_it_is_known(
         pictures.append((tmp_path / "picture.png").read_bytes())
     assert pages == [False, True]
     assert pictures[0] != pictures[1]
+
+
+def test_a_joint_that_is_not_known_at_times_costs_no_page(
+    scenario: Scenario, model: ObjectModel, station: Station, tmp_path: Path
+) -> None:
+    recorder = PageRecorder(scenario, model)
+    known = station.values["joint_positions"]
+    for step in range(6):
+        station.time = 0.1 * step
+        touch(station, 2.0, estimate_at(0.1, 0.001))
+        station.values["joint_positions"] = np.full_like(known, np.nan) if step in (3, 5) else known
+        recorder.show(RunView(station, station))
+    assert recorder.save(tmp_path / "page.html", "a gap")
+    assert (tmp_path / "page.html").stat().st_size > 100_000
+
+
+def test_a_calibrated_hand_is_drawn_where_it_is(scenario: Scenario, model: ObjectModel, tmp_path: Path) -> None:
+    plant, hand = make_hand_plant(load_hand_config(scenario.hand))
+    names, path = encoder_gains(plant, hand).joints, tmp_path / "mine.hand.yaml"
+    offsets = {name: MeasuredNumber(value=3.0, sigma=0.1) for name in names}
+    save_calibration(tmp_path / "calibration.yaml", HandCalibration(grasps=5, joint_offsets=offsets))
+    text = model_path("hands", "shadow_like", "shadow_like.hand.yaml").read_text()
+    path.write_text(f"{text}calibration: calibration.yaml\n")
+    devices = dataclasses.replace(scenario, hand=str(path), senses=held_cube.scenario().senses)
+    q = np.full(plant.num_positions(), 0.3)
+    as_read = PageRecorder(scenario, model)._body_poses(q - reading_offsets(*make_hand_plant(load_hand_config(path))))
+    corrected = PageRecorder(devices, model)._body_poses(q)
+    assert all(a.IsNearlyEqualTo(b, 1e-9) for a, b in zip(as_read, corrected, strict=True))
+    # A simulated hand is as its model, unless its errors are told.
+    simulated = dataclasses.replace(scenario, hand=str(path))
+    assert simulated.hand_config().calibration == ""
+    told = dataclasses.replace(simulated, errors=SimulatedErrors(joint_offsets_deg={names[2]: 3.0}))
+    assert told.hand_config().calibration != ""

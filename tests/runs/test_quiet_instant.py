@@ -54,3 +54,11 @@ def test_what_holds_no_grasp_is_refused(blob: ObjectModel) -> None:
     del run.signals["joint_positions"]
     with pytest.raises(InvalidFileError, match="holds no joint positions"):
         quiet_grasp(run, blob, "run")
+
+
+def test_an_instant_at_which_a_joint_is_not_known_is_not_quiet(blob: ObjectModel) -> None:
+    run = recording()
+    joints = run.signals["joint_positions"]
+    for time, q in zip(joints.times, joints.values, strict=True):
+        q[1] = np.nan if 2.2 < time < 2.7 else q[1]
+    assert quiet_grasp(run, blob, "run").joint_positions == pytest.approx({"a": 0.3, "b": 0.3}, abs=0.05)

@@ -165,3 +165,19 @@ def test_contexts_share_no_kinematics(hand) -> None:
     turned = weights.wrenches(held_cube.Q)["thumb"] - weights.wrenches(0.0 * held_cube.Q)["thumb"]
     np.testing.assert_allclose(system.GetOutputPort("wrench_thumb").Eval(one), TOUCH - turned, atol=1e-12)
     np.testing.assert_allclose(system.GetOutputPort("wrench_thumb").Eval(other), TOUCH, atol=1e-12)
+
+
+def test_joints_that_are_known_only_later_make_the_tare_then(hand) -> None:
+    plant, parts = hand
+    system = FingertipWeight(FingertipWeights(plant, parts, R_WBASE), ("thumb",), plant.num_positions())
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    system.GetInputPort("wrench_thumb").FixValue(context, TOUCH)
+    system.GetInputPort("joint_positions").FixValue(context, np.full(plant.num_positions(), np.nan))
+    simulator.Initialize()
+    simulator.AdvanceTo(0.1)
+    assert np.isnan(system.GetOutputPort("wrench_thumb").Eval(context)).all()
+    system.GetInputPort("joint_positions").FixValue(context, held_cube.Q)
+    simulator.AdvanceTo(0.2)
+    simulator.AdvanceTo(0.3)
+    np.testing.assert_allclose(system.GetOutputPort("wrench_thumb").Eval(context), TOUCH, atol=1e-12)

@@ -14,7 +14,6 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 from tactopose_drake.core.grasping.grasp_plan import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import finite_array, positive_number
-from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.resources import add_model, fixed_pose, make_parser
 from tactopose_drake.station.arms.arm import Arm, add_arm, hand_inertia, load_arm_config, make_arm_plant, mount_hand
@@ -148,7 +147,7 @@ def make_arm_station(
     plant, scene_graph = AddMultibodyPlant(config=scenario.plant, builder=builder)
     config, X_WBase = load_arm_config(setup.arm), fixed_pose("ArmSetup.X_WBase", setup.X_WBase)
     arm = add_arm(plant, config, X_WBase)
-    hand = add_hand(plant, load_hand_config(scenario.hand))
+    hand = add_hand(plant, scenario.hand_config())
     mount_hand(plant, arm, hand, fixed_pose("ArmSetup.X_FBase", setup.X_FBase))
     _add_scene(plant, setup)
     object_instance = add_model(make_parser(plant), scenario.object_sdf())

@@ -1,0 +1,37 @@
+"""Whether a replay gives what the run gave."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactopose_drake.runs import replay_comparison
+from tactopose_drake.runs.replay_comparison import ReplayComparison
+
+
+def line(quaternion: list[float]) -> dict[str, Any]:
+    hypothesis = {"translation": [0.0, 0.0, 0.1], "quaternion_wxyz": quaternion}
+    return {"time": 0.5, "fingers_in_contact": ["thumb"], "hypotheses": [hypothesis]}
+
+
+@pytest.mark.parametrize(
+    ("quaternion", "said"),
+    [
+        ([1.0, 0.0, 0.0, 0.0], ""),
+        ([-1.0, 0.0, 0.0, 0.0], ""),
+        ([float(np.cos(0.5)), float(np.sin(0.5)), 0.0, 0.0], "the best poses are up to 0 mm and 57.3 degrees apart."),
+    ],
+)
+def test_a_turn_is_a_difference(
+    quaternion: list[float], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "estimates.jsonl"
+    path.write_text(json.dumps(line([1.0, 0.0, 0.0, 0.0])) + "\n")
+    comparison = ReplayComparison(path, is_live=False)
+    monkeypatch.setattr(replay_comparison, "estimates_now", lambda diagram, context: line(quaternion))
+    comparison.compare(SimpleNamespace(diagram=None, context=None))  # type: ignore[arg-type]
+    assert comparison.difference.endswith(said)
+    assert bool(comparison.difference) == bool(said)
