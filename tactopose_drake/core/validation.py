@@ -38,8 +38,10 @@ FARTHEST = 10.0
 """No point in the palm frame is so far from it, m: one that is must be in millimetres."""
 LATEST = 1e12
 """Times are up to this, s: far beyond any clock's, and still told apart to a millisecond."""
-MOST_FORCE = 1e3
-"""No contact's force is above this, N: one that is must be in millinewtons."""
+MOST_FORCE = 1e6
+"""No contact's force is above this, N: simulated ones are large where bodies begin inside of each other."""
+MOST_MEASURED_FORCE = 1e3
+"""No fingertip's sensor measures more than this, N: what does must be in millinewtons."""
 MOST_FRICTION = 1e3
 """A coefficient of friction is not above this."""
 MOST_ALPHA = 1.0

@@ -13,7 +13,7 @@ from tactopose_drake.core.poses import exp_so3, skew
 from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT, contact_covariance
 from tactopose_drake.core.sensing.intrinsic_contact import solve_contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import MOST_FORCE, FloatArray, finite_array, instance_of
+from tactopose_drake.core.validation import MOST_MEASURED_FORCE, FloatArray, finite_array, instance_of
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.contact_gains import contact_gains, thicker
 from tactopose_drake.hand.hand_errors import FingertipErrors, HandErrors
@@ -23,7 +23,7 @@ from tactopose_drake.hand.joint_paths import JointPaths
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.hand.named_joints import NamedJoints, check_near_limits
 
-_MOST_WRENCH = np.repeat([100.0, MOST_FORCE], 3)  # N m and N: more is in other units
+_MOST_WRENCH = np.repeat([100.0, MOST_MEASURED_FORCE], 3)  # N m and N: more is in other units
 _NOISE = np.repeat([NANO17_SIGMA_MOMENT, NANO17_SIGMA_FORCE], 3)  # of a reading, N m and N
 _MOST_BIAS = 6.0  # standard deviations: what a sensor reads beyond that is a touch
 

@@ -176,14 +176,31 @@ def check_bodies(scenario: Scenario) -> None:
 
 def _add_bodies(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyPlant, SceneGraph, Hand, Joint]:
     """The plant with hand and object, finalized; the joint is the object's."""
-    # What a hand's or an object's file does not say of its shapes' contact makes them compliant.
+    plant, scene_graph = add_plant(builder, scenario)
+    hand = add_hand(plant, scenario.hand_config(), fixed_pose("Scenario.X_WBase", scenario.X_WBase))
+    return plant, scene_graph, hand, finish_plant(plant, scene_graph, scenario, hand)
+
+
+def add_plant(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyPlant, SceneGraph]:
+    """A plant without bodies; what files do not say of their shapes' contact makes them compliant."""
     default = DefaultProximityProperties(compliance_type="compliant")
     plant, scene_graph = AddMultibodyPlant(
         plant_config=scenario.plant,
         scene_graph_config=SceneGraphConfig(default_proximity_properties=default),
         builder=builder,
     )
-    hand = add_hand(plant, scenario.hand_config(), fixed_pose("Scenario.X_WBase", scenario.X_WBase))
+    return plant, scene_graph
+
+
+def finish_plant(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scenario, hand: Hand) -> Joint:
+    """Adds the object to a plant that has the hand, gives both what a simulation needs, and finalizes it.
+
+    Returns:
+        The object's joint.
+
+    Raises:
+        InvalidInputError: if hand or object cannot be simulated; the message says why.
+    """
     object_instance = add_model(make_parser(plant), scenario.object_sdf())
     make_compliant(plant, scene_graph, hand.model_instance)
     make_meshes_rigid(plant, scene_graph, object_instance)
@@ -201,7 +218,7 @@ def _add_bodies(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyP
         raise InvalidInputError(f"{scenario.object_sdf()}: has joints; allowed is one free body.")
     if scenario.plant.contact_model == "hydroelastic":
         _check_compliance(plant, scene_graph, hand, object_instance)
-    return plant, scene_graph, hand, joints[0]
+    return joints[0]
 
 
 def _check_compliance(

@@ -87,7 +87,7 @@ def test_balance_needs_a_contact(cube: tp.ObjectModel) -> None:
 def test_balance_is_weighed_however_little_the_rest_of_its_noise_is() -> None:
     """One contact leaves the moment about its force's line to the torque's noise alone."""
     box = tp.ObjectModel.from_mesh(OBJECTS / "mug.obj", mass=0.3, symmetry="none")
-    contacts = tp.Contacts(box.samples.points[:1], None, [[1e3, 1e2, 1e1]], sigma_position=0.1)
+    contacts = tp.Contacts(box.samples.points[:1], None, [[1e6, 1e5, 1e4]], sigma_position=0.1)
     check_estimate(
         tp.estimate_pose(box, contacts, prior=tp.PosePrior(np.eye(3, 4)), balance=tp.ForceBalance([0, 0, -9], 1e-12))
     )

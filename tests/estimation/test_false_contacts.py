@@ -9,6 +9,7 @@ import trimesh
 import tactopose_drake as tp
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.synthetic import touch_surface
+from tactopose_drake.errors import InvalidInputError
 
 NOISE = {"sigma_position": 0.0009, "sigma_normal": math.radians(5.0)}
 
@@ -134,10 +135,10 @@ def test_a_share_of_false_contacts_that_is_none_is_refused(blob: tp.ObjectModel,
 def test_forces_that_pull_are_refused_unless_few_do(blob: tp.ObjectModel, sign: float) -> None:
     X_PO, contacts = touched(blob, 0)
     n_PC, p_PC = sign * contacts.n_PC, contacts.p_PC
-    with pytest.raises(tp.InvalidInputError, match=r"^contacts: f_PC is against n_PC in 0, 1, .* pull at the object"):
+    with pytest.raises(InvalidInputError, match=r"^contacts: f_PC is against n_PC in 0, 1, .* pull at the object"):
         tp.estimate_pose(blob, tp.Contacts(p_PC, n_PC, -2.0 * n_PC, **NOISE), prior=near(X_PO, 0))
-    with pytest.raises(tp.InvalidInputError, match=r"^contacts: f_PC is against n_PC"):
-        tp.identify({"blob": blob}, tp.Contacts(p_PC, n_PC, -2.0 * n_PC, **NOISE))
+    with pytest.raises(InvalidInputError, match=r"^contacts: f_PC is against n_PC"):
+        tp.identify([blob], tp.Contacts(p_PC, n_PC, -2.0 * n_PC, **NOISE))
     # One of them may be false; and where nothing presses, noise points anywhere.
     f_PC = 2.0 * contacts.n_PC
     f_PC[0] *= -1.0

@@ -52,8 +52,7 @@ class Contacts(PlainValue):
             millimetres.
         n_PC: outward unit normals of the object's surface at the contacts, shape (k, 3), or None. They point out of
             the object into the finger, which is the direction of the normal force on the fingertip.
-        f_PC: forces on the fingertips, shape (k, 3), N, components up to 1000, for larger ones must be millinewtons; or
-            None.
+        f_PC: forces on the fingertips, shape (k, 3), N, up to 1e6; or None.
         sigma_position: standard deviation of each coordinate of p_PC, a number or shape (k,), m, from 1e-7 to 0.1,
             for larger ones must be millimetres.
         sigma_normal: standard deviation of a small rotation of n_PC about each axis, a number or shape (k,),

@@ -32,7 +32,7 @@ from tactopose_drake.core.sensing import contact_kernels
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces.surface import Surface
 from tactopose_drake.core.validation import (
-    MOST_FORCE,
+    MOST_MEASURED_FORCE,
     FloatArray,
     finite_array,
     instance_of,
@@ -56,7 +56,7 @@ _REASONS: Final[dict[int, str]] = {
     contact_kernels.FRICTION: "the friction force exceeds what friction_coefficient allows",
     contact_kernels.TORQUE: "the local torque exceeds what friction on a patch of the fingertip's size can give",
     contact_kernels.LAYER: "the soft layer is pressed in by more than its thickness or the surface's radius",
-    contact_kernels.TOO_STRONG: f"the force is beyond {MOST_FORCE:g} N: it must be in millinewtons",
+    contact_kernels.TOO_STRONG: f"the force is beyond {MOST_MEASURED_FORCE:g} N: it must be in millinewtons",
 }
 _REASON_TABLE: Final = np.array([_REASONS[code] for code in range(len(_REASONS))], dtype=object)
 
@@ -197,7 +197,7 @@ def solve_contacts(
 
 
 # N; what rounding adds when the force is turned into the palm stays allowed.
-_STRONGEST = (1.0 - 1e-9) * MOST_FORCE
+_STRONGEST = (1.0 - 1e-9) * MOST_MEASURED_FORCE
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

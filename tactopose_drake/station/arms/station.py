@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from pydrake.common.schema import Rotation, Transform
 from pydrake.geometry import Meshcat, MeshcatVisualizer, SceneGraph
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.controllers import InverseDynamicsController
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
@@ -19,8 +19,8 @@ from tactopose_drake.resources import add_model, fixed_pose, make_parser
 from tactopose_drake.station.arms.arm import Arm, add_arm, hand_inertia, load_arm_config, make_arm_plant, mount_hand
 from tactopose_drake.station.grasp import add_planned_grasp
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.simulated import Station, feed_estimation, finish_station
-from tactopose_drake.station.simulated_senses import add_palm_pose, add_senses, simulate_errors
+from tactopose_drake.station.simulated import Station, add_plant, feed_estimation, finish_plant, finish_station
+from tactopose_drake.station.simulated_senses import add_palm_pose, add_senses
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation, PoseEstimationParams
 from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
 
@@ -144,17 +144,14 @@ def make_arm_station(
     setup.validate()
     model = scenario.object_model() if model is None else model
     builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlant(config=scenario.plant, builder=builder)
+    plant, scene_graph = add_plant(builder, scenario)
     config, X_WBase = load_arm_config(setup.arm), fixed_pose("ArmSetup.X_WBase", setup.X_WBase)
     arm = add_arm(plant, config, X_WBase)
     hand = add_hand(plant, scenario.hand_config())
     mount_hand(plant, arm, hand, fixed_pose("ArmSetup.X_FBase", setup.X_FBase))
     _add_scene(plant, setup)
-    object_instance = add_model(make_parser(plant), scenario.object_sdf())
-    simulate_errors(scenario, plant, scene_graph, hand, object_instance)
-    plant.Finalize()
+    object_joint = finish_plant(plant, scene_graph, scenario, hand)
     finite_array("ArmSetup.q_start", setup.q_start, (plant.num_positions(arm.model_instance),))
-    (object_joint,) = (plant.get_joint(index) for index in plant.GetJointIndices(object_instance))
     object_body = object_joint.child_body()
 
     senses = add_senses(builder, scenario, plant, hand)
