@@ -56,6 +56,16 @@ def test_frames_of_uneven_length_are_no_slide(sigma: float) -> None:
     assert not any(said[100:])  # By then the noise is known.
 
 
+def test_the_noise_that_frames_show_is_theirs() -> None:
+    generator, test, found, time = np.random.default_rng(5), RigidityTest(), [], 0.0
+    for velocity in noisy(generator, 1200, TWIST, 0.004):
+        duration = PERIOD * generator.choice([1.0, 3.0])
+        time += duration
+        test, _ = detect_by_motion(PARAMS, test, touch(), velocity, time, duration)
+        found.append(test.noise)
+    assert np.sqrt(np.mean(found[200:])) == pytest.approx(0.004, rel=0.1)
+
+
 def test_fingertips_that_turn_as_they_roll_do_not_slide() -> None:
     generator = np.random.default_rng(0)
     rolling = moves(TWIST, np.zeros((6, 3)))
