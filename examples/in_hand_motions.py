@@ -122,7 +122,6 @@ def save_figure(runs: dict[str, list[list[Instant]]], path: Path) -> None:
                 ax.fill_between(t, 0, 0.03, where=slides, transform=ax.get_xaxis_transform(), color="0.3")
                 ax.plot([], [], color="0.3", linewidth=4, label="it truly slides")
             ax.set(xlabel="time, s", ylabel=f"of the first motion, {unit}", title=family, yscale="log")
-            ax.legend(fontsize=7, loc="upper right")
         squares = [i.square for motion in motions for i in motion if i.unique]
         grid = np.linspace(0, 30, 121)
         row[2].hist(np.minimum(squares, 29.9), bins=60, range=(0, 30), density=True, alpha=0.5, label="all motions")
@@ -131,6 +130,9 @@ def save_figure(runs: dict[str, list[list[Instant]]], path: Path) -> None:
             xlabel="normalised estimation error squared (the last bin: and more)", ylabel="density", title=family
         )
         row[2].legend(fontsize=7)
+    # One legend for all, where it hides no curve.
+    named = {label: handle for ax in axes[:, 0] for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    figure.legend(list(named.values()), list(named), loc="outside upper left", ncols=len(named))
     FigureCanvasAgg(figure).print_png(path)
 
 

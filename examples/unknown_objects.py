@@ -142,13 +142,15 @@ def reliability_table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def draw(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """The share of unknown objects against what is said, with standard errors."""
+    """The share of unknown objects against what is said, and how far it may be off that by chance."""
     figure = Figure(figsize=(5.0, 4.5), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     _, _, count, said, true = np.array(reliability(outcomes)).T
     axes.plot([0, 1], [0, 1], "--", color="0.6", label="as often as it says")
-    axes.errorbar(said, true, np.sqrt(said * (1.0 - said) / count), fmt="o", capsize=3, label="measured")
+    off = np.minimum(np.sqrt(said * (1.0 - said) / count), [said, 1.0 - said])
+    axes.errorbar(said, said, off, fmt="none", ecolor="0.6", capsize=3, label="one standard error about that")
+    axes.plot(said, true, "o", label="measured")
     axes.set_xlabel("unknown, mean of each bin")
     axes.set_ylabel("share of touches of unknown objects")
     axes.grid(alpha=0.3)
