@@ -33,6 +33,7 @@ from tactopose_drake.core.shape.free_spin import turn_alike
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, instance_of, known_name, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
+from tactopose_drake.estimation.contact_checks import check_contacts
 from tactopose_drake.estimation.far_origins import with_near_origin
 from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.prior import PosePrior
@@ -41,8 +42,6 @@ from tactopose_drake.estimation.results import PoseEstimate, status_of
 from tactopose_drake.estimation.search_methods import GLOBAL_METHODS, METHODS
 from tactopose_drake.estimation.shape_errors import log_dilution, with_shape_errors
 
-# Contacts that are farther apart than a hand reaches, m, and than this many sizes of the object, are not in metres.
-_WIDEST_HAND, _WIDEST_TOUCH = 1.0, 30.0
 # Beyond so many times the reach of touch and surface no pose is of interest; within it none is changed.
 _REACHES = 2.0
 # The same samples weigh the modes whatever the search's seed is: what is believed of them hangs on the touch alone.
@@ -137,35 +136,6 @@ def _check_touch(evidence: Evidence, size: float) -> None:
     if len(evidence.touch) < 1:
         raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
     check_contacts(evidence, size)
-
-
-def check_contacts(evidence: Evidence, size: float) -> None:
-    """Checks that a touch is not evidently in other units than an object of this size, m, nor of the wrong sign.
-
-    Raises:
-        InvalidInputError: if the contacts are farther apart than 1 m and than 30 times the size, or if most of those
-            that have a force pull at the object, by their own normals.
-    """
-    _check_signs(evidence.contacts)
-    p_PC = evidence.touch.p_PC
-    apart = math.dist(p_PC.max(axis=0), p_PC.min(axis=0))
-    if apart > max(_WIDEST_HAND, _WIDEST_TOUCH * size):
-        raise InvalidInputError(
-            f"contacts: are up to {apart:.3g} m apart on an object of {size:.3g} m; allowed is {_WIDEST_HAND:g} m, "
-            f"or {_WIDEST_TOUCH:g} times the object's size. Multiply by 0.001 what is in millimetres."
-        )
-
-
-def _check_signs(contacts: Contacts) -> None:
-    if contacts.f_PC is None or contacts.n_PC is None:
-        return
-    has_force = np.linalg.norm(contacts.f_PC, axis=1) > 3.0 * contacts.sigma_force
-    pulls = has_force & (np.einsum("ij,ij->i", contacts.f_PC, contacts.n_PC) < 0.0)
-    if 2 * np.count_nonzero(pulls) > np.count_nonzero(has_force):
-        raise InvalidInputError(
-            f"contacts: f_PC is against n_PC in {', '.join(map(str, np.flatnonzero(pulls)))}: they would pull at the "
-            "object; allowed are forces on the fingertips, and normals that point out of the object into the fingers."
-        )
 
 
 def weigh_poses(

@@ -1,0 +1,41 @@
+"""What is evidently wrong with contacts before any pose of an object is looked for."""
+
+import math
+
+import numpy as np
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.errors import InvalidInputError
+
+# Contacts that are farther apart than a hand reaches, m, and than this many sizes of the object, are not in metres.
+_WIDEST_HAND, _WIDEST_TOUCH = 1.0, 30.0
+
+
+def check_contacts(evidence: Evidence, size: float) -> None:
+    """Checks that a touch is not evidently in other units than an object of this size, m, nor of the wrong sign.
+
+    Raises:
+        InvalidInputError: if the contacts are farther apart than 1 m and than 30 times the size, or if most of those
+            that have a force pull at the object, by their own normals.
+    """
+    _check_signs(evidence.contacts)
+    p_PC = evidence.touch.p_PC
+    apart = math.dist(p_PC.max(axis=0), p_PC.min(axis=0))
+    if apart > max(_WIDEST_HAND, _WIDEST_TOUCH * size):
+        raise InvalidInputError(
+            f"contacts: are up to {apart:.3g} m apart on an object of {size:.3g} m; allowed is {_WIDEST_HAND:g} m, "
+            f"or {_WIDEST_TOUCH:g} times the object's size. Multiply by 0.001 what is in millimetres."
+        )
+
+
+def _check_signs(contacts: Contacts) -> None:
+    if contacts.f_PC is None or contacts.n_PC is None:
+        return
+    has_force = np.linalg.norm(contacts.f_PC, axis=1) > 3.0 * contacts.sigma_force
+    pulls = has_force & (np.einsum("ij,ij->i", contacts.f_PC, contacts.n_PC) < 0.0)
+    if 2 * np.count_nonzero(pulls) > np.count_nonzero(has_force):
+        raise InvalidInputError(
+            f"contacts: f_PC is against n_PC in {', '.join(map(str, np.flatnonzero(pulls)))}: they would pull at the "
+            "object; allowed are forces on the fingertips, and normals that point out of the object into the fingers."
+        )
