@@ -9,6 +9,7 @@ import trimesh
 import tactopose_drake as tp
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, transform_points
 from tactopose_drake.core.synthetic import touch_surface, touch_with_pads
+from tactopose_drake.errors import InvalidInputError
 from tests.core.balanced_forces import balanced_forces
 from tests.displaced_poses import random_pose
 
@@ -120,7 +121,7 @@ def test_balance_tells_how_far_a_can_has_slid(can: tp.ObjectModel, method: str) 
 
 
 def test_forces_that_do_not_hold_the_weight_are_explained_by_no_pose(can: tp.ObjectModel) -> None:
-    """Forces with the wrong sign, a mass in another unit, gravity the other way; but not by noise of half a newton."""
+    """One with the wrong sign, a mass in another unit, gravity the other way; not so by noise. All may not pull."""
     down, angles = np.array([-9.81, 0.0, 0.0]), np.radians([100.0, 170.0, 240.0, 10.0])
     n_PC = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(4)])
     p_PC = 0.033 * n_PC + np.outer([0.0, 0.03, -0.02, 0.01], [0.0, 0.0, 1.0])
@@ -133,8 +134,9 @@ def test_forces_that_do_not_hold_the_weight_are_explained_by_no_pose(can: tp.Obj
     assert status(f_PC) == "ok"
     assert status(f_PC + 0.05 * np.random.default_rng(0).normal(size=(4, 3))) == "ok"
     reversed_one = np.where(np.arange(4)[:, None] == 2, -f_PC, f_PC)
-    assert status(-f_PC) == status(reversed_one) == status(f_PC, -down) == "no_solution"
-    assert status(1000.0 * f_PC) == "no_solution"
+    assert status(reversed_one) == status(f_PC, -down) == status(1000.0 * f_PC) == "no_solution"
+    with pytest.raises(InvalidInputError, match=r"^contacts: f_PC is against n_PC in 0, 1, 2, 3"):
+        status(-f_PC)
 
 
 def test_status_is_about_the_touch(blob: tp.ObjectModel) -> None:
