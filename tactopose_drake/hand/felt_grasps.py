@@ -213,7 +213,8 @@ def check_grasps(plant: MultibodyPlant, hand: Hand, grasps: Sequence[RecordedGra
         q = named.positions(f"{where}: joint_positions", dict(grasp.joint_positions))
         check_near_limits(f"{where}: joint_positions", grasp.joint_positions, plant, hand)
         named.check_couplings(f"{where}: joint_positions", grasp.joint_positions)
-        needed = np.unique(np.concatenate([paths.between(int(f.body().index())) for f in hand.sensor_frames.values()]))
+        bodies = [int(frame.body().index()) for frame in hand.sensor_frames.values()]
+        needed = sorted({int(place) for body in bodies for place in paths.between(body)})
         if np.isnan(q[needed]).any():
             joints = measured_joints(plant, hand)
             moves = (joint_matrix(plant, hand, joints)[needed] != 0.0).any(axis=0)

@@ -273,6 +273,12 @@ def test_unusable_grasps_are_refused_by_name(wrong_hand: WrongHand, grasps: list
         calibrate_hand(dataclasses.replace(config, uncertainty=HandUncertainty(**NONE)), recorded)
 
 
+def test_a_hand_without_force_torque_sensors_is_refused_in_words(blob: ObjectModel) -> None:
+    grasps = [RecordedGrasp(blob, {}, {}, time=float(k)) for k in range(4)]
+    with pytest.raises(InvalidInputError, match="every error is 0"):
+        calibrate_hand("barrett_like", grasps)
+
+
 def test_what_is_no_hand_no_grasps_and_no_parameters_is_named(wrong_hand: WrongHand, grasps: list[ClosedGrasp]) -> None:
     recorded = [grasp.recorded for grasp in grasps[:4]]
     with pytest.raises(InvalidInputError, match=r"^hand: is a NoneType; allowed are a HandConfig, a hand's name"):
