@@ -65,6 +65,25 @@ class FingerCalibration:
         biases = [*self.moment_bias.sigma, *self.force_bias.sigma]
         return np.array([*biases, self.radius.sigma, *turned, *self.translation.sigma])
 
+    def after_tare(self, sensor_moment: float, sensor_force: float) -> "FingerCalibration":
+        """The same after its sensor was tared: without the biases that were found, nor what they tell of the rest.
+
+        Args:
+            sensor_moment: standard deviation of each component of the moment's bias after a tare, N m.
+            sensor_force: of the force's, N.
+        """
+        first = len(self.joints)
+        correlation = np.array(self.correlation)
+        if self.correlation:
+            correlation[first : first + 6] = correlation[:, first : first + 6] = 0.0
+            np.fill_diagonal(correlation, 1.0)
+        return dataclasses.replace(
+            self,
+            moment_bias=MeasuredVector(sigma=[sensor_moment] * 3),
+            force_bias=MeasuredVector(sigma=[sensor_force] * 3),
+            correlation=correlation.tolist(),
+        )
+
     def validate(self, where: str) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         for name, most in (

@@ -73,6 +73,9 @@ class FingerConfig:
         default_factory=SphereSurface
     )
     layer: SkinLayer | None = None  # the soft skin on the fingertip, whose outside `surface` is; null: rigid
+    # Whether its sensor is tared at each start, while nothing touches it. The biases that a calibration has found are
+    # then of another start, and those of `uncertainty` stand in their place.
+    tared: bool = False
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

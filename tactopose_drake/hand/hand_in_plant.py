@@ -23,7 +23,7 @@ from tactopose_drake.core.validation import told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.calibration_file import HandCalibration, load_calibration
 from tactopose_drake.hand.contact_gains import thicker
-from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty
 from tactopose_drake.resources import add_model, make_parser
 
 _LARGEST_SLIDE = 0.1  # m, of the offset of a joint that slides
@@ -219,6 +219,11 @@ def make_hand_plant(config: HandConfig) -> tuple[MultibodyPlant, Hand]:
     hand = add_fixed_hand(plant, config)
     if config.calibration:
         calibration = load_calibration(Path(config.calibration))
+        uncertainty = config.uncertainty or HandUncertainty()
+        for name in (finger.name for finger in config.fingers if finger.tared and finger.name in calibration.fingers):
+            calibration.fingers[name] = calibration.fingers[name].after_tare(
+                uncertainty.sensor_moment, uncertainty.sensor_force
+            )
         try:
             hand = _calibrated(plant, hand, calibration)
         except InvalidInputError as error:

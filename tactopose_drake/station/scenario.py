@@ -27,6 +27,7 @@ from tactopose_drake.station.senses import (
     RecordedSenses,
     Ros2Publishing,
     Ros2Senses,
+    SimulatedDevices,
     SimulatedSenses,
     check_apart,
 )
@@ -136,11 +137,17 @@ class Scenario:
         """The hand that the pose is estimated by.
 
         A calibration in its file is of a real hand. A simulated one is as its model, and so as the file without that,
-        but where `errors` says what it is off by: that may be what the calibration has found.
+        but where `errors` says what it is off by: that may be what the calibration has found. Boards on a bus that the
+        scenario tares are told as such.
         """
         config = load_hand_config(self.hand)
         is_told = self.errors is not None and (self.errors.joint_offsets_deg or self.errors.fingers)
-        if isinstance(self.senses, SimulatedSenses) and not is_told:
+        is_simulated = isinstance(self.senses, SimulatedSenses)
+        if isinstance(self.senses, CanSenses):
+            is_simulated = self.senses.simulated == SimulatedDevices()  # They feel with the simulated hand.
+            for finger in config.fingers:
+                finger.tared |= finger.name in self.senses.fingers and self.senses.tare_samples > 0
+        if is_simulated and not is_told:
             config = dataclasses.replace(config, calibration="")
         return config
 

@@ -11,7 +11,12 @@ import yaml
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidFileError
-from tactopose_drake.hand.calibration_file import HandCalibration, load_calibration, save_calibration
+from tactopose_drake.hand.calibration_file import (
+    FingerCalibration,
+    HandCalibration,
+    load_calibration,
+    save_calibration,
+)
 from tactopose_drake.hand.calibration_report import calibration_of
 from tactopose_drake.hand.closed_grasps import ClosedGrasp
 from tactopose_drake.hand.hand_check import check_hand
@@ -204,6 +209,48 @@ def test_the_uncertainty_is_what_the_calibration_left(blob: ObjectModel, tmp_pat
     wide = contacts_of(hand, hand.config, grasp)[0].covariance
     assert wide is not None
     assert np.trace(said.covariance[0, :3, :3]) < 0.3 * np.trace(wide[0, :3, :3])
+
+
+def test_a_tare_takes_the_place_of_the_biases_that_were_found(
+    exactly_known: tuple[WrongHand, HandCalibration], blob: ObjectModel, tmp_path: Path
+) -> None:
+    hand, calibration = exactly_known
+    (grasp,) = hand.close(blob, 1)
+    save_calibration(tmp_path / "calibration.yaml", calibration)
+    known = dataclasses.replace(hand.config, calibration=str(tmp_path / "calibration.yaml"))
+    tared = dataclasses.replace(known, fingers=[dataclasses.replace(finger, tared=True) for finger in known.fingers])
+    unbiased = dataclasses.replace(
+        grasp.recorded,
+        wrenches={
+            finger: wrench - calibration.fingers[finger].bias for finger, wrench in grasp.recorded.wrenches.items()
+        },
+    )
+    before, _ = contacts_of(hand, known, grasp)
+    after, _ = contacts_of(hand, tared, dataclasses.replace(grasp, recorded=unbiased))
+    np.testing.assert_allclose(after.p_PC, before.p_PC, atol=1e-9)
+    assert before.covariance is not None
+    assert after.covariance is not None
+    wider = [
+        np.linalg.eigvalsh(wide - narrow) for wide, narrow in zip(after.covariance, before.covariance, strict=True)
+    ]
+    assert np.min(wider) > -1e-12
+    assert np.max(wider, axis=1).min() > 1e-9
+
+
+def test_after_a_tare_the_rest_is_known_as_well_as_before() -> None:
+    generator = np.random.default_rng(3)
+    root = generator.normal(size=(15, 15))
+    covariance = root @ root.T
+    sigma = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(sigma, sigma)
+    before = FingerCalibration(joints=["FFJ4", "FFJ2"], correlation=correlation.tolist())
+    after = before.after_tare(0.001, 0.1)
+    rest = np.r_[:2, 8:15]
+    np.testing.assert_allclose(np.array(after.correlation)[np.ix_(rest, rest)], correlation[np.ix_(rest, rest)])
+    np.testing.assert_array_equal(np.array(after.correlation)[2:8], np.eye(15)[2:8])
+    np.testing.assert_array_equal(after.sigma[:6], np.repeat([0.001, 0.1], 3))
+    assert before.correlation == correlation.tolist()
+    after.validate("first")
 
 
 def test_it_is_plain_yaml(exactly_known: tuple[WrongHand, HandCalibration], tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """The diagram of real or recorded senses: the simulated one's ports, and errors before anything is opened."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -12,6 +13,12 @@ from pydrake.systems.framework import Diagram
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import BusError, InvalidInputError, UnknownNameError
+from tactopose_drake.hand.calibration_file import (
+    FingerCalibration,
+    HandCalibration,
+    MeasuredVector,
+    save_calibration,
+)
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.resources import model_path
@@ -121,6 +128,27 @@ def test_a_station_warms_up_by_the_touch_alone_whatever_else_it_may_be_told(cube
     estimation = station.diagram.GetSubsystemByName("pose_estimation")
     assert {"planes", "palm_pose", "prior"} < inputs(estimation)
     warm_up(station)
+
+
+def test_boards_that_are_tared_lose_the_biases_of_a_calibration_and_simulated_ones_all_of_it(tmp_path: Path) -> None:
+    bias = MeasuredVector(value=[0.1, 0.2, 0.3], sigma=[0.001] * 3)
+    found = {finger: FingerCalibration(force_bias=bias) for finger in held_cube.WRENCHES}
+    save_calibration(tmp_path / "calibration.yaml", HandCalibration(grasps=5, fingers=found))
+    text = model_path("hands", "shadow_like", "shadow_like.hand.yaml").read_text()
+    (tmp_path / "mine.hand.yaml").write_text(f"{text}calibration: calibration.yaml\n")
+    scenario = dataclasses.replace(held_cube.scenario(), hand=str(tmp_path / "mine.hand.yaml"))
+    tared = next(iter(scenario.senses.fingers))
+    scenario.senses.fingers = {tared: scenario.senses.fingers[tared]}
+    biases = make_hand_plant(scenario.hand_config())[1].calibration.fingers
+    assert biases[tared].force_bias.value == [0.0, 0.0, 0.0]
+    assert biases[tared].force_bias.sigma[0] > 0.001
+    assert all(biases[finger].force_bias == bias for finger in found if finger != tared)
+    scenario.senses.tare_samples = 0
+    assert make_hand_plant(scenario.hand_config())[1].calibration.fingers[tared].force_bias == bias
+    scenario.senses.simulated = SimulatedDevices()
+    assert make_hand_plant(scenario.hand_config())[1].calibration is None
+    scenario.senses.simulated.folder = "recorded"  # of a real hand
+    assert make_hand_plant(scenario.hand_config())[1].calibration is not None
 
 
 def test_signals_that_do_not_fit_are_named(cube: ObjectModel) -> None:
