@@ -42,12 +42,14 @@ class SlipTest(NamedTuple):
     Attributes:
         residuals: of the latest h frames, oldest first, whitened by what is told of the contacts' errors, by source, as
             they would be at one pose, shape (h, s, 4); NaN where a source does not touch.
+        motions: covariances of the motions up to each of these frames, shape (h, 6, 6).
         noise: variances of what is new of distances and of normals at each frame.
         X_PO: that pose, which the best mode had after the last of them, as it has moved since, shape (3, 4); None
             before the first.
     """
 
     residuals: FloatArray = np.zeros((0, 0, _ROWS))
+    motions: FloatArray = np.zeros((0, 6, 6))
     noise: tuple[float, float] = (1.0, 1.0)
     X_PO: FloatArray | None = None
 
@@ -57,7 +59,7 @@ class SlipTest(NamedTuple):
 
     def restarted(self) -> SlipTest:
         """Without the history."""
-        return self._replace(residuals=np.zeros((0, 0, _ROWS)))
+        return SlipTest(noise=self.noise, X_PO=self.X_PO)
 
 
 class PoseChange(NamedTuple):
@@ -93,19 +95,16 @@ def detect_slip(
     history = np.empty((kept, len(reading.sources), _ROWS))
     rows = np.ascontiguousarray(residuals[..., :_ROWS])
     slip_kernels.follow_residuals(test.residuals, rows, reading.source, params.noise_gain, _NOISE, noise, history)
-    slips = _has_slipped(params, history, jacobian[0, :, :_ROWS], noise, reading, change)
-    return SlipTest(history, (float(noise[0]), float(noise[1])), change.X_PO), slips
+    motions = np.concatenate([test.motions, change.motion.covariance[None]])[-kept:]
+    after = SlipTest(history, motions, (float(noise[0]), float(noise[1])), change.X_PO)
+    return after, _has_slipped(params, after, jacobian[0, :, :_ROWS], reading, change)
 
 
 def _has_slipped(
-    params: SlipParams,
-    history: FloatArray,
-    jacobian: FloatArray,
-    noise: FloatArray,
-    reading: ContactReading,
-    change: PoseChange,
+    params: SlipParams, test: SlipTest, jacobian: FloatArray, reading: ContactReading, change: PoseChange
 ) -> bool:
-    """Whether the latest of the residuals (h, s, 4) differ from those before by a slip; the jacobian is (k, 4, 6)."""
+    """Whether the latest of the residuals differ from those before by a slip; the jacobian is (k, 4, 6)."""
+    history, noise = test.residuals, np.array(test.noise)
     rough = params.rough_share * np.maximum(change.roughness[reading.source], 0.0) / reading.parts.told
     tests = (params.few_frames, params.few_threshold), (params.many_frames, params.many_threshold)
     for recent, threshold in tests:
@@ -120,11 +119,22 @@ def _has_slipped(
         known = found[:, _ROWS] > 0.0
         J, differences = jacobian[known].reshape(-1, 6), found[known, :_ROWS].reshape(-1)
         weights = found[known][:, _ROWS + _KIND_OF_ROW].reshape(-1)
-        error = params.motion_share * error_of_motion(change.X_PO[None], change.motion)[0]
-        explained, u = _explain(J, weights, differences, (1.5 * recent + 0.5 * earlier) * error)
+        moved = Motion(np.zeros(6), params.motion_share * _between(test.motions, recent, earlier))
+        explained, u = _explain(J, weights, differences, error_of_motion(change.X_PO[None], moved)[0])
         if explained > threshold and _way(reading.contacts.p_PC, change.X_PO, u) > params.least_distance:
             return True
     return False
+
+
+def _between(motions: FloatArray, recent: int, earlier: int) -> FloatArray:
+    """Covariance (6, 6) of the motion between the means of frames that are compared, from those up to each (h, 6, 6).
+
+    What a motion moves it moves in all frames from its own on: of the earlier ones in some, of the recent ones in all,
+    or in some, and in all of those that are left out between. Errors of motions are taken for alike, not independent.
+    """
+    share = [*np.arange(earlier) / earlier, *np.ones(recent), *1.0 - np.arange(recent) / recent]
+    covariance: FloatArray = np.tensordot(share, motions[-len(share) :], 1)
+    return covariance
 
 
 def _way(p_PC: FloatArray, X_PO: FloatArray, u: FloatArray) -> float:

@@ -67,6 +67,18 @@ def test_what_the_fingertips_may_have_done_themselves_is_no_slip(box: ObjectMode
         assert called == expected
 
 
+def test_nor_is_it_one_when_they_have_just_stopped(box: ObjectModel) -> None:
+    unsure = Motion(np.zeros(6), np.diag(np.repeat([0.0, 1e-4], 3)))
+    for while_moving, expected in ((REST, True), (unsure, False)):
+        generator, test, called = np.random.default_rng(4), SlipTest(), False
+        for i in range(60):
+            X = retract(X_PO, 0.001 * np.clip(i - 30, 0, 4) * WAY)
+            motion = while_moving if 30 < i <= 34 else REST
+            test, slips = detect_slip(box, PARAMS, test, read(touch(X, generator)), change(X_PO, motion))
+            called = called or slips
+        assert called == expected
+
+
 def test_the_noise_is_learnt_from_single_frames(box: ObjectModel) -> None:
     generator, test, exact = np.random.default_rng(3), SlipTest(), touch(X_PO, np.random.default_rng(0))
     for _ in range(60):
