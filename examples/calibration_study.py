@@ -3,7 +3,7 @@
 Each trial draws a hand's errors, lets that hand close on one object, calibrates it from what it read, and then has it
 grasp other objects: with the errors known exactly, calibrated, as it is, and with errors left as small as the grasps
 allow at best (`calibration_bound.py`): an estimate drawn from the Cramer-Rao bound. Grasps are made by kinematics
-alone, or in the simulator, which takes a minute each on a busy machine, and in which no sensor is turned on its finger.
+alone, or in the simulator, which takes a minute each on a busy machine.
 
 python examples/calibration_study.py --trials 3
 python examples/calibration_study.py --trials 40 --seed 0
@@ -80,9 +80,6 @@ class DrawnHand:
         self.errors = HandErrors.of(self._plant, self._parts, DECLARED)
         self.truth = self.errors.sigma * generator.normal(size=len(self.errors.sigma))
         self.generator, self._simulated, self._hand = generator, simulated, hand
-        if simulated:
-            for finger in self.errors.fingers:
-                self.truth[self.errors.place(finger, "mounting")][:3] = 0.0
 
     def grasps(self, objects: dict[str, tp.ObjectModel], count: int) -> list[ClosedGrasp]:
         """So many, of the objects in turn."""

@@ -22,7 +22,7 @@ SEARCHES = 10  # for one object, at the most
 
 
 def as_simulated(errors: HandErrors, vector: np.ndarray) -> SimulatedErrors:
-    """A hand's errors as a scenario has them; of mountings only the translation.
+    """A hand's errors as a scenario has them.
 
     Args:
         errors: which they are.
@@ -34,6 +34,7 @@ def as_simulated(errors: HandErrors, vector: np.ndarray) -> SimulatedErrors:
         fingers[name] = FingerErrors(
             radius=own.radius,
             mounting=own.mounting[3:].tolist(),
+            mounting_deg=np.degrees(own.mounting[:3]).tolist(),
             sensor_moment=own.bias[:3].tolist(),
             sensor_force=own.bias[3:].tolist(),
         )

@@ -19,7 +19,6 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 
-from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 
 
@@ -28,7 +27,7 @@ def change_fingertips(
     scene_graph: SceneGraph,
     hand: Hand,
     radius: Mapping[str, float],
-    mounting: Mapping[str, FloatArray],
+    X_SM: Mapping[str, RigidTransform],
 ) -> None:
     """Makes the collision shapes of a hand's fingertips thicker, and moves them; the plant is not finalized yet.
 
@@ -38,7 +37,8 @@ def change_fingertips(
         hand: the hand in it.
         radius: by which each fingertip is thicker all around, by finger, m. A mesh or a box becomes so much larger
             about the fingertip's middle, in proportion to its half-width.
-        mounting: how far each is moved, by finger, in S, shape (3,), m.
+        X_SM: where its sensor is in truth, M, of where the hand's file has it, by finger; the fingertip is moved and
+            turned with it.
     """
     alone, parts = make_hand_plant(hand.config)
     context, inspector = alone.CreateDefaultContext(), scene_graph.model_inspector()
@@ -56,7 +56,7 @@ def change_fingertips(
             scale = 1.0 + radius[finger] / surface.half_width
             shape, is_scaled = _thicker(inspector.GetShape(geometry), radius[finger], scale)
             p_BG = middle_B + scale * (X_BG.translation() - middle_B) if is_scaled else X_BG.translation()
-            X_BG = RigidTransform(X_BG.rotation(), p_BG + X_BS.rotation() @ np.asarray(mounting[finger]))
+            X_BG = X_BS @ X_SM[finger] @ X_BS.inverse() @ RigidTransform(X_BG.rotation(), p_BG)
             passed = [other for other in of_hand if inspector.CollisionFiltered(geometry, other)]
             scene_graph.ChangeShape(plant.get_source_id(), geometry, shape, X_BG)
             # A shape that is changed forgets what it may pass through.

@@ -4,7 +4,9 @@ import dataclasses
 import math
 
 import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
 
+from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.validation import FloatArray, limited, positive_number
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty
@@ -21,7 +23,10 @@ class FingerErrors:
     """How one finger with a force-torque sensor differs from what its hand's description says."""
 
     radius: float | None = None  # by which the fingertip is thicker, m; null: drawn, or 0
-    mounting: list[float] = dataclasses.field(default_factory=list)  # where it sits, in S, (3,), m; empty: drawn, or 0
+    # Where its sensor sits, with the fingertip, in S, (3,), m; empty: drawn, or 0.
+    mounting: list[float] = dataclasses.field(default_factory=list)
+    # How it is turned there, a rotation vector in S, (3,), deg; empty: drawn, or 0.
+    mounting_deg: list[float] = dataclasses.field(default_factory=list)
     # Bias at the start, whether the sensor was tared or not, in S, (3,), N; empty: 0, or drawn where it was not tared.
     sensor_force: list[float] = dataclasses.field(default_factory=list)
     sensor_moment: list[float] = dataclasses.field(default_factory=list)  # likewise, N m
@@ -93,6 +98,7 @@ def _check_finger(name: str, errors: FingerErrors, half_width: float) -> None:
 
 _VECTORS = {
     "mounting": _MOST_SHIFT,
+    "mounting_deg": _MOST_OFFSET,
     "sensor_force": _MOST_LOAD,
     "sensor_moment": _MOST_LOAD,
     "drift_force": _MOST_LOAD,
@@ -108,14 +114,14 @@ class DrawnErrors:
         offsets: what the encoder of each measured joint shows too much, by joint, rad; of one that slides, 1 degree
             counts as 1 mm.
         radius: by which each fingertip is thicker, by finger, m.
-        mounting: how far each fingertip is off its place, by finger, in S, shape (3,), m.
+        X_SM: where each sensor sits in truth, M, with its fingertip, of where its file has it, by finger.
         bias: of each sensor at the start, by finger, shape (6,), N m and N.
         drift: of the bias, by finger, shape (6,), N m/s and N/s.
     """
 
     offsets: dict[str, float]
     radius: dict[str, float]
-    mounting: dict[str, FloatArray]
+    X_SM: dict[str, RigidTransform]
     bias: dict[str, FloatArray]
     drift: dict[str, FloatArray]
 
@@ -135,7 +141,9 @@ def hand_errors(errors: SimulatedErrors, hand: HandConfig) -> DrawnErrors:
         given = errors.fingers.get(finger, FingerErrors())
         radius = sigma.fingertip_radius * generator.normal()
         found.radius[finger] = radius if given.radius is None else given.radius
-        found.mounting[finger] = _given(given.mounting, sigma.mounting * generator.normal(size=3))
+        moved, turned = sigma.mounting * generator.normal(size=3), sigma.mounting_deg * generator.normal(size=3)
+        R_SM = RotationMatrix(exp_so3(np.radians(_given(given.mounting_deg, turned))))
+        found.X_SM[finger] = RigidTransform(R_SM, _given(given.mounting, moved))
         # Drawn in any case, so that a tare changes nothing else of the hand.
         moment, force = sigma.sensor_moment * generator.normal(size=3), sigma.sensor_force * generator.normal(size=3)
         moment = _given(given.sensor_moment, np.zeros(3) if errors.tared else moment)

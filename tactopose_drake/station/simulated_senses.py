@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import AddRandomInputs, Demultiplexer
 
@@ -23,6 +23,8 @@ from tactopose_drake.systems.joint_encoders import JointEncoders
 from tactopose_drake.systems.palm_on_base import PalmOnBase
 from tactopose_drake.systems.palm_pose import PalmPose
 from tactopose_drake.systems.plant_senses import add_touch_sensors
+
+_MOUNTED = "_as_mounted"  # the end of the names of frames in which sensors are mounted in truth
 
 
 def add_senses(
@@ -48,7 +50,17 @@ def add_senses(
                 bias=(np.asarray(model.bias) + errors.bias[finger]).tolist(),
                 drift=(np.asarray(model.drift) + errors.drift[finger]).tolist(),
             )
-    return senses | add_touch_sensors(builder, plant, hand, models, scenario.sensor.period)
+    return senses | add_touch_sensors(builder, plant, _as_mounted(plant, hand), models, scenario.sensor.period)
+
+
+def _as_mounted(plant: MultibodyPlant, hand: Hand) -> Hand:
+    """The hand with its sensors' frames where they are in truth, as `simulate_errors` has it."""
+    true = {
+        finger: plant.GetFrameByName(frame.name() + _MOUNTED, hand.model_instance)
+        for finger, frame in hand.sensor_frames.items()
+        if plant.HasFrameNamed(frame.name() + _MOUNTED, hand.model_instance)
+    }
+    return dataclasses.replace(hand, sensor_frames={**hand.sensor_frames, **true})
 
 
 def _add_encoders(
@@ -86,8 +98,11 @@ def simulate_errors(
     if errors is None:
         return
     drawn = hand_errors(errors, hand.config)
-    if any(drawn.radius.values()) or any(np.any(shift) for shift in drawn.mounting.values()):
-        change_fingertips(plant, scene_graph, hand, drawn.radius, drawn.mounting)
+    if any(drawn.radius.values()) or not all(X_SM.IsExactlyIdentity() for X_SM in drawn.X_SM.values()):
+        change_fingertips(plant, scene_graph, hand, drawn.radius, drawn.X_SM)
+        for finger, frame in hand.sensor_frames.items():
+            name = frame.name() + _MOUNTED
+            plant.AddFrame(FixedOffsetFrame(name, frame, drawn.X_SM[finger], hand.model_instance))
     if errors.object_scale != 1.0 or errors.object_surface_sigma > 0.0:
         change = (errors.object_scale, errors.object_surface_sigma, np.random.default_rng(errors.seed))
         change_object(plant, scene_graph, object_instance, *change)

@@ -1,10 +1,11 @@
+import dataclasses
 import itertools
 import re
 
 import numpy as np
 import pytest
 
-from tactopose_drake.hand import load_hand_config, make_hand_plant
+from tactopose_drake.hand import FeltGrasps, load_hand_config, make_hand_plant
 from tests.examples.scripts import load_script, share_script
 
 study = load_script("calibration_study")
@@ -43,8 +44,35 @@ def test_the_simulated_hand_has_the_errors_that_are_to_be_found() -> None:
         assert errors.sensor_force == [named[f"{finger} force bias {axis}"] for axis in "xyz"]
         assert errors.sensor_moment == [named[f"{finger} moment bias {axis}"] for axis in "xyz"]
         assert errors.mounting == [named[f"{finger} mounting translation {axis}"] for axis in "xyz"]
-        # What the simulator cannot have is not there.
-        assert [named[f"{finger} mounting rotation {axis}"] for axis in "xyz"] == [0.0, 0.0, 0.0]
+        turned = [named[f"{finger} mounting rotation {axis}"] for axis in "xyz"]
+        np.testing.assert_allclose(np.radians(errors.mounting_deg), turned)
+
+
+def test_what_the_simulated_hand_reads_fits_the_object_when_its_errors_are_taken_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    wrong = dataclasses.replace(study.DECLARED, mounting=0.0015, mounting_deg=4.0)
+    monkeypatch.setattr(study, "DECLARED", wrong)
+    hand = study.DrawnHand("shadow_like", np.random.default_rng(1), True)
+    bottle = study.tp.ObjectModel.from_mesh(study.model_path("objects", "spray_bottle.obj"))
+    grasps = hand.grasps({"spray_bottle": bottle}, 2)
+    plant, parts = make_hand_plant(hand.config)
+    felt = FeltGrasps(plant, parts, hand.errors, [grasp.recorded for grasp in grasps])
+    off = {}
+    for name, vector in (("known", hand.truth), ("as it is", np.zeros(len(hand.truth)))):
+        touches = felt.touches(vector[hand.errors.free] / hand.errors.sigma[hand.errors.free])
+        X_PO = np.array([grasp.X_PO for grasp in grasps])[touches.grasp]
+        p_O = np.einsum("nji,nj->ni", X_PO[:, :, :3], touches.p_PC - X_PO[:, :, 3])
+        distance, normal_O = bottle.grid.distance_and_normal(p_O)
+        normal_P = np.einsum("nij,nj->ni", X_PO[:, :, :3], normal_O)
+        angle = np.arccos(np.clip(np.sum(normal_P * touches.n_PC, axis=1), -1.0, 1.0))
+        off[name] = np.median(np.abs(distance)), np.degrees(np.median(angle))
+    assert len(felt.grasp) >= 6
+    # Fingertips sink in by tenths of a millimetre, and what touches is no point.
+    assert off["known"][0] < 0.0005
+    assert off["known"][1] < 3.0
+    assert off["as it is"][0] > 3.0 * off["known"][0]
+    assert off["as it is"][1] > 2.0 * off["known"][1]
 
 
 def test_the_bound_falls_with_grasps_and_with_what_is_known_of_the_poses() -> None:

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from pydrake.geometry import Mesh, ReadObjToTriangleSurfaceMesh, SceneGraph
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
-from tactopose_drake.hand.hand_in_plant import add_hand
+from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
 from tactopose_drake.hand.other_fingertips import change_fingertips
 from tactopose_drake.resources import add_model, make_parser
 from tactopose_drake.station.other_object import change_object
@@ -70,7 +70,8 @@ def test_by_default_nothing_errs() -> None:
     none = hand_errors(SimulatedErrors(), load_hand_config(HAND))
     assert not any(none.offsets.values())
     assert not any(none.radius.values())
-    assert not any(np.any(bias) for bias in (*none.bias.values(), *none.mounting.values()))
+    assert not any(np.any(bias) for bias in none.bias.values())
+    assert all(X_SM.IsExactlyIdentity() for X_SM in none.X_SM.values())
 
 
 @pytest.mark.parametrize(
@@ -121,14 +122,17 @@ def test_a_fingertip_is_thicker_and_elsewhere() -> None:
     hand = add_hand(plant, load_hand_config(HAND), RigidTransform())
     before = shapes(plant, scene_graph, hand.model_instance)
     radius = dict.fromkeys(hand.sensor_frames, 0.0) | {"thumb": 0.002}
-    shift = dict.fromkeys(hand.sensor_frames, np.zeros(3)) | {"first": np.array([0.001, 0.0, 0.0])}
-    change_fingertips(plant, scene_graph, hand, radius, shift)
-    after = shapes(plant, scene_graph, hand.model_instance)
+    turned = RigidTransform(RotationMatrix.MakeXRotation(0.1), [0.001, 0.0, 0.0])
+    X_SM = dict.fromkeys(hand.sensor_frames, RigidTransform()) | {"first": turned}
+    change_fingertips(plant, scene_graph, hand, radius, X_SM)
+    after, (alone, parts) = shapes(plant, scene_graph, hand.model_instance), make_hand_plant(hand.config)
     for finger, weld in hand.welds.items():
         (tip,) = plant.GetCollisionGeometriesForBody(weld.child_body())
         assert after[tip][0].radius() == pytest.approx(0.009 + radius[finger])
-        moved = after[tip][1].translation() - before[tip][1].translation()
-        assert np.linalg.norm(moved) == pytest.approx(np.linalg.norm(shift[finger]))
+        tip_body, frame = parts.welds[finger].child_body(), parts.sensor_frames[finger]
+        X_BS = alone.CalcRelativeTransform(alone.CreateDefaultContext(), tip_body.body_frame(), frame)
+        moved = X_BS @ X_SM[finger] @ X_BS.inverse() @ before[tip][1]
+        assert after[tip][1].IsNearlyEqualTo(moved, 1e-12)
     inspector = scene_graph.model_inspector()
     (tip,) = plant.GetCollisionGeometriesForBody(hand.welds["thumb"].child_body())
     assert inspector.GetProximityProperties(tip).HasProperty("material", "coulomb_friction")
