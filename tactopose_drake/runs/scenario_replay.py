@@ -156,7 +156,8 @@ def as_recorded(scenario: Scenario, manifest: Manifest) -> Scenario:
     estimation = dataclasses.replace(scenario.estimation, estimator=estimator)
     senses = manifest.scenario.senses
     if isinstance(senses, CanSenses):  # What came from files then is among the signals and in the logs.
-        senses = dataclasses.replace(senses, joints=JointPort(), prior="", palm="", simulated=None)
+        simulated = SimulatedDevices() if senses.simulated == SimulatedDevices() else None
+        senses = dataclasses.replace(senses, joints=JointPort(), prior="", palm="", simulated=simulated)
     tracking = None if scenario.tracking is None else dataclasses.replace(scenario.tracking, live=False)
     played = dataclasses.replace(scenario, senses=senses, estimation=estimation, tracking=tracking)
     played.validate()

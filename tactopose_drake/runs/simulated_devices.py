@@ -17,7 +17,6 @@ from tactopose_drake.drivers.simulation.simulated_netcanoem import SimulatedNetC
 from tactopose_drake.drivers.simulation.time_series import load_time_series
 from tactopose_drake.errors import BusError
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
-from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.scenario import Scenario
@@ -33,7 +32,7 @@ Loads = dict[str, Signal]  # by finger the wrench on the fingertip, weight and a
 def simulated_loads(scenario: Scenario, signals: Mapping[str, Signal]) -> Loads:
     """What the devices of a hand feel that has these signals (`rehearse`), and before, when nothing touches it."""
     assert isinstance(scenario.senses, CanSenses)
-    plant, hand = make_hand_plant(load_hand_config(scenario.hand))
+    plant, hand = make_hand_plant(scenario.hand_config())
     weights = FingertipWeights(plant, hand, fixed_pose("Scenario.X_WBase", scenario.X_WBase).rotation())
     joints, loads = signals["joint_positions"], Loads()
     for finger in scenario.senses.fingers:

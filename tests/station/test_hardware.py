@@ -25,7 +25,8 @@ from tactopose_drake.resources import model_path
 from tactopose_drake.runs.device_run import warm_up
 from tactopose_drake.runs.estimate_writer import EstimateWriter
 from tactopose_drake.runs.known_signals import known_signals
-from tactopose_drake.runs.scenario_replay import replay
+from tactopose_drake.runs.manifest import Manifest
+from tactopose_drake.runs.scenario_replay import as_recorded, replay
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.station.can_devices import CanDevices, live_buses
 from tactopose_drake.station.hardware import make_hardware_station
@@ -147,6 +148,8 @@ def test_boards_that_are_tared_lose_the_biases_of_a_calibration_and_simulated_on
     assert make_hand_plant(scenario.hand_config())[1].calibration.fingers[tared].force_bias == bias
     scenario.senses.simulated = SimulatedDevices()
     assert make_hand_plant(scenario.hand_config())[1].calibration is None
+    replayed = as_recorded(scenario, Manifest(scenario=scenario))
+    assert make_hand_plant(replayed.hand_config())[1].calibration is None
     scenario.senses.simulated.folder = "recorded"  # of a real hand
     assert make_hand_plant(scenario.hand_config())[1].calibration is not None
 
