@@ -22,6 +22,7 @@ from tactopose_drake.hand.hand_errors import FingertipErrors, HandErrors
 from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
 from tactopose_drake.hand.joint_matrices import joint_offsets
 from tactopose_drake.hand.kinematics import HandKinematics
+from tactopose_drake.hand.shared_joints import shared_joints
 
 _POSTURES = 400  # of a finger, of which those near the object are taken
 _SAMPLES = 60  # of a fingertip's surface
@@ -85,7 +86,14 @@ class GraspCloser:
             errors: which errors it may have.
             vector: those that it has, shape (d,), SI units.
             params: how grasps are made up.
+
+        Raises:
+            InvalidInputError: if fingers share a joint: they are closed one after the other.
         """
+        for joint, fingers in shared_joints(hand.config).items():
+            raise InvalidInputError(
+                f"hand: {joint} moves {', '.join(fingers)}; allowed are hands whose fingers have joints of their own."
+            )
         self._plant, self._hand, self._errors, self._vector = plant, hand, errors, vector
         self._params = ClosedGraspParams() if params is None else params
         self._least = min(self._params.least_fingers, len(errors.fingers))

@@ -1,10 +1,14 @@
 """Joints that several fingers have in common."""
 
 import numpy as np
+import pytest
 
 from tactopose_drake.core.grasping.finger_reach import ReachParams
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.closed_grasps import GraspCloser
 from tactopose_drake.hand.finger_chain import finger_chain
-from tactopose_drake.hand.hand_config import FingerConfig, HandConfig, load_hand_config
+from tactopose_drake.hand.hand_config import FingerConfig, HandConfig, HandUncertainty, load_hand_config
+from tactopose_drake.hand.hand_errors import HandErrors
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.hand.shared_joints import held_joints, shared_joints, with_held_joints
@@ -49,3 +53,11 @@ def test_what_one_motor_closes_is_not_held() -> None:
     assert shared_joints(jaws) == {"motor": ["left", "right"]}
     assert held_joints(jaws) == {}
     assert held_joints(load_hand_config("shadow_like")) == {}
+
+
+def test_no_grasp_is_made_up_of_fingers_that_share_a_joint() -> None:
+    config = one_motor()
+    plant, hand = make_hand_plant(config)
+    errors = HandErrors.of(plant, hand, HandUncertainty())
+    with pytest.raises(InvalidInputError, match="FFJ4 moves first, middle; allowed are"):
+        GraspCloser(plant, hand, errors, np.zeros(len(errors.sigma)))
