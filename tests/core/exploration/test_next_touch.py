@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 import trimesh
@@ -5,7 +7,14 @@ import trimesh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.exploration.chance_touch import choose_by_chance
-from tactopose_drake.core.exploration.foreseen_touch import TouchNoise, entropy, foresee, told_of_mode
+from tactopose_drake.core.exploration.foreseen_touch import (
+    Foreseen,
+    TouchNoise,
+    entropy,
+    foresee,
+    told_of_mode,
+    told_within_modes,
+)
 from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
 from tactopose_drake.core.exploration.next_touch import (
     Candidate,
@@ -129,6 +138,18 @@ def test_a_wide_mode_is_told_by_how_much_a_touch_shrinks_it(mug: ObjectModel) ->
     assert along == pytest.approx(0.5 * np.log((sigma**2 + resolved) / (after + resolved)), rel=0.1)
     assert across < 0.5 * along
     assert entropy(shifted(sigma), tolerance) == pytest.approx(0.5 * np.log(1.0 + sigma**2 / resolved), rel=1e-3)
+
+
+@pytest.mark.parametrize(("narrowed", "told"), [(0.5, math.log(2.0)), (0.8, math.log(1.25)), (0.1, math.log(2.0))])
+def test_whether_there_is_a_touch_tells_what_it_narrows_and_one_bit_at_the_most(narrowed: float, told: float) -> None:
+    tolerance = Tolerance(translation=1e-5, rotation=1e-4)
+    wide = np.diag(np.repeat([0.3, 0.02], 3) ** 2)[None]
+    half = wide.copy()
+    half[0, 0, 0] *= narrowed**2
+    foreseen = Foreseen(
+        np.array([[0.5]]), np.zeros((1, 1, 1)), np.ones((1, 1, 1, 1)), wide, half[:, None], half[:, None], half[:, None]
+    )
+    assert told_within_modes(np.ones(1), foreseen, tolerance)[0] == pytest.approx(told, rel=1e-3)
 
 
 def test_a_mode_within_the_tolerance_leaves_little_to_tell(mug: ObjectModel) -> None:

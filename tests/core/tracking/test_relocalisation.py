@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
@@ -323,6 +324,18 @@ def test_a_mode_that_may_slide_out_of_the_hand_is_not_dropped(box: ObjectModel) 
     )
     assert narrow.modes.mixture.weights[1] < 1e-4
     assert wide.modes.mixture.weights[1] > 0.2
+
+
+def test_the_hand_s_own_surface_is_unsure_too(box: ObjectModel) -> None:
+    weights = []
+    for sigma in (0.0001, 0.004):
+        hand = HandGeometry([X_PO[:, 3] + [0.05, 0.0, 0.0]], [0.03], sigma=sigma)
+        cleared = weighed_modes(1e-6, 1e-6).clear(box, hand, PARAMS.relocalisation, np.array([0.0, 0.006]))
+        weights.append(cleared.modes.mixture.weights[1])
+    allowed = PARAMS.relocalisation.allowed_depth
+    clear = scipy.stats.norm.cdf((allowed - np.array([0.0, 0.006])) / 0.004)
+    assert weights[0] < 1e-6
+    assert weights[1] == pytest.approx(clear[1] / clear.sum(), rel=0.02)
 
 
 def test_of_several_likely_modes_it_is_asked_once_how_deep_they_are_and_of_a_single_one_never(box: ObjectModel) -> None:

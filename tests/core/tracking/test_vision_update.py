@@ -16,7 +16,8 @@ from tactopose_drake.core.tracking.pose_belief import VisionRecord
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import VisionParams
-from tactopose_drake.core.tracking.vision_update import Sighting, fuse, read_vision, update_with_pose
+from tactopose_drake.core.tracking.vision_update import Sighting, fuse, read_vision, see, update_with_pose
+from tests.core.tracking.boxes import read
 
 X_PO = make_poses(random_rotations(np.random.default_rng(0), 1), np.array([[0.02, 0.0, 0.1]]))[0]
 SEEN = np.diag(np.repeat([math.radians(5.0), 0.01], 3) ** 2)
@@ -42,6 +43,25 @@ def test_what_is_an_outlier_is_one_however_often_pictures_come(box: ObjectModel,
     assert not is_inlier[0]
     np.testing.assert_array_equal(after.X_PO[0], X_PO)
     np.testing.assert_allclose(after.log_weight, share * LOG_OUTLIER)
+
+
+def test_a_picture_is_an_outlier_where_any_pose_of_a_room_is_likelier(box: ObjectModel) -> None:
+    """On either side of where the densities are equal; rotations fill 8 pi^2 rad^3."""
+    settings = VisionParams()
+    tracker, sigmas = PoseTracker(box), np.repeat([math.radians(5.0), 0.01], 3)
+    guess = GaussianPrior(X_PO, 0.01, math.radians(5.0))
+    belief = tracker.step(tracker.start(), Frame(0.0, Evidence(Contacts.empty(), prior=guess)))
+    expected = belief.modes.covariance[0] + np.diag(sigmas**2)
+    log_peak = -0.5 * np.linalg.slogdet(2.0 * np.pi * expected)[1]
+    log_room = math.log(settings.outlier_probability / settings.outlier_volume / (8.0 * math.pi**2))
+    for ratio, is_believed in ((1.5, True), (1.0 / 1.5, False)):
+        way = math.sqrt(2.0 * (log_peak - log_room - math.log(ratio)) * expected[3, 3])
+        X_seen = retract(X_PO, np.array([0, 0, 0, way, 0, 0]))
+        assert np.allclose(expected, np.diag(np.diag(expected)))
+        picture = PoseMeasurement(0.0, X_seen, np.diag(sigmas**2))
+        reading = read(Contacts.empty())
+        _, is_outlier = see(box, belief, Frame(0.0, Evidence(Contacts.empty()), vision=picture), reading, settings)
+        assert is_outlier != is_believed
 
 
 def test_vision_that_shows_the_object_turned_into_itself_is_believed(box: ObjectModel) -> None:
