@@ -37,22 +37,26 @@ def simulated_loads(scenario: Scenario, signals: Mapping[str, Signal]) -> Loads:
     joints, loads = signals["joint_positions"], Loads()
     for finger in scenario.senses.fingers:
         touch = signals[f"wrench_{finger}"]
-        # The simulated sensor gives no number before its first sample, and has its weight taken off.
+        # The simulated sensor gives no number before its first sample, and has its weight taken off; where it gives
+        # none later, it is saturated.
+        sampled = np.cumsum([np.isfinite(F_S).all() for F_S in touch.values]) > 0
         rows = [
-            np.nan_to_num(F_S) + weights.wrenches(joints.at(time))[finger]
-            for time, F_S in zip(touch.times, touch.values, strict=True)
+            (F_S if has_sample else np.zeros(6)) + weights.wrenches(joints.at(time))[finger]
+            for time, F_S, has_sample in zip(touch.times, touch.values, sampled, strict=True)
         ]
         free = weights.wrenches(joints.values[0])[finger]
         loads[finger] = Signal([touch.times[0] - 1.0, *touch.times], [free, *rows])
     if scenario.senses.barrett_hand is not None:
         order = [plant.GetJointByName(name).position_start() for name in scenario.senses.barrett_hand.joints]
-        pads = [signals[f"pressures_{pad}"] for pad in PADS]
-        rows = [
-            np.concatenate([q[order], *(np.nan_to_num(pad.at(time)) for pad in pads), np.zeros(3)])
-            for time, q in zip(joints.times, joints.values, strict=True)
-        ]
+        felt = [joints, *(signals[f"pressures_{pad}"] for pad in PADS)]
+        begin = max(signal.times[0] for signal in felt)
+        times = [begin, *sorted({time for signal in felt for time in signal.times if time > begin})]
+        rows = []
+        for time in times:
+            q, *pressures = (signal.at(time) for signal in felt)
+            rows.append(np.concatenate([q[order], *map(np.nan_to_num, pressures), np.zeros(3)]))
         free = np.concatenate([joints.values[0][order], np.zeros(len(rows[0]) - len(order))])
-        loads["hand"] = Signal([joints.times[0] - 1.0, *joints.times], [free, *rows])
+        loads["hand"] = Signal([begin - 1.0, *times], [free, *rows])
     return loads
 
 

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -150,8 +152,9 @@ def test_a_gauge_at_its_end_rejects_the_data(reading: int) -> None:
         assert sample.gauges[4] == reading
 
 
-def test_an_overload_saturates() -> None:
-    board = SimulatedNetCanOem(lambda time: 60 * WRENCH, CALIBRATIONS)
+@pytest.mark.parametrize("overload", [60.0, math.nan])
+def test_an_overload_saturates(overload: float) -> None:
+    board = SimulatedNetCanOem(lambda time: overload * WRENCH, CALIBRATIONS)
     with virtual_bus(board) as bus, NetCanOemForceTorque(bus, calibration_slot=SLOT) as sensor:
         sample = sensor.read()
         assert sample.status.startswith("saturated: gauge")

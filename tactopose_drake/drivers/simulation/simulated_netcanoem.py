@@ -53,7 +53,8 @@ class SimulatedNetCanOem(SimulatedDevice):
         """Keeps its arguments.
 
         Args:
-            wrench: the load F_S = [m_x, m_y, m_z, f_x, f_y, f_z] at a time in s since the epoch, shape (6,), N m and N.
+            wrench: the load F_S = [m_x, m_y, m_z, f_x, f_y, f_z] at a time in s since the epoch, shape (6,), N m and N;
+                NaN of one that is beyond the transducer's range.
             calibrations: by slot.
             base: of the board's identifiers.
             offset: gauge readings without a load, shape (6,).
@@ -104,7 +105,7 @@ class SimulatedNetCanOem(SimulatedDevice):
         if self.active in self._to_gauges:
             readings += self._to_gauges[self.active] @ np.asarray(self._wrench(time), dtype=np.float64)
         low, high = protocol.GAUGE_LIMITS
-        gauges: list[int] = np.clip(np.rint(readings), low, high).astype(int).tolist()
+        gauges: list[int] = np.nan_to_num(np.clip(np.rint(readings), low, high), nan=high).astype(int).tolist()
         for gauge, reading in self.broken_gauges.items():
             gauges[gauge] = reading
         return gauges
