@@ -56,7 +56,10 @@ class ContactUncertainty:
         self._surfaces, self._layers = hand.surfaces, hand.layers
         self._calibrated: dict[str, _Calibrated] = {}
         # Of each fingertip's surface along an axis, beside what the joints' offsets do to it.
-        self._tip_variance = dict.fromkeys(hand.surfaces, uncertainty.mounting**2 + uncertainty.fingertip_radius**2)
+        # A turn moves the surface's middle, as far from S as it is: 2/3 of the square of that on an axis.
+        turned = {finger: 2.0 / 3.0 * float(np.sum(tip.X_SF[:, 3] ** 2)) for finger, tip in hand.surfaces.items()}
+        moved, of_turn = uncertainty.mounting**2 + uncertainty.fingertip_radius**2, self._variances.turn
+        self._tip_variance = {finger: moved + of_turn * arm for finger, arm in turned.items()}
         if hand.calibration is not None:
             self._noise, by_joint = hand.calibration.noise, joint_matrix(plant, hand, joints)
             for finger, found in hand.calibration.fingers.items():
@@ -65,8 +68,8 @@ class ContactUncertainty:
                 of_joints = [hand.calibration.joint_offsets[joint].sigma for joint in found.joints]
                 sigma = np.concatenate([np.array(units) * of_joints, found.sigma])
                 correlation = np.array(found.correlation) if found.correlation else np.eye(len(sigma))
-                shifts = np.square(found.translation.sigma)
-                self._tip_variance[finger] = float(shifts.mean()) + found.radius.sigma**2
+                shift, turn = (float(np.mean(np.square(part))) for part in (found.sigma[10:], found.sigma[7:10]))
+                self._tip_variance[finger] = shift + found.radius.sigma**2 + turn * turned[finger]
                 columns = by_joint[:, [joints.index(joint) for joint in found.joints]]
                 self._calibrated[finger] = _Calibrated(columns, correlation * np.outer(sigma, sigma))
 

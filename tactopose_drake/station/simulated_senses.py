@@ -127,6 +127,6 @@ def add_measured_palm_pose(
 
 def add_noise(builder: DiagramBuilder, scenario: Scenario, hand: Hand) -> None:
     """Connects all random inputs that are still open, of the senses and of whatever else there is."""
-    periods = [scenario.sensor.period] if hand.sensor_frames else []
-    periods += [load_tactile_pad(pad.array).period for pad in hand.config.pads]
-    AddRandomInputs(min(periods, default=scenario.vision.period), builder)
+    periods = [scenario.vision.period, *(load_tactile_pad(pad.array).period for pad in hand.config.pads)]
+    periods += [scenario.sensor.period] if hand.sensor_frames else []
+    AddRandomInputs(min(periods), builder)

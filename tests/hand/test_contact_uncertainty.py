@@ -280,9 +280,15 @@ def test_the_hands_surface_is_off_by_what_moves_its_fingertips() -> None:
     kinematics = HandKinematics(plant, hand.palm_frame)
     off = [
         ContactUncertainty(plant, hand, HandUncertainty(**NONE | errors)).surface_sigma(kinematics)
-        for errors in ({}, {"mounting": 0.002}, {"encoder_offset_deg": 1.0}, {"encoder_offset_deg": 2.0})
-    ]
+        for errors in (
+            {}, {"mounting": 0.002}, {"encoder_offset_deg": 1.0}, {"encoder_offset_deg": 2.0}, {"mounting_deg": 2.0}
+        )
+    ]  # fmt: skip
     assert off[:2] == [0.0, pytest.approx(0.002)]
     # A fingertip is some 10 cm from the joints that move it, along two of three axes each.
     assert 0.001 < off[2] < 0.004
     assert off[3] == pytest.approx(2.0 * off[2])
+    # Its middle is 7 mm from the sensor's frame, and moves across that.
+    turned = np.random.default_rng(0).normal(scale=math.radians(2.0), size=(100000, 3))
+    arm = hand.surfaces[hand.fingers[0]].X_SF[:, 3]
+    assert off[4] == pytest.approx(np.sqrt(np.mean(np.cross(turned, arm) ** 2)), rel=0.01)
