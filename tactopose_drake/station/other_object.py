@@ -5,7 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common import MemoryFile
-from pydrake.geometry import InMemoryMesh, Mesh, ReadObjToTriangleSurfaceMesh, SceneGraph
+from pydrake.geometry import InMemoryMesh, Mesh, ReadObjToTriangleSurfaceMesh, SceneGraph, Shape
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
@@ -24,39 +25,53 @@ def change_object(
     surface_sigma: float,
     generator: np.random.Generator,
 ) -> None:
-    """Makes an object's collision meshes larger, and puts smooth bumps on them; its mass stays.
+    """Makes an object's collision meshes larger, and puts smooth bumps on them, and what cameras see; its mass stays.
 
     Args:
         plant: the simulator's plant, not finalized yet.
         scene_graph: its geometry.
         instance: the object.
         scale: by which it is larger, about its centre of mass.
-        surface_sigma: root mean square height of the bumps, m.
+        surface_sigma: root mean square height of the bumps, m; what is seen has them where it is a mesh of an OBJ file.
         generator: where they are.
 
     Raises:
         InvalidInputError: if a collision shape is not a mesh of an OBJ file.
     """
-    inspector = scene_graph.model_inspector()
+    inspector, source_id = scene_graph.model_inspector(), plant.get_source_id()
     waves = _Waves(generator, surface_sigma)
     for body in map(plant.get_body, plant.GetBodyIndices(instance)):
         middle_O = body.default_spatial_inertia().get_com()
-        for geometry in plant.GetCollisionGeometriesForBody(body):
-            shape = inspector.GetShape(geometry)
-            if not isinstance(shape, Mesh) or shape.extension() != ".obj" or not shape.source().is_path():
+        colliding = plant.GetCollisionGeometriesForBody(body)
+        for geometry in [*colliding, *plant.GetVisualGeometriesForBody(body)]:
+            shape, X_OG = inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry)
+            if _is_obj(shape):
+                scene_graph.ChangeShape(source_id, geometry, _other_mesh(shape, X_OG, middle_O, scale, waves))
+            elif geometry in colliding:
                 raise InvalidInputError(
                     f"SimulatedErrors.object_scale, object_surface_sigma: the collision shape of {body.name()!r} is a "
                     f"{type(shape).__name__}; allowed are meshes of OBJ files."
                 )
-            X_OG = inspector.GetPoseInFrame(geometry)
-            mesh = ReadObjToTriangleSurfaceMesh(shape.source().path())
-            faces = np.array([[t.vertex(i) for i in range(3)] for t in mesh.triangles()])
-            p_OV = X_OG.multiply(np.array(mesh.vertices()).T * np.asarray(shape.scale3())[:, None]).T
-            p_OV = middle_O + scale * (p_OV - middle_O)
-            p_OV = p_OV + waves.heights(p_OV)[:, None] * _normals(p_OV, faces)
-            text = _obj(X_OG.inverse().multiply(p_OV.T).T, faces)
-            source = InMemoryMesh(mesh_file=MemoryFile(text, ".obj", f"{body.name()}, as it is simulated"))
-            scene_graph.ChangeShape(plant.get_source_id(), geometry, Mesh(source, 1.0))
+            elif isinstance(shape, Mesh):
+                p_OG = middle_O + scale * (X_OG.translation() - middle_O)
+                larger = Mesh(shape.source(), scale * np.asarray(shape.scale3()))
+                scene_graph.ChangeShape(source_id, geometry, larger, RigidTransform(X_OG.rotation(), p_OG))
+
+
+def _is_obj(shape: Shape) -> bool:
+    return isinstance(shape, Mesh) and shape.extension() == ".obj" and shape.source().is_path()
+
+
+def _other_mesh(shape: Mesh, X_OG: RigidTransform, middle_O: FloatArray, scale: float, waves: "_Waves") -> Mesh:
+    """A mesh of an OBJ file, in its own frame, that is larger about a point of the object, with bumps."""
+    mesh = ReadObjToTriangleSurfaceMesh(shape.source().path())
+    faces = np.array([[t.vertex(i) for i in range(3)] for t in mesh.triangles()])
+    p_OV = X_OG.multiply(np.array(mesh.vertices()).T * np.asarray(shape.scale3())[:, None]).T
+    p_OV = middle_O + scale * (p_OV - middle_O)
+    p_OV = p_OV + waves.heights(p_OV)[:, None] * _normals(p_OV, faces)
+    text = _obj(X_OG.inverse().multiply(p_OV.T).T, faces)
+    name = f"{shape.source().path().name}, as it is simulated"
+    return Mesh(InMemoryMesh(mesh_file=MemoryFile(text, ".obj", name)), 1.0)
 
 
 class _Waves:
@@ -85,6 +100,8 @@ def _normals(vertices: FloatArray, faces: NDArray[np.int64]) -> FloatArray:
 
 
 def _obj(vertices: FloatArray, faces: NDArray[np.int64]) -> str:
+    """With normals, which renderers need."""
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices.tolist()]
-    lines += [f"f {i} {j} {k}" for i, j, k in (faces + 1).tolist()]
+    lines += [f"vn {x:.6g} {y:.6g} {z:.6g}" for x, y, z in _normals(vertices, faces).tolist()]
+    lines += [f"f {i}//{i} {j}//{j} {k}//{k}" for i, j, k in (faces + 1).tolist()]
     return "\n".join(lines) + "\n"

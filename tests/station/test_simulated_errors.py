@@ -16,6 +16,7 @@ from tactopose_drake.resources import add_model, make_parser
 from tactopose_drake.station.other_object import change_object
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.simulated_errors import FingerErrors, SimulatedErrors, hand_errors
+from tactopose_drake.systems.depth_camera import AddDepthCamera, DepthCameraParams
 
 HAND = "shadow_like"
 
@@ -141,7 +142,8 @@ def test_a_fingertip_is_thicker_and_elsewhere() -> None:
 
 
 def test_an_object_is_larger_about_its_centre_of_mass_with_bumps() -> None:
-    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.001)
     scenario = Scenario(object="mug")
     instance = add_model(make_parser(plant), scenario.object_sdf())
     middle = plant.get_body(plant.GetBodyIndices(instance)[0]).default_spatial_inertia().get_com()
@@ -150,6 +152,10 @@ def test_an_object_is_larger_about_its_centre_of_mass_with_bumps() -> None:
     ((shape, _),) = shapes(plant, scene_graph, instance).values()
     assert isinstance(shape, Mesh)
     np.testing.assert_allclose(vertices(shape), middle + 1.1 * (before - middle), atol=1e-7)
+    # A camera sees what is held.
+    (seen,) = plant.GetVisualGeometriesForBody(plant.get_body(plant.GetBodyIndices(instance)[0]))
+    np.testing.assert_array_equal(vertices(scene_graph.model_inspector().GetShape(seen)), vertices(shape))
+    AddDepthCamera(builder, scene_graph, RigidTransform(), DepthCameraParams())  # Its renderer takes the mesh.
 
     plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
     instance = add_model(make_parser(plant), scenario.object_sdf())
