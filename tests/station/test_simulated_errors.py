@@ -8,6 +8,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
 
+from tactopose_drake.core.vision.depth_pictures import DepthCameraModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
@@ -16,7 +17,7 @@ from tactopose_drake.resources import add_model, make_parser
 from tactopose_drake.station.other_object import change_object
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.simulated_errors import FingerErrors, SimulatedErrors, hand_errors
-from tactopose_drake.systems.depth_camera import AddDepthCamera, DepthCameraParams
+from tactopose_drake.systems.depth_camera import AddDepthCamera
 
 HAND = "shadow_like"
 
@@ -155,7 +156,7 @@ def test_an_object_is_larger_about_its_centre_of_mass_with_bumps() -> None:
     # A camera sees what is held.
     (seen,) = plant.GetVisualGeometriesForBody(plant.get_body(plant.GetBodyIndices(instance)[0]))
     np.testing.assert_array_equal(vertices(scene_graph.model_inspector().GetShape(seen)), vertices(shape))
-    AddDepthCamera(builder, scene_graph, RigidTransform(), DepthCameraParams())  # Its renderer takes the mesh.
+    AddDepthCamera(builder, scene_graph, RigidTransform(), DepthCameraModel())  # Its renderer takes the mesh.
 
     plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
     instance = add_model(make_parser(plant), scenario.object_sdf())
