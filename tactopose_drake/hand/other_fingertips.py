@@ -1,4 +1,4 @@
-"""Fingertips in a simulator that are thicker, and sit elsewhere, than the hand's description says."""
+"""Fingertips and tactile pads in a simulator that are thicker, or sit elsewhere, than the hand's description says."""
 
 from collections.abc import Mapping
 
@@ -10,6 +10,7 @@ from pydrake.geometry import (
     Convex,
     Cylinder,
     Ellipsoid,
+    GeometryId,
     GeometrySet,
     Mesh,
     SceneGraph,
@@ -42,11 +43,6 @@ def change_fingertips(
     """
     alone, parts = make_hand_plant(hand.config)
     context, inspector = alone.CreateDefaultContext(), scene_graph.model_inspector()
-    of_hand = [
-        geometry
-        for body in map(plant.get_body, plant.GetBodyIndices(hand.model_instance))
-        for geometry in plant.GetCollisionGeometriesForBody(body)
-    ]
     for finger, frame in parts.sensor_frames.items():
         X_BS = alone.CalcRelativeTransform(context, parts.welds[finger].child_body().body_frame(), frame)
         surface = parts.surfaces[finger]
@@ -57,11 +53,46 @@ def change_fingertips(
             shape, is_scaled = _thicker(inspector.GetShape(geometry), radius[finger], scale)
             p_BG = middle_B + scale * (X_BG.translation() - middle_B) if is_scaled else X_BG.translation()
             X_BG = X_BS @ X_SM[finger] @ X_BS.inverse() @ RigidTransform(X_BG.rotation(), p_BG)
-            passed = [other for other in of_hand if inspector.CollisionFiltered(geometry, other)]
-            scene_graph.ChangeShape(plant.get_source_id(), geometry, shape, X_BG)
-            # A shape that is changed forgets what it may pass through.
-            apart = CollisionFilterDeclaration().ExcludeBetween(GeometrySet(geometry), GeometrySet(passed))
-            scene_graph.collision_filter_manager().Apply(apart)
+            _change(plant, scene_graph, hand, geometry, shape, X_BG)
+
+
+def move_pads(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, X_TM: Mapping[str, RigidTransform]) -> None:
+    """Moves the collision shapes of a hand's tactile pads; the plant is not finalized yet.
+
+    Args:
+        plant: the simulator's plant.
+        scene_graph: its geometry.
+        hand: the hand in it.
+        X_TM: where each array is in truth, M, of where the hand's file has it, by pad.
+    """
+    inspector = scene_graph.model_inspector()
+    for pad, frame in hand.pad_frames.items():
+        X_BT = frame.GetFixedPoseInBodyFrame()
+        for geometry in plant.GetCollisionGeometriesForBody(frame.body()):
+            X_BG = X_BT @ X_TM[pad] @ X_BT.inverse() @ inspector.GetPoseInFrame(geometry)
+            _change(plant, scene_graph, hand, geometry, inspector.GetShape(geometry), X_BG)
+
+
+def _change(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    hand: Hand,
+    geometry: GeometryId,
+    shape: Shape,
+    X_BG: RigidTransform,
+) -> None:
+    """Gives a collision shape of the hand another form and place; what it may pass through stays."""
+    inspector = scene_graph.model_inspector()
+    passed = [
+        other
+        for body in map(plant.get_body, plant.GetBodyIndices(hand.model_instance))
+        for other in plant.GetCollisionGeometriesForBody(body)
+        if inspector.CollisionFiltered(geometry, other)
+    ]
+    scene_graph.ChangeShape(plant.get_source_id(), geometry, shape, X_BG)
+    # A shape that is changed forgets what it may pass through.
+    apart = CollisionFilterDeclaration().ExcludeBetween(GeometrySet(geometry), GeometrySet(passed))
+    scene_graph.collision_filter_manager().Apply(apart)
 
 
 def _thicker(shape: Shape, radius: float, scale: float) -> tuple[Shape, bool]:

@@ -46,6 +46,7 @@ from .senses import SimulatedSenses as SimulatedSenses
 from .simulated import Station as Station
 from .simulated import make_station as make_station
 from .simulated_errors import FingerErrors as FingerErrors
+from .simulated_errors import PadErrors as PadErrors
 from .simulated_errors import SimulatedErrors as SimulatedErrors
 from .simulated_senses import add_noise as add_noise
 from .simulated_senses import add_senses as add_senses

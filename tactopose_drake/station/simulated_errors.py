@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
@@ -35,6 +36,16 @@ class FingerErrors:
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
+class PadErrors:
+    """How one tactile pad differs from what its hand's description says."""
+
+    # Where it sits, with its array, in T, (3,), m; empty: drawn, or 0.
+    mounting: list[float] = dataclasses.field(default_factory=list)
+    # How it is turned there, a rotation vector in T, (3,), deg; empty: drawn, or 0.
+    mounting_deg: list[float] = dataclasses.field(default_factory=list)
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
 class SimulatedErrors:
     """How simulated hand, object and camera differ from what the estimation is told; by default in nothing.
 
@@ -42,8 +53,8 @@ class SimulatedErrors:
     by the files.
     """
 
-    # Whether each joint's offset, and what is not given of a finger, is drawn from the `uncertainty` that the hand's
-    # file declares, one of a Gaussian each.
+    # Whether each joint's offset, and what is not given of a finger or a pad, is drawn from the `uncertainty` that the
+    # hand's file declares, one of a Gaussian each.
     drawn: bool = False
     seed: int = 0  # of what is drawn, and of the bumps
     # By joint, what its encoder shows too much, deg; of one that slides, 1 deg counts as 1 mm.
@@ -54,6 +65,7 @@ class SimulatedErrors:
     encoder_noise_deg: float = 0.0  # standard deviation of each reading, deg
     encoder_step_deg: float = 0.0  # quantisation, deg; 0: none
     fingers: dict[str, FingerErrors] = dataclasses.field(default_factory=dict)  # by finger
+    pads: dict[str, PadErrors] = dataclasses.field(default_factory=dict)  # by pad
     object_scale: float = 1.0  # of the object that is held, about its centre of mass, in units of its mesh
     object_surface_sigma: float = 0.0  # root mean square of smooth bumps on it, m
     vision_degrees_of_freedom: float | None = None  # of Student's t, whose tails the camera's errors have; null: none
@@ -77,6 +89,10 @@ class SimulatedErrors:
             if finger not in known:
                 raise UnknownNameError(f"{name}.fingers", finger, sorted(known))
             _check_finger(f"{name}.fingers[{finger}]", errors, known[finger].surface.make().half_width)
+        for pad, of_pad in self.pads.items():
+            if pad not in (names := [config.name for config in hand.pads]):
+                raise UnknownNameError(f"{name}.pads", pad, sorted(names))
+            _check_vectors(f"{name}.pads[{pad}]", of_pad, ("mounting", "mounting_deg"))
         positive_number(f"{name}.object_scale", self.object_scale, least=_LEAST_SCALE, most=_MOST_SCALE)
         positive_number(f"{name}.object_surface_sigma", self.object_surface_sigma, allow_zero=True, most=_MOST_SHIFT)
         if self.vision_degrees_of_freedom is not None:
@@ -91,9 +107,13 @@ def _check_finger(name: str, errors: FingerErrors, half_width: float) -> None:
                 f"{name}.radius: is {errors.radius:g}, of a fingertip with a half-width of {half_width:g} m; allowed "
                 f"are numbers >= {(_LEAST_RADIUS - 1.0) * half_width:g}."
             )
-    for key, most in _VECTORS.items():
+    _check_vectors(name, errors, _VECTORS)
+
+
+def _check_vectors(name: str, errors: FingerErrors | PadErrors, keys: Iterable[str]) -> None:
+    for key in keys:
         if getattr(errors, key):
-            limited(f"{name}.{key}", getattr(errors, key), (3,), most=most)
+            limited(f"{name}.{key}", getattr(errors, key), (3,), most=_VECTORS[key])
 
 
 _VECTORS = {
@@ -115,6 +135,7 @@ class DrawnErrors:
             counts as 1 mm.
         radius: by which each fingertip is thicker, by finger, m.
         X_SM: where each sensor sits in truth, M, with its fingertip, of where its file has it, by finger.
+        X_TM: likewise each tactile array, with its pad, by pad.
         bias: of each sensor at the start, by finger, shape (6,), N m and N.
         drift: of the bias, by finger, shape (6,), N m/s and N/s.
     """
@@ -122,6 +143,7 @@ class DrawnErrors:
     offsets: dict[str, float]
     radius: dict[str, float]
     X_SM: dict[str, RigidTransform]
+    X_TM: dict[str, RigidTransform]
     bias: dict[str, FloatArray]
     drift: dict[str, FloatArray]
 
@@ -134,16 +156,14 @@ def hand_errors(errors: SimulatedErrors, hand: HandConfig) -> DrawnErrors:
         sigma = HandUncertainty(**dict.fromkeys((field.name for field in dataclasses.fields(HandUncertainty)), 0.0))
     joints = dict.fromkeys(joint for finger in hand.fingers for joint in finger.joints)  # fingers may share one
     drawn_offsets = {joint: sigma.encoder_offset_deg * generator.normal() for joint in joints}
-    found = DrawnErrors({}, {}, {}, {}, {})
+    found = DrawnErrors({}, {}, {}, {}, {}, {})
     for joint, offset in (drawn_offsets | errors.joint_offsets_deg).items():
         found.offsets[joint] = math.radians(offset)
     for finger in (finger.name for finger in hand.fingers if finger.sensor_frame):
         given = errors.fingers.get(finger, FingerErrors())
         radius = sigma.fingertip_radius * generator.normal()
         found.radius[finger] = radius if given.radius is None else given.radius
-        moved, turned = sigma.mounting * generator.normal(size=3), sigma.mounting_deg * generator.normal(size=3)
-        R_SM = RotationMatrix(exp_so3(np.radians(_given(given.mounting_deg, turned))))
-        found.X_SM[finger] = RigidTransform(R_SM, _given(given.mounting, moved))
+        found.X_SM[finger] = _mounted(given, sigma, generator)
         # Drawn in any case, so that a tare changes nothing else of the hand.
         moment, force = sigma.sensor_moment * generator.normal(size=3), sigma.sensor_force * generator.normal(size=3)
         moment = _given(given.sensor_moment, np.zeros(3) if errors.tared else moment)
@@ -151,7 +171,16 @@ def hand_errors(errors: SimulatedErrors, hand: HandConfig) -> DrawnErrors:
         found.bias[finger] = np.concatenate([moment, force])
         drifts = (given.drift_moment, given.drift_force)
         found.drift[finger] = np.concatenate([_given(drift, np.zeros(3)) for drift in drifts])
+    for pad in hand.pads:
+        found.X_TM[pad.name] = _mounted(errors.pads.get(pad.name, PadErrors()), sigma, generator)
     return found
+
+
+def _mounted(given: FingerErrors | PadErrors, sigma: HandUncertainty, generator: np.random.Generator) -> RigidTransform:
+    """Where something sits, of where it is told to."""
+    moved, turned = sigma.mounting * generator.normal(size=3), sigma.mounting_deg * generator.normal(size=3)
+    rotation = RotationMatrix(exp_so3(np.radians(_given(given.mounting_deg, turned))))
+    return RigidTransform(rotation, _given(given.mounting, moved))
 
 
 def _given(value: list[float], otherwise: FloatArray) -> FloatArray:

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex
+from pydrake.multibody.tree import FixedOffsetFrame, Frame, ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import AddRandomInputs, Demultiplexer
 
 from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
-from tactopose_drake.hand.other_fingertips import change_fingertips
+from tactopose_drake.hand.other_fingertips import change_fingertips, move_pads
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.other_object import change_object
@@ -54,13 +54,18 @@ def add_senses(
 
 
 def _as_mounted(plant: MultibodyPlant, hand: Hand) -> Hand:
-    """The hand with its sensors' frames where they are in truth, as `simulate_errors` has it."""
-    true = {
-        finger: plant.GetFrameByName(frame.name() + _MOUNTED, hand.model_instance)
-        for finger, frame in hand.sensor_frames.items()
-        if plant.HasFrameNamed(frame.name() + _MOUNTED, hand.model_instance)
-    }
-    return dataclasses.replace(hand, sensor_frames={**hand.sensor_frames, **true})
+    """The hand with its sensors' and arrays' frames where they are in truth, as `simulate_errors` has it."""
+    sensors, arrays = (
+        {name: _true_frame(plant, hand, frame) for name, frame in frames.items()}
+        for frames in (hand.sensor_frames, hand.pad_frames)
+    )
+    return dataclasses.replace(hand, sensor_frames=sensors, pad_frames=arrays)
+
+
+def _true_frame(plant: MultibodyPlant, hand: Hand, frame: Frame) -> Frame:
+    name = frame.name() + _MOUNTED
+    has_other = plant.HasFrameNamed(name, hand.model_instance)
+    return plant.GetFrameByName(name, hand.model_instance) if has_other else frame
 
 
 def _add_encoders(
@@ -98,11 +103,15 @@ def simulate_errors(
     if errors is None:
         return
     drawn = hand_errors(errors, hand.config)
-    if any(drawn.radius.values()) or not all(X_SM.IsExactlyIdentity() for X_SM in drawn.X_SM.values()):
+    mounted = [
+        *((hand.sensor_frames[finger], X_SM) for finger, X_SM in drawn.X_SM.items()),
+        *((hand.pad_frames[pad], X_TM) for pad, X_TM in drawn.X_TM.items()),
+    ]
+    if any(drawn.radius.values()) or not all(X.IsExactlyIdentity() for _, X in mounted):
         change_fingertips(plant, scene_graph, hand, drawn.radius, drawn.X_SM)
-        for finger, frame in hand.sensor_frames.items():
-            name = frame.name() + _MOUNTED
-            plant.AddFrame(FixedOffsetFrame(name, frame, drawn.X_SM[finger], hand.model_instance))
+        move_pads(plant, scene_graph, hand, drawn.X_TM)
+        for frame, X in mounted:
+            plant.AddFrame(FixedOffsetFrame(frame.name() + _MOUNTED, frame, X, hand.model_instance))
     if errors.object_scale != 1.0 or errors.object_surface_sigma > 0.0:
         change = (errors.object_scale, errors.object_surface_sigma, np.random.default_rng(errors.seed))
         change_object(plant, scene_graph, object_instance, *change)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from pydrake.geometry import Mesh, ReadObjToTriangleSurfaceMesh, SceneGraph
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
@@ -12,11 +12,11 @@ from tactopose_drake.core.vision.depth_pictures import DepthCameraModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
-from tactopose_drake.hand.other_fingertips import change_fingertips
+from tactopose_drake.hand.other_fingertips import change_fingertips, move_pads
 from tactopose_drake.resources import add_model, make_parser
 from tactopose_drake.station.other_object import change_object
 from tactopose_drake.station.scenario import Scenario, load_scenario
-from tactopose_drake.station.simulated_errors import FingerErrors, SimulatedErrors, hand_errors
+from tactopose_drake.station.simulated_errors import FingerErrors, PadErrors, SimulatedErrors, hand_errors
 from tactopose_drake.systems.depth_camera import AddDepthCamera
 
 HAND = "shadow_like"
@@ -84,6 +84,7 @@ def test_by_default_nothing_errs() -> None:
         (SimulatedErrors(fingers={"toe": FingerErrors()}), "fingers: 'toe' is unknown; valid names: first"),
         (SimulatedErrors(fingers={"first": FingerErrors(radius=-0.009)}), "allowed are numbers >= -0.0072"),
         (SimulatedErrors(fingers={"first": FingerErrors(sensor_force=[1.0])}), r"fingers\[first\].sensor_force"),
+        (SimulatedErrors(pads={"palm": PadErrors()}), "pads: 'palm' is unknown; valid names: none"),
         (SimulatedErrors(encoder_noise_deg=-1.0), "encoder_noise_deg"),
         (SimulatedErrors(object_scale=3.0), "object_scale"),
         (SimulatedErrors(object_surface_sigma=-1.0), "object_surface_sigma"),
@@ -140,6 +141,31 @@ def test_a_fingertip_is_thicker_and_elsewhere() -> None:
     assert inspector.GetProximityProperties(tip).HasProperty("material", "coulomb_friction")
     # As before: within this hand nothing collides.
     assert all(inspector.CollisionFiltered(tip, other) for other in before if other != tip)
+
+
+def test_a_pad_is_elsewhere_with_its_array() -> None:
+    config = load_hand_config("barrett_like")
+    config.uncertainty = HandUncertainty(encoder_offset_deg=0.0, mounting=0.001, mounting_deg=2.0)
+    many = [hand_errors(SimulatedErrors(drawn=True, seed=seed), config).X_TM for seed in range(100)]
+    moved = np.array([X_TM.translation() for drawn in many for X_TM in drawn.values()])
+    turned = [RollPitchYaw(X_TM.rotation()).vector() for drawn in many for X_TM in drawn.values()]
+    assert np.std(moved) == pytest.approx(0.001, rel=0.1)
+    assert np.degrees(np.std(turned)) == pytest.approx(2.0, rel=0.1)
+    given = SimulatedErrors(pads={"finger_3": PadErrors(mounting=[0.001, 0.0, 0.0], mounting_deg=[0.0, 6.0, 0.0])})
+    X_TM = hand_errors(given, config).X_TM
+    assert all(X.IsExactlyIdentity() for pad, X in X_TM.items() if pad != "finger_3")
+    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
+    hand = add_hand(plant, config, RigidTransform())
+    before = shapes(plant, scene_graph, hand.model_instance)
+    move_pads(plant, scene_graph, hand, X_TM)
+    after, inspector = shapes(plant, scene_graph, hand.model_instance), scene_graph.model_inspector()
+    X_BT = hand.pad_frames["finger_3"].GetFixedPoseInBodyFrame()
+    own = plant.GetCollisionGeometriesForBody(hand.pad_frames["finger_3"].body())
+    assert own
+    for geometry, (_, X_BG) in before.items():
+        expected = X_BT @ X_TM["finger_3"] @ X_BT.inverse() @ X_BG if geometry in own else X_BG
+        assert after[geometry][1].IsNearlyEqualTo(expected, 1e-12)
+    assert all(inspector.CollisionFiltered(own[0], other) for other in before if other not in own)
 
 
 def test_an_object_is_larger_about_its_centre_of_mass_with_bumps() -> None:
