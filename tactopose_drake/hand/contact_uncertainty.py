@@ -95,7 +95,7 @@ class ContactUncertainty:
             sigma_force=self._errors.sensor_force,
         )
         X, covariance = np.ascontiguousarray(X_PS.GetAsMatrix34()), np.empty((6, 6))
-        contact = SensedContact(solution.p_SC, solution.n_S, read_only(by_sensor.p), read_only(by_sensor.n))
+        contact = SensedContact(solution.p_SC, solution.n_S, *map(read_only, by_sensor))
         fill_hand_covariance(X, contact, by_joints, self._variances, covariance)
         return covariance
 

@@ -13,10 +13,10 @@ from tactopose_drake.core.poses import exp_so3, log_so3
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solve_contact, solve_contacts
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.calibration_report import calibration_of
-from tactopose_drake.hand.contact_gains import thicker
+from tactopose_drake.hand.contact_gains import contact_gains, thicker
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas
-from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
+from tactopose_drake.hand.hand_config import HandUncertainty, SkinLayer, load_hand_config
 from tactopose_drake.hand.hand_errors import HandErrors
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.kinematics import HandKinematics
@@ -108,6 +108,24 @@ def test_a_calibrated_soft_fingertip_gives_way_by_what_the_force_errs() -> None:
     n = X_PS.rotation() @ solution.n_S
     said = uncertainty.covariance(finger, solution, X_PS, kinematics)
     assert math.sqrt(n @ said[:3, :3] @ n) == pytest.approx(0.1 / SOFT.stiffness, rel=0.05)
+
+
+@pytest.mark.parametrize("layer", [None, SOFT], ids=["rigid", "soft"])
+def test_the_sensor_s_errors_move_point_and_normal_together(layer: SkinLayer | None) -> None:
+    wrong = WrongHand(0, HandUncertainty(**NONE), layer=layer)
+    plant, hand, finger = wrong.plant, wrong.hand, wrong.hand.fingers[1]
+    kinematics, sigma = HandKinematics(plant, hand.palm_frame), np.repeat([0.001, 0.05], 3)
+    surface, layers = hand.surfaces[finger], hand.layers.get(finger)
+    solution = solve_contact(touch(hand, finger)[0], surface, layer=layers)
+    X_PS = kinematics.poses(hand.sensor_frames)[finger]
+    told = HandUncertainty(**NONE | {"sensor_moment": sigma[0], "sensor_force": sigma[3]})
+    said = ContactUncertainty(plant, hand, told).covariance(finger, solution, X_PS, kinematics)
+    gains = contact_gains(touch(hand, finger)[0][None], surface, layers)
+    J = np.concatenate([X_PS.rotation().matrix() @ each[0, :, :6] for each in (gains.point, gains.turn)]) * sigma
+    widths = np.sqrt(np.repeat([np.trace(said[:3, :3]), np.trace(said[3:, 3:])], 3))
+    scaled = said / np.outer(widths, widths)
+    np.testing.assert_allclose(scaled, J @ J.T / np.outer(widths, widths), atol=1e-3)
+    assert np.abs(scaled[:3, 3:]).max() > 0.3
 
 
 def test_a_calibration_narrows_whatever_its_errors_move() -> None:

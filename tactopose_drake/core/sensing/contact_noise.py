@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import read_only
-from tactopose_drake.core.sensing.contact_noise_kernels import Found, WrenchNoise, fill_covariances
+from tactopose_drake.core.sensing.contact_noise_kernels import Covariances, Found, WrenchNoise, fill_covariances
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, ContactSolutions
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces.surface import Surface
@@ -29,10 +29,12 @@ class ContactCovariance(NamedTuple):
     Attributes:
         p: of the contact point, shape (B, 3, 3) or (3, 3), m^2. On a rigid surface it has no part along the normal.
         n: of the unit normal, same shape; none of it is along the normal.
+        pn: of the point (rows) with the normal, same shape, m: on a round surface both move together.
     """
 
     p: FloatArray
     n: FloatArray
+    pn: FloatArray
 
 
 def contact_covariance(
@@ -62,6 +64,6 @@ def contact_covariance(
     depth, valid = (read_only(np.atleast_1d(each)) for each in (contacts.deformation, contacts.valid))
     found = Found(p_SC, n_S, normal_force, friction_force, torque, depth, valid)
     noise = WrenchNoise(sigma_moment**2, sigma_force**2, 0.0 if layer is None else 1.0 / layer.stiffness)
-    p, n = np.full((2, len(valid), 3, 3), np.nan)
-    fill_covariances(surface.kind, surface.shape, surface.X_SF, found, noise, p, n)
-    return ContactCovariance(p[0], n[0]) if isinstance(contacts, ContactSolution) else ContactCovariance(p, n)
+    filled = Covariances(*np.full((3, len(valid), 3, 3), np.nan))
+    fill_covariances(surface.kind, surface.shape, surface.X_SF, found, noise, filled)
+    return ContactCovariance(*(each[0] if isinstance(contacts, ContactSolution) else each for each in filled))

@@ -32,15 +32,24 @@ class WrenchNoise(NamedTuple):
     compliance: float
 
 
+class Covariances(NamedTuple):
+    """Of the points (B, 3, 3), of the normals, and of the points (rows) with the normals; written."""
+
+    point: OutFloats3
+    normal: OutFloats3
+    both: OutFloats3
+
+
 class SensedContact(NamedTuple):
-    """A contact's point and the fingertip's normal there, in S, shape (3,), and their covariances by the noise of its
-    sensor, shape (3, 3).
+    """A contact's point and the fingertip's normal there, in S, shape (3,), and by the noise of its sensor the
+    covariances of the point, of the normal, and of the point (rows) with the normal, shape (3, 3).
     """
 
     p: Floats1
     n: Floats1
     by_point: Floats2
     by_normal: Floats2
+    by_both: Floats2
 
 
 class HandVariances(NamedTuple):
@@ -63,6 +72,8 @@ class _Work(NamedTuple):
     step: OutFloats2
     gain: OutFloats2
     product: OutFloats2
+    of_point: OutFloats2
+    of_point_by_force: OutFloats2
 
 
 @kernel
@@ -72,13 +83,14 @@ def fill_covariances(
     X_SF: Floats2,
     found: Found,
     noise: WrenchNoise,
-    by_point: OutFloats3,
-    by_normal: OutFloats3,
+    out: Covariances,
 ) -> None:
-    """Fills the covariances (B, 3, 3) of the valid contacts' points and normals, in S."""
+    """Fills the covariances of the valid contacts' points and normals, in S."""
     square = (3, 3)
     work = _Work(
         np.empty(3),
+        np.empty(square),
+        np.empty(square),
         np.empty(square),
         np.empty(square),
         np.empty(square),
@@ -115,10 +127,17 @@ def fill_covariances(
         for i in range(3):
             for k in range(3):
                 work.B[i, k] += noise.compliance * n[i] * bent[k]
-        multiply(work.B, step, gain)
-        _add_noise(gain, by_force, n, noise, noise.compliance, work, by_point[b])
+        # What moment and force move the point and the normal by; the force moves the point along the normal, too.
+        multiply(work.B, step, work.of_point)
+        multiply(work.of_point, by_force, work.of_point_by_force)
+        for i in range(3):
+            for k in range(3):
+                work.of_point_by_force[i, k] += noise.compliance * n[i] * n[k]
         multiply(W, step, gain)
-        _add_noise(gain, by_force, n, noise, 0.0, work, by_normal[b])
+        multiply(gain, by_force, work.product)
+        _add_noise(work.of_point, work.of_point_by_force, work.of_point, work.of_point_by_force, noise, out.point[b])
+        _add_noise(gain, work.product, gain, work.product, noise, out.normal[b])
+        _add_noise(work.of_point, work.of_point_by_force, gain, work.product, noise, out.both[b])
 
 
 @kernel
@@ -134,7 +153,7 @@ def fill_hand_covariance(
         errors: what the fingertip's place and size may be off.
         out: to fill.
     """
-    p, n, by_point, by_normal = contact
+    p, n, by_point, by_normal, by_both = contact
     R, turned, rotation = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     a, m = np.empty(3), np.empty(3)
     for i in range(3):
@@ -166,6 +185,11 @@ def fill_hand_covariance(
         _cross(m, R[:, c], a)
         for i in range(3):
             turned[i, c] = a[i]
+    for i in range(3):
+        for k in range(3):
+            for c in range(3):
+                for d in range(3):
+                    out[3 + i, k] += turned[i, c] * by_both[d, c] * R[k, d]
     transform(turned, by_normal, R, rotation)
     for i in range(3):
         for k in range(i + 1):
@@ -225,21 +249,16 @@ def _fill_lever(p, across, n, compliance, out):
 
 @part
 def _add_noise(
-    gain: Floats2, by_force: Floats2, n: Floats1, noise: WrenchNoise, own: float, work: _Work, out: OutFloats2
+    moment: Floats2, force: Floats2, other_moment: Floats2, other_force: Floats2, noise: WrenchNoise, out: OutFloats2
 ) -> None:
-    """The covariance of what moment and force move by these gains, the force by its own along the normal, too."""
-    A = work.A
-    multiply(gain, by_force, A)
+    """The covariance of what moment and force move by these gains with what they move by others."""
     for i in range(3):
         for k in range(3):
-            A[i, k] += own * n[i] * n[k]
-    for i in range(3):
-        for k in range(3):
-            moment, force = 0.0, 0.0
+            by_moment, by_force = 0.0, 0.0
             for c in range(3):
-                moment += gain[i, c] * gain[k, c]
-                force += A[i, c] * A[k, c]
-            out[i, k] = noise.moment * moment + noise.force * force
+                by_moment += moment[i, c] * other_moment[k, c]
+                by_force += force[i, c] * other_force[k, c]
+            out[i, k] = noise.moment * by_moment + noise.force * by_force
 
 
 @inlined
