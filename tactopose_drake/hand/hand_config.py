@@ -118,9 +118,14 @@ class HandConfig:
             InvalidInputError: a name that is missing or double, or a number that is out of its range.
             UnknownNameError: a coupling or a rest position of what the hand has not.
         """
-        for name, value in (("model", self.model), ("base_link", self.base_link), ("palm_frame", self.palm_frame)):
+        if not self.model:
+            raise InvalidInputError(
+                "HandConfig.model: is not given; allowed is the path of the hand's SDF, URDF or MJCF file, or its "
+                "package:// URL."
+            )
+        for name, value in (("base_link", self.base_link), ("palm_frame", self.palm_frame)):
             if not value:
-                raise InvalidInputError(f"HandConfig.{name}: is empty; allowed is a name in the hand's model.")
+                raise InvalidInputError(f"HandConfig.{name}: is not given; allowed is a name in the hand's model.")
         names = [finger.name for finger in self.fingers]
         if "" in names:
             raise InvalidInputError(f"HandConfig.fingers[{names.index('')}].name: is empty; allowed is a name.")
@@ -141,9 +146,9 @@ class HandConfig:
                 if coupling.follows not in finger.joints:
                     raise UnknownNameError(f"coupling of {coupling.joint!r}: follows", coupling.follows, finger.joints)
             if bool(finger.sensor_frame) != bool(finger.weld):
+                given, lacking = ("sensor_frame", "weld") if finger.sensor_frame else ("weld", "sensor_frame")
                 raise InvalidInputError(
-                    f"HandConfig.fingers[{finger.name}]: has sensor_frame {finger.sensor_frame!r} and weld "
-                    f"{finger.weld!r}; allowed are both names or neither."
+                    f"HandConfig.fingers[{finger.name}]: has a {given} and no {lacking}; allowed are both or neither."
                 )
             with told_of(f"HandConfig.fingers[{finger.name}].surface."):
                 surface = finger.surface.make()

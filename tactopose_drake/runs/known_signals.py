@@ -52,8 +52,8 @@ def known_signals(scenario: Scenario) -> dict[str, Signal]:
         signals["joint_positions"] = _unknown_in_gaps(table[:, 0], positions)
     elif senses.barrett_hand is None:
         raise InvalidInputError(
-            "CanSenses.joints: is !JointPort, which is for a diagram of your own; "
-            "to run the scenario by itself, allowed are !FixedJoints and !JointFile."
+            "CanSenses.joints: is not given, or !JointPort: joint positions come through an input port of a diagram of "
+            "your own; to run the scenario by itself, allowed are !FixedJoints and !JointFile."
         )
     return signals
 

@@ -190,11 +190,7 @@ class Scenario:
         if self.publish is not None:
             self.publish.validate()
             check_apart(self.senses, self.publish)
-        for path in (self.object_sdf(), self.object_mesh()):
-            if not os.path.isfile(path):
-                raise InvalidInputError(
-                    f"Scenario.object: {path} does not exist; the package's objects are {', '.join(shipped_objects())}."
-                )
+        self._check_object()
         if self.grip is not None and self.exploration is not None:
             raise InvalidInputError("Scenario.exploration: explores a planned grasp; allowed is None with a grip.")
         if self.grip is not None and self.object not in self.grip.X_PO:
@@ -202,6 +198,20 @@ class Scenario:
                 f"Scenario.object: is {self.object!r}, for which Scenario.grip.X_PO has no place in the hand "
                 f"{self.hand!r}; it has places for {', '.join(sorted(self.grip.X_PO)) or 'none'}."
             )
+
+    def _check_object(self) -> None:
+        """Raises InvalidInputError if a file of the object is missing."""
+        known = f"the package's objects are {', '.join(shipped_objects())}."
+        if not Path(self.object).suffix and not self.object_sdf().is_file():
+            raise InvalidInputError(f"Scenario.object: there is no object {self.object!r}; {known}")
+        if Path(self.object).suffix.lower() in (".stl", ".ply", ".glb", ".gltf", ".off", ".dae"):
+            raise InvalidInputError(
+                f"Scenario.object: {self.object} is a mesh alone; allowed is an SDF with an OBJ of the same name "
+                f"beside it. `tactopose demo --object {self.object}` writes both."
+            )
+        for path in (self.object_sdf(), self.object_mesh()):
+            if not os.path.isfile(path):
+                raise InvalidInputError(f"Scenario.object: {path} does not exist; {known}")
 
     def object_sdf(self) -> Path:
         """The object's model for the simulator."""

@@ -177,7 +177,8 @@ def test_a_hand_without_grip_region_gets_one_between_its_fingers(scenario):
     ("line", "error", "text"),
     [
         ("seed: -1", InvalidInputError, r"Scenario\.seed: is -1"),
-        ("object: teapot", InvalidInputError, r"teapot.*does not exist; the package's objects are .*wine_glass"),
+        ("object: teapot", InvalidInputError, r"there is no object 'teapot'; the package's objects are .*wine_glass"),
+        ("object: tin.stl", InvalidInputError, r"tin\.stl is a mesh alone; allowed is an SDF with an OBJ"),
         ("duration: 0", InvalidInputError, r"Scenario\.duration: is 0"),
         ("check: {attempts: 0}", InvalidInputError, r"Scenario\.check\.attempts: is 0"),
         ("planner: {least_fingers: 1}", InvalidInputError, r"least_fingers: is 1"),
