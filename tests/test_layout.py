@@ -83,6 +83,18 @@ def test_the_root_holds_nothing_loose() -> None:
     }
 
 
+def test_the_rooms_are_there_without_an_import_of_their_own() -> None:
+    rooms = {name.removesuffix(".py") for floor in FLOORS for name in floor} | {"errors", "resources"}
+    folders = {path.name for path in (PACKAGE / "core").iterdir() if path.is_dir() and path.name != "__pycache__"}
+    assert rooms == tactopose_drake._ROOMS
+    assert folders == tactopose_drake.core._ROOMS
+    for parent, names in ((tactopose_drake, rooms), (tactopose_drake.core, folders)):
+        for name in names:
+            assert getattr(parent, name).__name__ == f"{parent.__name__}.{name}"
+        with pytest.raises(AttributeError, match=r"attribute '?attic"):
+            _ = parent.attic
+
+
 def test_no_file_name_occurs_twice() -> None:
     names = Counter(path.name for path in FILES.values())
     assert {name for name, count in names.items() if count > 1} == {"__init__.py"}

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from tactopose_drake.cli.calibration_page import save_calibration_page
 from tactopose_drake.cli.consoles import ERRORS, OUT, print_replaced
+from tactopose_drake.cli.hand_name import HAND, HAND_HELP
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.progress_bar import progress_bar
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -36,7 +37,7 @@ _MANY = (
 
 
 @click.command("calibrate")
-@click.option("--hand", required=True, help="The hand's YAML file, or one of the package by name.")
+@click.option("--hand", type=HAND, required=True, help=f"{HAND_HELP}.")
 @click.option("--object", "mesh", type=PATH, required=True, help="Mesh of the object, or its SDF, URDF or MJCF.")
 @click.option("--scale", type=float, default=1.0, show_default=True, help="Metres in the mesh's unit: 0.001 for mm.")
 @click.option("--grasps", "folder", type=PATH, required=True, help="Folder of grasps: files or recordings.")

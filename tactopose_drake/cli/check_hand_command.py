@@ -7,6 +7,7 @@ from rich import box
 from rich.table import Table
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.hand_name import HAND
 from tactopose_drake.cli.hand_page import save_hand_page
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.estimation.output_files import check_outputs
@@ -20,7 +21,7 @@ _STYLES = {"ok": "green", "note": "yellow", "fault": "red"}
 
 
 @click.command("check-hand")
-@click.argument("hand", type=str)
+@click.argument("hand", type=HAND)
 @click.option("--html", type=PATH, help="Writes a page that shows the hand with its frames and fingertips, by name.")
 @click.option("--cells", type=PATH, help="Writes a picture of the tactile pads' cells with their numbers, as PNG.")
 def check_hand_command(hand: str, html: Path | None, cells: Path | None) -> None:

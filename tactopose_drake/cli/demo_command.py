@@ -15,6 +15,7 @@ from pydrake.math import RigidTransform
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.demo_run import DemoResult, earlier_results, prepare_demo, run_demo, save_demo
 from tactopose_drake.cli.demo_scenario import demo_scenario
+from tactopose_drake.cli.hand_name import HAND, HAND_HELP
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.reports import fingers_table, pads_table, poses_table
 from tactopose_drake.estimation.descriptions import free_line, sigma_line, status_line
@@ -42,7 +43,7 @@ class _Options:
 
 
 @click.command()
-@click.option("--hand", default="shadow", show_default=True, help="shadow, barrett, or a hand's YAML file by its path.")
+@click.option("--hand", type=HAND, default="shadow", show_default=True, help=f"{HAND_HELP}.")
 @click.option(
     "--object", "name", help="A shipped object by name, or a mesh or model by path; by default a shipped one."
 )

@@ -8,10 +8,7 @@ from tactopose_drake.station.own_hand import scenario_for
 from tactopose_drake.station.own_object import write_simulated_object
 from tactopose_drake.station.scenario import Scenario, load_scenario, shipped_objects
 
-# The demo's scenarios by the hand's name on the command line.
-_SHIPPED = {"shadow": "shadow_like", "barrett": "barrett_like"} | {
-    name: name for name in ("shadow_like", "barrett_like")
-}
+_WITH_SCENARIO = ("shadow_like", "barrett_like")  # hands, whose scenarios have their names
 _OBJECT = "cube"  # of a hand of one's own, unless another is asked for
 
 
@@ -19,7 +16,7 @@ def demo_scenario(hand: str, name: str | None, seed: int, folder: Path, scale: f
     """The scenario of a demonstration.
 
     Args:
-        hand: "shadow", "barrett", another hand of the package by name, or a *.hand.yaml by path.
+        hand: of the package by name, or a *.hand.yaml by path.
         name: an object of the package by name, or a mesh or model by path; None: one that suits the hand.
         seed: of the grasp and all noise.
         folder: receives the SDF and OBJ of an object that is given by path, and holds nothing else.
@@ -30,7 +27,7 @@ def demo_scenario(hand: str, name: str | None, seed: int, folder: Path, scale: f
         InvalidInputError: if the files cannot be used, there is no object of that name, a scale or mass is given for an
             object of the package, or the hand grips an object of which it is not known where in the hand it is held.
     """
-    scenario = load_scenario(_SHIPPED[hand]) if hand in _SHIPPED else None
+    scenario = load_scenario(hand) if hand in _WITH_SCENARIO else None
     if scenario is not None and scenario.grip is not None and name is not None and name not in scenario.grip.X_PO:
         raise InvalidInputError(
             f"--object: is {name!r}, which the hand {hand!r} cannot hold, for it closes without a plan on what is put "

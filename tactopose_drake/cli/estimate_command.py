@@ -10,6 +10,7 @@ import numpy as np
 
 from tactopose_drake import hand, visualization
 from tactopose_drake.cli.consoles import ERRORS, OUT, print_replaced
+from tactopose_drake.cli.hand_name import HAND, HAND_HELP
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.reports import hypotheses_table
 from tactopose_drake.cli.symmetry_option import SYMMETRY_HELP, parse_symmetries
@@ -37,6 +38,7 @@ from tactopose_drake.estimation.search_methods import METHODS
 @click.option(
     "--hand-volume", "volume_file", type=PATH, help="YAML of where the hand is, and which of its parts feel nothing."
 )
+@click.option("--hand", "hand_name", type=HAND, help=f"{HAND_HELP}; where --hand-volume has joints and names no hand.")
 @click.option("--friction", type=float, help="Coefficient of friction: no contact slips. Needs forces.")
 @click.option(
     "--gravity",
@@ -66,6 +68,7 @@ def estimate(
     contacts_file: Path,
     prior_file: Path | None,
     volume_file: Path | None,
+    hand_name: str | None,
     friction: float | None,
     gravity: tuple[float, float, float] | None,
     outlier_probability: float,
@@ -78,7 +81,8 @@ def estimate(
     """Estimates the pose of an object from what touches it."""
     touch = hand.load_touch(contacts_file)
     prior = None if prior_file is None else load_prior(prior_file)
-    volumes = None if volume_file is None else hand.load_hand_volume(volume_file)
+    own_hand = None if hand_name is None else hand.load_hand_config(hand_name)
+    volumes = None if volume_file is None else hand.load_hand_volume(volume_file, own_hand)
     with told_of("--gravity: "):
         balance = None if gravity is None else ForceBalance(np.array(gravity))
     check_outputs((out, html), inputs=(mesh, contacts_file, prior_file, volume_file))

@@ -7,8 +7,10 @@ from pathlib import Path
 import click
 
 from tactopose_drake.cli.consoles import ERRORS, OUT, print_replaced
+from tactopose_drake.cli.hand_name import HAND, HAND_HELP
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.titles import grasp_title
+from tactopose_drake.core.validation import told_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.runs.monitor import Monitor, estimate_line, explained_estimate, wrong_senses
@@ -23,19 +25,30 @@ _seconds = click.FloatRange(min=0.0, min_open=True)
 
 @click.command()
 @click.argument("scenario", type=str)
+@click.option("--hand", type=HAND, help=f"{HAND_HELP}, in place of the scenario's.")
 @click.option("--duration", type=_seconds, help="s; the scenario's by default, with real devices until Ctrl-C.")
 @click.option("--record", type=PATH, help="Folder for a recording, new or empty: CAN logs, other signals, manifest.")
 @click.option("--html", type=PATH, help="Writes a page here: hand, touch and belief at any time, with a slider.")
 @click.option("--picture", type=PATH, help="Writes a picture of the last estimate here, as PNG.")
 @click.option("--monitor", is_flag=True, help="Shows rates, ages, forces, pressures and the estimate live.")
 def run(
-    scenario: str, duration: float | None, record: Path | None, html: Path | None, picture: Path | None, monitor: bool
+    scenario: str,
+    hand: str | None,
+    duration: float | None,
+    record: Path | None,
+    html: Path | None,
+    picture: Path | None,
+    monitor: bool,
 ) -> None:
     """Runs a SCENARIO, simulated or on CAN devices: one of the package by name, or a YAML file.
 
     Of a simulated run it says whether the grasp is stable, and how far the estimate is off the truth.
     """
     loaded = load_scenario(scenario)
+    if hand is not None:
+        loaded.hand = hand
+        with told_of("--hand: "):
+            loaded.validate()
     check_outputs((html, picture), inputs=(scenario_file(scenario), record))
     drawn = _recorder(loaded) if html is not None or picture is not None else None
     earlier = [path for path in (html, picture) if path is not None and path.is_file()]

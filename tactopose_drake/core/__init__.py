@@ -1,1 +1,16 @@
 """The mathematics: functions and frozen dataclasses over arrays; no pydrake, no clock, no global random state."""
+
+import importlib
+from types import ModuleType
+
+_ROOMS = frozenset({
+    "calibration", "evidence", "exploration", "grasping", "identification", "kernels", "mesh", "objectives",
+    "posterior", "searches", "sensing", "shape", "surfaces", "synthetic", "tracking", "vision",
+})  # fmt: skip
+
+
+def __getattr__(name: str) -> ModuleType:
+    """One of the folders, imported when it is first asked for."""
+    if name not in _ROOMS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return importlib.import_module(f"{__name__}.{name}")

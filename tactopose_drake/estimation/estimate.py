@@ -51,16 +51,16 @@ _SAMPLES_SEED = 0
 def estimate_pose(
     model: ObjectModel,
     contacts: Contacts,
-    *,
     patches: Sequence[Patch] = (),
     prior: PosePrior | None = None,
     hand: HandGeometry | None = None,
-    untouched: HandGeometry | None = None,
-    balance: ForceBalance | None = None,
-    friction: float | None = None,
     method: str = "pair_search",
     seed: int = 0,
     max_hypotheses: int = 64,
+    *,
+    untouched: HandGeometry | None = None,
+    balance: ForceBalance | None = None,
+    friction: float | None = None,
     time_limit: float | None = None,
     outlier_probability: float = 0.02,
     planes: Sequence[PlaneContact] = (),
@@ -74,16 +74,16 @@ def estimate_pose(
             feel the same place twice, the estimate takes that for two touches.
         prior: what is known without touch; None where the object may be anywhere.
         hand: the hand's volume, where the object is not.
-        untouched: parts of the hand that feel no contact: the object is not in them, nor presses into them.
-        balance: that the object is at rest under the contacts' forces and gravity alone. A pose at which it is not, by
-            far more than these forces err, explains no touch.
-        friction: coefficient of friction; each force lies in its cone about the object's normal.
         method: the search. Those of `GLOBAL_METHODS` need no prior; the others start from it. Probabilities are among
             what it finds: "monte_carlo", "direct" and "simulated_annealing" miss the pose in a fifth to a half of
             touches without a prior, and may then be "ok" all the same.
         seed: of the search's random numbers.
         max_hypotheses: how many hypotheses are kept at the most. What the others carry counts for the status, and is
             left out of the probabilities; `kept_share` says how much is left.
+        untouched: parts of the hand that feel no contact: the object is not in them, nor presses into them.
+        balance: that the object is at rest under the contacts' forces and gravity alone. A pose at which it is not, by
+            far more than these forces err, explains no touch.
+        friction: coefficient of friction; each force lies in its cone about the object's normal.
         time_limit: after so long, s, the search ends with the best that it has; None for as long as it takes. It is
             asked between rounds, and at least one is made. Where `finished` says that it has cut the search short, "ok"
             is of what was found by then, and may be wrong.

@@ -16,7 +16,7 @@ from tactopose_drake.estimation.data_checks import (
     read_data,
 )
 from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
-from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.hand.kinematics import HandKinematics
@@ -36,7 +36,7 @@ class HandVolumes(NamedTuple):
     untouched: HandGeometry | None
 
 
-def load_hand_volume(path: Path) -> HandVolumes:
+def load_hand_volume(path: Path, config: HandConfig | None = None) -> HandVolumes:
     """Reads what fills a hand, in the palm frame, m and rad: of a hand that has a file, or sphere by sphere.
 
     Of a hand: `hand`, one of the package by name or a *.hand.yaml by its path from this file's folder; `joints`, its
@@ -48,13 +48,18 @@ def load_hand_volume(path: Path) -> HandVolumes:
     Spheres: `spheres`, a list of `center` and `radius`; `untouched`, such a list; and `sigma`, the standard deviation
     of their surface. All but one of the lists may be absent.
 
+    Args:
+        path: of the file.
+        config: the hand, in place of the one that the file names.
+
     Raises:
         InvalidFileError: the file, or the hand's, cannot be read, or does not fit.
     """
     if path.name.endswith(".hand.yaml"):
         raise InvalidFileError(f"{path}: is a hand's file; allowed is one that names it, by its key `hand`.")
     data = read_data(path)
-    return _of_hand(path, data) if isinstance(data, dict) and "hand" in data else _of_spheres(path, data)
+    is_of_hand = isinstance(data, dict) and bool({"hand", "joints"} & data.keys())
+    return _of_hand(path, data, config) if is_of_hand else _of_spheres(path, data)
 
 
 def _of_spheres(path: Path, data: Any) -> HandVolumes:
@@ -78,12 +83,11 @@ def _of_spheres(path: Path, data: Any) -> HandVolumes:
     return HandVolumes(volume("spheres"), volume("untouched"))
 
 
-def _of_hand(path: Path, data: dict[str, Any]) -> HandVolumes:
-    given = check_mapping(path, "", data, ("hand", "joints"), ("untouched",))
-    name, joints, untouched = given["hand"], given["joints"], given.get("untouched", [])
-    if not isinstance(name, str):
-        raise InvalidFileError(f"{path}: hand: is {shown(name)}; allowed is a name or a path.")
-    config = load_hand_config(path.parent / name if Path(name).suffix else name)
+def _of_hand(path: Path, data: dict[str, Any], config: HandConfig | None) -> HandVolumes:
+    needed, optional = (("hand", "joints"), ("untouched",)) if config is None else (("joints",), ("hand", "untouched"))
+    given = check_mapping(path, "", data, needed, optional)
+    joints, untouched = given["joints"], given.get("untouched", [])
+    config = _named_hand(path, given["hand"]) if config is None else config
     plant, hand = make_hand_plant(config)
     told = _positions(path, joints)
     try:
@@ -99,6 +103,12 @@ def _of_hand(path: Path, data: dict[str, Any]) -> HandVolumes:
     kinematics.move(q - reading_offsets(plant, hand))
     p_PH, known = kinematics.positions(spheres), kinematics.is_known(spheres.body)
     return HandVolumes(*(_chosen(p_PH, spheres, known & part) for part in (known, np.isin(spheres.body, tips))))
+
+
+def _named_hand(path: Path, name: Any) -> HandConfig:
+    if not isinstance(name, str):
+        raise InvalidFileError(f"{path}: hand: is {shown(name)}; allowed is a name or a path.")
+    return load_hand_config(path.parent / name if Path(name).suffix else name)
 
 
 def _positions(path: Path, joints: Any) -> dict[str, float]:

@@ -154,6 +154,18 @@ def test_run_says_what_it_cannot_draw(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "is an input, or in one" in capsys.readouterr().err
 
 
+def test_a_scenario_runs_with_another_hand(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scenario, own = tmp_path / "mine.scenario.yaml", tmp_path / "own.hand.yaml"
+    own.write_text(model_path("hands", "shadow_like", "shadow_like.hand.yaml").read_text())
+    scenario.write_text("hand: allegro\nduration: 0.1\nplanner: {grasps: 1}\n")
+    capsys.readouterr()
+    for hand in ("shadow", own):
+        run("run", scenario, "--hand", hand)
+        assert "0.10 s: " in capsys.readouterr().out
+    assert run("run", scenario, "--hand", "glove") == 2
+    assert "error: --hand: glove: there is no such file; the package's hands are" in capsys.readouterr().err
+
+
 def test_estimate_takes_a_scale_and_known_symmetries(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -10,6 +10,7 @@ import trimesh
 import tactopose_drake as tp
 from tactopose_drake.estimation import ObjectLibrary, load_prior
 from tactopose_drake.hand import load_hand_volume, load_touch
+from tactopose_drake.resources import model_path
 from tests.cli.test_cli import run
 
 TOUCH = """
@@ -84,6 +85,36 @@ def test_all_that_is_known_reaches_the_estimate(folder: Path) -> None:
         found.append([hypothesis["translation"] for hypothesis in result["hypotheses"]])
         assert found[-1] == poses(expected)
     assert all(other != found[0] for other in found[1:])
+
+
+def test_a_hand_is_named_on_the_command_line_or_in_its_volume_s_file(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    joints = "joints: {FFJ4: 0.0, FFJ3: 0.2, FFJ2: 0.3}\nuntouched: [first]\n"
+    (folder / "named.yaml").write_text(f"hand: shadow_like\n{joints}")
+    (folder / "bare.yaml").write_text(joints)
+    common = ["estimate", "--object", folder / "box.obj", "--contacts", folder / "touch.yaml"]
+    common += ["--prior", folder / "prior.yaml", "--out", folder / "out.json"]
+    results = []
+    for options in (
+        [],
+        ["--hand", "shadow"],
+        ["--hand-volume", folder / "named.yaml"],
+        ["--hand-volume", folder / "bare.yaml", "--hand", "shadow"],
+        ["--hand-volume", folder / "bare.yaml", "--hand", model_path("hands", "shadow_like", "shadow_like.hand.yaml")],
+    ):
+        assert run(*common, *options) == 0
+        results.append(json.loads((folder / "out.json").read_text())["hypotheses"])
+    assert results[0] == results[1]
+    assert results[2] == results[3] == results[4] != results[0]
+    capsys.readouterr()
+    for options, text in (
+        (["--hand", "glove"], "glove: there is no such file; the package's hands are"),
+        (["--hand-volume", folder / "bare.yaml", "--hand", "barrett"], "'FFJ4' is unknown; valid names: finger_1"),
+        (["--hand-volume", folder / "bare.yaml"], "bare.yaml: key 'hand' is missing"),
+    ):
+        assert run(*common, *options) == 2
+        assert text in capsys.readouterr().err
 
 
 def test_what_does_not_go_together_is_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
