@@ -14,7 +14,10 @@ _MB = 1e6
 @click.command(name="cache")
 @click.option("--clear", is_flag=True, help="Removes all of it; models are then built anew when they are needed.")
 def cache_command(clear: bool) -> None:
-    """Shows what is kept of objects between runs: models, their pairs of points, and libraries' indices."""
+    """Shows what is kept of objects between runs: models, their pairs of points, and libraries' indices.
+
+    TACTOPOSE_CACHE_DIR names another folder, TACTOPOSE_CACHE_GB another limit.
+    """
     folder, files = model_cache.cache_folder(), model_cache.cached_files()
     if folder.exists() and not folder.is_dir():
         raise InvalidInputError(f"{model_cache.FOLDER_VARIABLE}: is {folder}, which is no folder: nothing is kept.")

@@ -11,7 +11,7 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from tactopose_drake.cli.calibration_page import save_calibration_page
-from tactopose_drake.cli.consoles import ERRORS, OUT, print_replaced
+from tactopose_drake.cli.consoles import ERRORS, OUT, print_written
 from tactopose_drake.cli.hand_name import HAND, HAND_HELP
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.progress_bar import progress_bar
@@ -73,14 +73,12 @@ def calibrate(hand: str, mesh: Path, scale: float, folder: Path, out: Path, html
     OUT.print(calibration_table(result.calibration, result.sliding))
     for line in calibration_lines(result, [grasp.name for grasp in grasps]):
         OUT.print(line, soft_wrap=True)
-    replaced = [path for path in (out, html) if path is not None and path.is_file()]
+    written = [path for path in (out, html) if path is not None]
+    earlier = [path for path in written if path.is_file()]
     result.save(out)
     if html is not None:
         save_calibration_page(html, hand, result, [grasp.name for grasp in grasps])
-    for path in (out, html):
-        if path is not None and path not in replaced:
-            OUT.print(f"Written: {path}", soft_wrap=True)
-    print_replaced(replaced)
+    print_written(written, earlier)
 
 
 def _grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:
@@ -112,8 +110,8 @@ def calibration_table(found: HandCalibration, sliding: Collection[str]) -> Table
         for what, vector, scale, unit in (
             ("moment bias", finger.moment_bias, 1e3, "N mm"),
             ("force bias", finger.force_bias, 1.0, "N"),
-            ("mounting, turned", finger.rotation_deg, 1.0, "deg"),
-            ("mounting, moved", finger.translation, 1e3, "mm"),
+            ("mounting rotation", finger.rotation_deg, 1.0, "deg"),
+            ("mounting translation", finger.translation, 1e3, "mm"),
         ):
             values, sigmas = ([f"{scale * x:z.2f}" for x in row] for row in (vector.value, vector.sigma))
             if any(vector.sigma):

@@ -89,8 +89,8 @@ def _plot(title: str, result: CalibrationResult, quantity: str, unit: float) -> 
         ]
     height, zero = y + 2 * _ROW, _LEFT - scale * low
     parts.append(f'<line class="axis" x1="{zero:.1f}" x2="{zero:.1f}" y1="8" y2="{y + 8}"/>')
-    for value in (low, 0.0, high):
+    for value in sorted({low, 0.0, high}):
         parts.append(
-            f'<text x="{_LEFT + scale * (value - low):.1f}" y="{y + 24}" text-anchor="middle">{value:.2g}</text>'
+            f'<text x="{_LEFT + scale * (value - low):.1f}" y="{y + 24}" text-anchor="middle">{value:.3g}</text>'
         )
     return f'<h2>{title}</h2><svg width="{_WIDTH}" height="{height}" role="img">{"".join(parts)}</svg>'

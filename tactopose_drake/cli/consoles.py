@@ -67,7 +67,9 @@ OUT = PlainConsole()
 ERRORS = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
 
 
-def print_replaced(paths: Sequence[Path]) -> None:
-    """Says which files were there before and have been replaced, if there were any."""
-    if paths:
-        OUT.print(f"Replaced: {', '.join(map(str, paths))}", soft_wrap=True)
+def print_written(paths: Sequence[Path], earlier: Sequence[Path]) -> None:
+    """Says which files have been written, and which of them were there before."""
+    written = [path for path in paths if path not in earlier], [path for path in paths if path in earlier]
+    for done, which in zip(("Written", "Replaced"), written, strict=True):
+        if which:
+            OUT.print(f"{done}: {', '.join(map(str, which))}", soft_wrap=True)

@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from tactopose_drake import hand, visualization
-from tactopose_drake.cli.consoles import ERRORS, OUT, print_replaced
+from tactopose_drake.cli.consoles import ERRORS, OUT, print_written
 from tactopose_drake.cli.hand_name import HAND, HAND_HELP
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.reports import hypotheses_table
@@ -113,12 +113,13 @@ def estimate(
     for line in (free_line(about_middle(found.best, model)), false_contacts_line(is_false), status_line(found)):
         if line:
             OUT.print(line, soft_wrap=True)
-    replaced = [path for path in (out, html) if path is not None and path.is_file()]
+    written = [path for path in (out, html) if path is not None]
+    earlier = [path for path in written if path.is_file()]
     if out is not None:
         save_result(out, found)
     if html is not None:
         found.save_html(html)
-    print_replaced(replaced)
+    print_written(written, earlier)
     if remote is not None:
         visualization.draw_scene(remote, visualization.scene_of(found))
         OUT.print(f"Drawn into the meshcat-server whose page is {remote.web_url()}", soft_wrap=True)

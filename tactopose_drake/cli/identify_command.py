@@ -12,7 +12,7 @@ from rich import box
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from tactopose_drake.cli.consoles import ERRORS, OUT, print_replaced
+from tactopose_drake.cli.consoles import ERRORS, OUT, print_written
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.progress_bar import progress_bar
 from tactopose_drake.cli.workers import processes
@@ -73,9 +73,9 @@ def identify_command(
     OUT.print(_table(found))
     OUT.print(_line(found))
     if out is not None:
-        replaced = [out] if out.is_file() else []
+        earlier = [out] if out.is_file() else []
         save_identification(out, found)
-        print_replaced(replaced)
+        print_written([out], earlier)
 
 
 def _open(folder: Path, executor: Executor | None) -> ObjectLibrary:

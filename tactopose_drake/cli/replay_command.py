@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tactopose_drake.cli.consoles import OUT, print_replaced
+from tactopose_drake.cli.consoles import OUT, print_written
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.run_command import print_end, showing
 from tactopose_drake.cli.titles import grasp_title
@@ -31,7 +31,8 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | 
     """Plays LOG, a folder that `run --record` made, through the drivers: the same estimates each time, bit by bit."""
     loaded = load_scenario(scenario)
     check_outputs((out, html), inputs=(log, scenario_file(scenario)))
-    replaced = [path for path in (out, html) if path is not None and path.is_file()]
+    written = [path for path in (out, html) if path is not None]
+    earlier = [path for path in written if path.is_file()]
     page = None if html is None else PageRecorder(loaded, loaded.object_model())
     with contextlib.ExitStack() as parts:
         writer = None if out is None else parts.enter_context(_written(out))
@@ -52,8 +53,8 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | 
     title = f"{grasp_title(loaded)}: recording {log.absolute().name}"
     if page is not None and html is not None and not page.save(html, title):
         OUT.print(f"{html}: not written, since there never was an estimate.", style="yellow", soft_wrap=True)
-        replaced = [path for path in replaced if path != html]
-    print_replaced(replaced)
+        written.remove(html)
+    print_written(written, earlier)
     print_end(played.view)
 
 

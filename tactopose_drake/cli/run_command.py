@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tactopose_drake.cli.consoles import ERRORS, OUT, print_replaced
+from tactopose_drake.cli.consoles import ERRORS, OUT, print_written
 from tactopose_drake.cli.hand_name import HAND, HAND_HELP
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.titles import grasp_title
@@ -64,7 +64,7 @@ def run(
         if drawn is not None:
             tell("writing the results")
             written = _save(drawn, html, picture, f"{grasp_title(loaded)}: {Path(scenario).name}")
-    print_replaced([path for path in earlier if path in written])
+    print_written(written, earlier)
     if record is not None:
         OUT.print(f"Recorded: {record}", soft_wrap=True)
     for lost in view.lost:

@@ -35,7 +35,8 @@ def _check_signs(contacts: Contacts) -> None:
     has_force = np.linalg.norm(contacts.f_PC, axis=1) > 3.0 * contacts.sigma_force
     pulls = has_force & (np.einsum("ij,ij->i", contacts.f_PC, contacts.n_PC) < 0.0)
     if 2 * np.count_nonzero(pulls) > np.count_nonzero(has_force):
+        which = ", ".join(map(str, np.flatnonzero(pulls)))
         raise InvalidInputError(
-            f"contacts: f_PC is against n_PC in {', '.join(map(str, np.flatnonzero(pulls)))}: they would pull at the "
-            "object; allowed are forces on the fingertips, and normals that point out of the object into the fingers."
+            f"contacts: f_PC is against n_PC in {which}, counted from 0: they would pull at the object; allowed are "
+            "forces on the fingertips, and normals that point out of the object into the fingers."
         )

@@ -139,7 +139,8 @@ def _check_drakes(kind: type, node: yaml.Node, place: str) -> None:
         yaml_load_typed(schema=kind, data=yaml.serialize(node))
     except Exception:  # it raises AttributeError, AssertionError, RuntimeError ... on bad content
         keys = ", ".join(field.name for field in kind.__fields__)  # type: ignore[attr-defined]
-        message = f"{where(node, place)}does not fit Drake's {kind.__name__}; its keys may be {keys}."
+        tag = " A rotation has a tag, as in `rotation: !Rpy {deg: [180, -90, 0]}`." if "rotation" in keys else ""
+        message = f"{where(node, place)}does not fit Drake's {kind.__name__}; its keys may be {keys}.{tag}"
         raise InvalidFileError(message) from None
 
 
