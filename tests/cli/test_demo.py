@@ -150,8 +150,8 @@ def test_a_grasp_that_fails_says_why() -> None:
         (["--seed", "-1"], "-1 is not in the range x>=0"),
         (
             ["--hand", "barrett", "--object", "pencil"],
-            "--object: is 'pencil', which the hand 'barrett_like' cannot hold, for it closes without a plan on what is put "
-            "into it; allowed with it are bust, cylinder, light_bulb, mug,",
+            "--object: is 'pencil', which the hand 'barrett_like' cannot hold, for it closes without a plan on what is "
+            "put into it; allowed with it are bust, cylinder, light_bulb, mug,",
         ),
         (
             ["--hand", "barrett", "--object", "mine.stl"],

@@ -1,6 +1,7 @@
 """Whether noise alone explains what a touch leaves over at a pose."""
 
 import functools
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,9 @@ _MISPLACEMENTS = 6
 # What a pose takes up of the contacts' residuals, being the one that they suit best.
 _OF_A_POSE = 6
 _OF_A_WRENCH = 6  # numbers
+# Of the noise's scales each stands for those up to the middle to the next, which has twice the variance: of so many
+# times the variance that is told.
+_OF_A_SCALE = math.sqrt(2.0)
 _REACH_SIGMAS = 6.0  # standard deviations from where it is believed to be, beyond which an object is not
 
 
@@ -95,7 +99,10 @@ def explain_with_doubt(
         false += np.count_nonzero(~by_pad[:, felt], axis=1)
     if judgement is not None:
         false += np.count_nonzero(judgement.is_false, axis=1)
-        explained &= judgement.misfit <= _limit(_of_contacts(evidence), params.least_doubted_chance)
+        freedom = _of_contacts(evidence)
+        # What chance makes of many contacts is less than the noise's scales lie apart.
+        limit = max(_limit(freedom, params.least_doubted_chance), 0.5 * _OF_A_SCALE * freedom)
+        explained &= judgement.misfit <= limit
         explained &= judgement.noise_scale <= params.most_noise
     count = len(evidence.contacts) + len(evidence.felt)
     allowed = most_false_contacts(count, _false_share(evidence.outlier_probability), params.usual_false_contacts)
