@@ -112,8 +112,8 @@ class TactileFrame:
 def mean_pressure(layout: TactileLayout, fields: list[PressureField]) -> FloatArray:
     """The normal pressure on each cell, averaged over its area.
 
-    The contact lies in the soft layer, where a cell of a round pad is narrower than on its outside. So it reads less than
-    depth over `alpha` says: at a depth of 1 mm 12 % less where the pad's radius is 7 mm.
+    The contact lies in the soft layer, where a cell of a round pad is narrower than on its outside. So it reads less
+    than depth over `alpha` says: at a depth of 1 mm 12 % less where the pad's radius is 7 mm.
 
     Args:
         layout: the cells.
