@@ -4,9 +4,9 @@ import importlib
 from typing import Any, Protocol
 
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectPoseMessage
+from tactopose_drake.drivers.waiting_pictures import WaitingPictures
 from tactopose_drake.errors import BusError, InvalidInputError, ProtocolError
 
-_AHEAD = 500_000  # microseconds
 _BACK = 1_000_000  # microseconds that a message may be older than the one before; beyond, its sender began anew
 _MOST_MISSED = 10**6  # a gap beyond is another counter, and not that many messages
 
@@ -67,7 +67,7 @@ class LcmInbox:
         self._connection = connection
         self._last: HandSensesMessage | None = None
         self._newest: HandSensesMessage | None = None
-        self._vision: ObjectPoseMessage | None = None
+        self._pictures = WaitingPictures[ObjectPoseMessage]()
         connection.subscribe(senses_channel, self._on_senses).set_queue_capacity(0)  # no limit: none is lost here
         if vision_channel:
             connection.subscribe(vision_channel, self._on_vision)
@@ -98,10 +98,7 @@ class LcmInbox:
         Args:
             utime: of the senses that it goes with. A picture that is newer by less than half a second waits for them.
         """
-        if self._vision is None or utime < self._vision.utime <= utime + _AHEAD:
-            return None
-        vision, self._vision = self._vision, None
-        return vision
+        return self._pictures.take(utime)
 
     def take_remarks(self) -> tuple[str, ...]:
         """The remarks, once."""
@@ -135,6 +132,8 @@ class LcmInbox:
 
     def _on_vision(self, channel: str, data: bytes) -> None:
         try:
-            self._vision = ObjectPoseMessage.decode(data)
+            message = ObjectPoseMessage.decode(data)
         except ProtocolError as error:
             self.remarks.append(str(error).removesuffix("."))
+            return
+        self._pictures.add(message.utime, message)

@@ -45,7 +45,7 @@ class HandUncertainty:
 
     encoder_offset_deg: float = 1.0  # of each measured joint's zero, deg; of one that slides, 1 deg counts as 1 mm
     mounting: float = 0.0003  # of where each sensor sits on its finger, with its fingertip, along each axis, m
-    mounting_deg: float = 0.5  # of how it is turned there, about each axis, deg
+    mounting_deg: float = 0.5  # of how it is turned there, about each axis, deg; an array about its cells' middle
     fingertip_radius: float = 0.0001  # of how thick each fingertip is, m
     sensor_force: float = 0.05  # of each component of the force, bias and noise together, N
     sensor_moment: float = 0.0005  # of each component of the moment, bias and noise together, N m

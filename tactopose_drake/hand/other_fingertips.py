@@ -20,6 +20,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 
 
@@ -64,8 +65,18 @@ def move_pads(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, X_TM: 
         scene_graph: its geometry.
         hand: the hand in it.
         X_TM: where each array is in truth, M, of where the hand's file has it, by pad.
+
+    Raises:
+        InvalidInputError: if two senses are on one body, each of which would move it.
     """
     inspector = scene_graph.model_inspector()
+    bodies = [weld.child_body().name() for weld in hand.welds.values()]
+    bodies += [frame.body().name() for frame in hand.pad_frames.values()]
+    if twice := sorted({name for name in bodies if bodies.count(name) > 1}):
+        raise InvalidInputError(
+            f"SimulatedErrors: on {', '.join(twice)} are two senses, which cannot be mounted apart; allowed in a "
+            "simulation with errors is one sensor or array on each body."
+        )
     for pad, frame in hand.pad_frames.items():
         X_BT = frame.GetFixedPoseInBodyFrame()
         for geometry in plant.GetCollisionGeometriesForBody(frame.body()):

@@ -11,10 +11,10 @@ from tactopose_drake.core.poses import matrix_from_quaternion
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectPoseMessage
 from tactopose_drake.drivers.ros2_link import Ros2Link, seconds_of
+from tactopose_drake.drivers.waiting_pictures import WaitingPictures
 from tactopose_drake.runs.ros2_poses import increment_covariance
 from tactopose_drake.station.senses import Ros2Senses
 
-_AHEAD = 0.5  # s that a picture may be newer than the senses and wait for them
 _BACK = 1.0  # s that a stamp may be older than the one before; beyond, the sender's clock began anew
 
 
@@ -40,7 +40,7 @@ class Ros2Inbox:
         self._link, self._max_age = link, senses.max_age
         self._remarks: list[str] = []
         self._newest: tuple[float, dict[str, float]] | None = None
-        self._vision: tuple[float, Any] | None = None
+        self._pictures = WaitingPictures[Any]()
         self._time = -math.inf
         self._wrenches: dict[str, tuple[float, FloatArray]] = {}
         self._pressures: dict[str, tuple[float, FloatArray]] = {}
@@ -88,17 +88,17 @@ class Ros2Inbox:
 
     def take_vision(self, utime: int) -> ObjectPoseMessage | None:
         """The newest pose by vision, once; one that is newer than the senses by less than half a second waits."""
-        if self._vision is None or 1e-6 * utime < self._vision[0] <= 1e-6 * utime + _AHEAD:
+        said = self._pictures.take(utime)
+        if said is None:
             return None
-        (time, said), self._vision = self._vision, None
-        orientation, place = said.pose.orientation, said.pose.position
+        orientation, place = said.pose.pose.orientation, said.pose.pose.position
         wxyz = np.array([orientation.w, orientation.x, orientation.y, orientation.z])
         if not np.linalg.norm(wxyz) > 0.0:
             self._remarks.append("vision: its quaternion is 0")
             return None
-        covariance = increment_covariance(np.array(said.covariance), matrix_from_quaternion(wxyz))
+        covariance = increment_covariance(np.array(said.pose.covariance), matrix_from_quaternion(wxyz))
         return ObjectPoseMessage(
-            utime=round(1e6 * time),
+            utime=round(1e6 * seconds_of(said.header.stamp)),
             position=np.array([place.x, place.y, place.z]),
             quaternion_wxyz=wxyz,
             covariance=covariance,
@@ -142,4 +142,4 @@ class Ros2Inbox:
             self._pressures[pad] = self._time, np.array(said.data)
 
     def _on_vision(self, said: Any) -> None:
-        self._vision = seconds_of(said.header.stamp), said.pose
+        self._pictures.add(round(1e6 * seconds_of(said.header.stamp)), said)

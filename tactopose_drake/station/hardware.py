@@ -32,6 +32,7 @@ from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tactopose_drake.systems.sense_status import SenseStatus
 from tactopose_drake.systems.signals import Signal
+from tactopose_drake.systems.touch_sensing import corrected_joints
 
 _POSES = ("prior", "palm_pose")  # signals that are no vectors
 
@@ -93,8 +94,13 @@ def make_hardware_station(
         joints = builder.AddNamedSystem("joint_positions", PassThrough(plant.num_positions()))
         builder.ExportInput(joints.get_input_port(), "joint_positions")
         known["joint_positions"] = joints.get_output_port()
+    corrected = known["joint_positions"]
+    if hand.calibration is not None:
+        joints = builder.AddNamedSystem("corrected_joints", corrected_joints(plant, hand))
+        builder.Connect(corrected, joints.GetInputPort("measured"))
+        corrected = joints.GetOutputPort("joint_positions")
     if devices is not None and devices.boards:
-        known |= _add_boards(builder, scenario, devices.boards, plant, hand, known["joint_positions"])
+        known |= _add_boards(builder, scenario, devices.boards, plant, hand, corrected)
         senses |= {finger: builder.GetSubsystemByName(f"sensor_{finger}") for finger in devices.boards}
     for name, port in known.items():
         builder.ExportOutput(port, name)
@@ -109,7 +115,7 @@ def make_hardware_station(
     if scenario.estimation.estimator.balance:
         X_WBase = fixed_pose("Scenario.X_WBase", scenario.X_WBase)
         palm = builder.AddNamedSystem("palm_pose", PalmOnBase(plant, hand, X_WBase))
-        builder.Connect(known["joint_positions"], palm.GetInputPort("joint_positions"))
+        builder.Connect(corrected, palm.GetInputPort("joint_positions"))
         builder.Connect(palm.get_output_port(), estimation.GetInputPort("palm_pose"))
     export_outputs(builder, estimation)
     if scenario.tracking is not None:

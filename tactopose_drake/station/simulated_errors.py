@@ -11,6 +11,7 @@ from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.validation import FloatArray, limited, positive_number
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
 
 _MOST_OFFSET = 90.0  # deg
 _MOST_SHIFT = 0.05  # m
@@ -41,7 +42,7 @@ class PadErrors:
 
     # Where it sits, with its array, in T, (3,), m; empty: drawn, or 0.
     mounting: list[float] = dataclasses.field(default_factory=list)
-    # How it is turned there, a rotation vector in T, (3,), deg; empty: drawn, or 0.
+    # How it is turned about the middle of its cells, a rotation vector in T, (3,), deg; empty: drawn, or 0.
     mounting_deg: list[float] = dataclasses.field(default_factory=list)
 
 
@@ -172,7 +173,9 @@ def hand_errors(errors: SimulatedErrors, hand: HandConfig) -> DrawnErrors:
         drifts = (given.drift_moment, given.drift_force)
         found.drift[finger] = np.concatenate([_given(drift, np.zeros(3)) for drift in drifts])
     for pad in hand.pads:
-        found.X_TM[pad.name] = _mounted(errors.pads.get(pad.name, PadErrors()), sigma, generator)
+        middle = RigidTransform(load_tactile_pad(pad.array).layout.p_TC.mean(axis=0))
+        turned = _mounted(errors.pads.get(pad.name, PadErrors()), sigma, generator)
+        found.X_TM[pad.name] = middle @ turned @ middle.inverse()
     return found
 
 

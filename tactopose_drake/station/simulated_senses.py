@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import FixedOffsetFrame, Frame, ModelInstanceIndex
+from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import AddRandomInputs, Demultiplexer
 
@@ -24,7 +24,7 @@ from tactopose_drake.systems.palm_on_base import PalmOnBase
 from tactopose_drake.systems.palm_pose import PalmPose
 from tactopose_drake.systems.plant_senses import add_touch_sensors
 
-_MOUNTED = "_as_mounted"  # the end of the names of frames in which sensors are mounted in truth
+_SENSOR, _ARRAY = "sensor of {} as mounted", "array of {} as mounted"  # names of frames, where these are in truth
 
 
 def add_senses(
@@ -55,17 +55,17 @@ def add_senses(
 
 def _as_mounted(plant: MultibodyPlant, hand: Hand) -> Hand:
     """The hand with its sensors' and arrays' frames where they are in truth, as `simulate_errors` has it."""
+    names = {plant.get_frame(index).name() for index in plant.GetFrameIndices(hand.model_instance)}
     sensors, arrays = (
-        {name: _true_frame(plant, hand, frame) for name, frame in frames.items()}
-        for frames in (hand.sensor_frames, hand.pad_frames)
+        {
+            sense: plant.GetFrameByName(name.format(sense), hand.model_instance)
+            if name.format(sense) in names
+            else frame
+            for sense, frame in frames.items()
+        }
+        for name, frames in ((_SENSOR, hand.sensor_frames), (_ARRAY, hand.pad_frames))
     )
     return dataclasses.replace(hand, sensor_frames=sensors, pad_frames=arrays)
-
-
-def _true_frame(plant: MultibodyPlant, hand: Hand, frame: Frame) -> Frame:
-    name = frame.name() + _MOUNTED
-    has_other = plant.HasFrameNamed(name, hand.model_instance)
-    return plant.GetFrameByName(name, hand.model_instance) if has_other else frame
 
 
 def _add_encoders(
@@ -104,14 +104,14 @@ def simulate_errors(
         return
     drawn = hand_errors(errors, hand.config)
     mounted = [
-        *((hand.sensor_frames[finger], X_SM) for finger, X_SM in drawn.X_SM.items()),
-        *((hand.pad_frames[pad], X_TM) for pad, X_TM in drawn.X_TM.items()),
+        *((_SENSOR.format(finger), hand.sensor_frames[finger], X_SM) for finger, X_SM in drawn.X_SM.items()),
+        *((_ARRAY.format(pad), hand.pad_frames[pad], X_TM) for pad, X_TM in drawn.X_TM.items()),
     ]
-    if any(drawn.radius.values()) or not all(X.IsExactlyIdentity() for _, X in mounted):
+    if any(drawn.radius.values()) or not all(X.IsExactlyIdentity() for _, _, X in mounted):
         change_fingertips(plant, scene_graph, hand, drawn.radius, drawn.X_SM)
         move_pads(plant, scene_graph, hand, drawn.X_TM)
-        for frame, X in mounted:
-            plant.AddFrame(FixedOffsetFrame(frame.name() + _MOUNTED, frame, X, hand.model_instance))
+        for name, frame, X in mounted:
+            plant.AddFrame(FixedOffsetFrame(name, frame, X, hand.model_instance))
     if errors.object_scale != 1.0 or errors.object_surface_sigma > 0.0:
         change = (errors.object_scale, errors.object_surface_sigma, np.random.default_rng(errors.seed))
         change_object(plant, scene_graph, object_instance, *change)

@@ -134,6 +134,11 @@ def _refined(
     return [refiner]
 
 
+def corrected_joints(plant: MultibodyPlant, hand: Hand) -> MeasuredJoints:
+    """A system that takes off joint positions what the hand's calibration has found them too large by."""
+    return MeasuredJoints(np.eye(plant.num_positions()), -reading_offsets(plant, hand))
+
+
 def export_joints(builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand, takers: Sequence[LeafSystem]) -> None:
     """Gives the diagram the input of joint positions, less what a calibration has found them too large by."""
     if hand.calibration is None:
@@ -141,9 +146,7 @@ def export_joints(builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand, ta
         for system in takers[1:]:
             builder.ConnectInput("joint_positions", system.GetInputPort("joint_positions"))
     else:
-        corrected = builder.AddNamedSystem(
-            "corrected_joints", MeasuredJoints(np.eye(plant.num_positions()), -reading_offsets(plant, hand))
-        )
+        corrected = builder.AddNamedSystem("corrected_joints", corrected_joints(plant, hand))
         builder.ExportInput(corrected.GetInputPort("measured"), "joint_positions")
         for system in takers:
             builder.Connect(corrected.GetOutputPort("joint_positions"), system.GetInputPort("joint_positions"))

@@ -16,11 +16,14 @@ from tactopose_drake.errors import BusError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.calibration_file import (
     FingerCalibration,
     HandCalibration,
+    MeasuredNumber,
     MeasuredVector,
     save_calibration,
 )
+from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
+from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.resources import model_path
 from tactopose_drake.runs.device_run import warm_up
 from tactopose_drake.runs.estimate_writer import EstimateWriter
@@ -152,6 +155,32 @@ def test_boards_that_are_tared_lose_the_biases_of_a_calibration_and_simulated_on
     assert make_hand_plant(replayed.hand_config())[1].calibration is None
     scenario.senses.simulated.folder = "recorded"  # of a real hand
     assert make_hand_plant(scenario.hand_config())[1].calibration is not None
+
+
+def test_fingertips_weigh_as_the_calibrated_joints_hold_them(cube: ObjectModel, tmp_path: Path) -> None:
+    names = encoder_gains(*make_hand_plant(load_hand_config("shadow_like"))).joints
+    offsets = {name: MeasuredNumber(value=5.0, sigma=0.1) for name in names}
+    save_calibration(tmp_path / "calibration.yaml", HandCalibration(grasps=5, joint_offsets=offsets))
+    text = model_path("hands", "shadow_like", "shadow_like.hand.yaml").read_text()
+    (tmp_path / "mine.hand.yaml").write_text(f"{text}calibration: calibration.yaml\n")
+    positions = []
+    for hand, q in (
+        ("shadow_like", held_cube.Q),
+        (
+            str(tmp_path / "mine.hand.yaml"),
+            held_cube.Q + reading_offsets(*make_hand_plant(load_hand_config(tmp_path / "mine.hand.yaml"))),
+        ),
+    ):
+        scenario = dataclasses.replace(held_cube.scenario(), hand=hand)
+        scenario.estimation.estimator.balance = True
+        devices = CanDevices(scenario.senses, live_buses(scenario.senses))
+        diagram = make_hardware_station(scenario, devices, model=scenario.object_model()).diagram
+        context = diagram.CreateDefaultContext()
+        diagram.GetInputPort("joint_positions").FixValue(context, q)
+        for name in ("fingertip_weight", "palm_pose"):
+            system = diagram.GetSubsystemByName(name)
+            positions.append(system.GetInputPort("joint_positions").Eval(system.GetMyContextFromRoot(context)))
+    np.testing.assert_allclose(positions[2:], positions[:2], atol=1e-12)
 
 
 def test_signals_that_do_not_fit_are_named(cube: ObjectModel) -> None:
