@@ -174,7 +174,7 @@ def whole_number(name: str, value: object, *, least: int, most: int | None = Non
     """Returns an integer, Python's or numpy's, that is not below `least`, nor above `most`.
 
     Raises:
-        InvalidInputError: if it is, or of another type; True and False are none.
+        InvalidInputError: if it is out of this range, or of another type; True and False are no integers.
     """
     allowed = f">= {least}" if most is None else f"from {least} to {most}"
     if isinstance(value, bool | np.timedelta64) or not isinstance(value, numbers.Integral):  # A time is no number.

@@ -29,7 +29,7 @@ def open_lcm(url: str) -> LcmConnection:
 
     Raises:
         InvalidInputError: if the package `lcm` is not installed.
-        BusError: if there is no such network, or the URL is none.
+        BusError: if there is no such network, or the URL is invalid.
     """
     try:
         lcm = importlib.import_module("lcm")

@@ -216,7 +216,7 @@ class ObjectBeliefMessage:
 
 
 def _check_integers(message: object, names: Iterable[str]) -> None:
-    """Raises InvalidInputError if one of a message's integers is none, or none of 64 bits."""
+    """Raises InvalidInputError if one of a message's integers is no integer, or not of 64 bits."""
     for name in names:
         value = getattr(message, name)
         whole_number(f"{type(message).__name__}.{name}", value, least=-(2**63), most=2**63 - 1)

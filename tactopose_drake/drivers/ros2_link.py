@@ -73,7 +73,7 @@ class Ros2Link:
             handler: is called within `wait`.
 
         Raises:
-            InvalidInputError: a topic that is none.
+            InvalidInputError: a topic that is no topic's name.
         """
         dds, qos = self._dds, self._dds["qos"]
         # As sensors are mostly sent; it hears those that are sent reliably, too.
@@ -88,7 +88,7 @@ class Ros2Link:
         """What sends messages, given as `ros2_messages.encode` takes them, reliably.
 
         Raises:
-            InvalidInputError: a topic that is none.
+            InvalidInputError: a topic that is no topic's name.
         """
         qos = self._dds["qos"]
         quality = qos.Qos(

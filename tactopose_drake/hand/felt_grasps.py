@@ -256,7 +256,7 @@ def check_silence(errors: HandErrors, grasps: Sequence[RecordedGrasp]) -> None:
 
 
 def _check_wrench(name: str, wrench: ArrayLike) -> None:
-    """Raises InvalidInputError if it is none, or so large that it is of other units."""
+    """Raises InvalidInputError if it is no wrench, or so large that it is of other units."""
     values = finite_array(name, wrench, (6,))
     if np.any(np.abs(values) > _MOST_WRENCH):
         raise InvalidInputError(

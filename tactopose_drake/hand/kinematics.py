@@ -106,8 +106,5 @@ class HandKinematics:
             v: of the joints, shape (nv,), rad/s.
         """
         p_FP = self._plant.CalcPointsPositions(self._context, self._frame, np.zeros(3), frame)[:, 0]
-        J = self._plant.CalcJacobianSpatialVelocity(
-            self._context, JacobianWrtVariable.kV, frame, p_FP, self._frame, self._frame
-        )
-        velocity: FloatArray = J @ v
+        velocity: FloatArray = self.jacobian(frame, p_FP) @ v
         return velocity

@@ -14,13 +14,12 @@ from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel, measure, shift_matrix, weight_matrix
 from tactopose_drake.core.validation import positive_number
+from tactopose_drake.drivers.device import NO_SAMPLE
 from tactopose_drake.errors import InvalidFileError, UnknownNameError
 from tactopose_drake.hand.fingertip_weights import fingertip_mass
 from tactopose_drake.resources import load_typed_yaml, sensor_file
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input
-
-NO_SAMPLE = "no sample yet"
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

@@ -73,7 +73,7 @@ class JointOffsetRefiner(CollectableSystem):
         hand: Hand,
         uncertainty: HandUncertainty,
         model: ObjectModel,
-        params: OffsetRefinementParams | None = None,
+        params: OffsetRefinementParams,
     ) -> None:
         """Keeps references to plant and model.
 
@@ -85,8 +85,8 @@ class JointOffsetRefiner(CollectableSystem):
             params: how slowly they are refined.
         """
         super().__init__()
-        self._params, self._model = OffsetRefinementParams() if params is None else params, model
-        self._params.validate()
+        params.validate()
+        self._params, self._model = params, model
         self.joints, self._gains = encoder_gains(plant, hand)
         self._frames, self._units = hand.sensor_frames, radian_units(plant)
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())

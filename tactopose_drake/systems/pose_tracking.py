@@ -101,7 +101,8 @@ def AddPoseTracking(
         The diagram; all other ports are to be connected by name.
 
     Raises:
-        InvalidInputError: if a parameter is out of its range, or a system of the builder has the name already.
+        InvalidInputError: if a parameter is out of its range, a system of the builder has the name already, or the
+            plant is not finalized or not the builder's, or holds no such hand, or several.
     """
     return add_with_plant(builder, name, MakePoseTracking(hand, model, params), hand, plant, simulated_senses)
 

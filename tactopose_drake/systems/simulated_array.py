@@ -10,13 +10,13 @@ from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.sensing.rubber_layer import cell_response, confined_pressure, find_neighbours
 from tactopose_drake.core.sensing.tactile_array import PressureField, mean_pressure, read_cells, spread_matrix
+from tactopose_drake.drivers.device import NO_SAMPLE
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_pressure import pressure_field
 from tactopose_drake.hand.tactile_pads import TactilePad
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input
 
-NO_SAMPLE = "no sample yet"
 POINT_CONTACT = "a point contact is not felt"
 
 

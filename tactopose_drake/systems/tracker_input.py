@@ -28,7 +28,8 @@ class TrackerInput(CollectableSystem):
     - pose: `RigidTransform` X_PO at the time of the picture.
     - picture_time: of the picture, not of its delivery, s of the diagram's time, shape (1,).
     - covariance: of the increment (w, v) from the pose to the true one row by row, shape (36,), rad and m.
-    - vision: `PoseMeasurement`, or None where a number is not finite or the covariance is none; changes with any input.
+    - vision: `PoseMeasurement`, or None where a number is not finite or the covariance is no covariance matrix; changes
+      with any input.
     - status: str, "ok", or why there is none; likewise.
     """
 

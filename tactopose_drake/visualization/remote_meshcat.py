@@ -32,7 +32,7 @@ class RemoteMeshcat:
             url: of the server's ZeroMQ socket, such as tcp://127.0.0.1:6000; `meshcat-server` prints it.
 
         Raises:
-            InvalidInputError: if the URL is none, or no meshcat-server answers there.
+            InvalidInputError: if the URL is invalid, or no meshcat-server answers there.
         """
         self._line = _Line(url)
         self._client = _client()
@@ -100,7 +100,9 @@ class _Line:
             self.web_url = self._ask(b"url").decode()
         except zmq.ZMQError as error:
             self.close()
-            raise InvalidInputError(f"meshcat URL: {url!r} is none ({error}); one is tcp://127.0.0.1:6000.") from error
+            raise InvalidInputError(
+                f"meshcat URL: {url!r} is no URL ({error}); one is tcp://127.0.0.1:6000."
+            ) from error
         except InvalidInputError:
             self.close()
             raise

@@ -1,10 +1,12 @@
 """The tracker of depth images in a diagram: what hides the object, and what goes wrong on the way."""
 
 import math
+import sys
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+import scipy.linalg
 import trimesh
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Box
@@ -126,6 +128,23 @@ def test_the_pose_is_the_objects_in_the_palm(object_model: ObjectModel, tracked:
     assert isinstance(tracked.prior, PosePrior)
     np.testing.assert_array_equal(tracked.prior.X_PO.GetAsMatrix34(), vision.X_PO)
     assert tracked.pose_in_world.IsNearlyEqualTo(X_WPalm @ X_PalmP @ RigidTransform(vision.X_PO), 1e-9)
+
+
+def test_what_is_unsure_is_so_along_the_same_ways_however_the_palm_is_turned(
+    object_model: ObjectModel, tracked: Tracked, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = RigidTransform(RollPitchYaw(1.1, -0.4, 2.0), X_PalmP.translation())
+    seen = {X_PalmP: tracked.vision}
+    monkeypatch.setattr(sys.modules[__name__], "X_PalmP", other)
+    seen[other] = Bench(object_model).run(0.35).vision
+    in_world = []
+    for X, vision in seen.items():
+        assert vision is not None
+        turn = scipy.linalg.block_diag(np.eye(3), (X_WPalm @ X).rotation().matrix())
+        in_world.append(turn @ vision.covariance @ turn.T)
+    widths = np.sqrt(np.diag(in_world[0]))
+    np.testing.assert_allclose((in_world[1] - in_world[0]) / np.outer(widths, widths), 0.0, atol=0.05)
+    assert widths[3:].max() > 1.2 * widths[3:].min()
 
 
 def test_a_hidden_object_has_no_pose(object_model: ObjectModel) -> None:

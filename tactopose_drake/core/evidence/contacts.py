@@ -229,15 +229,15 @@ def _covariances(value: ArrayLike, count: int) -> FloatArray:
 
 
 def _check_definite(covariance: FloatArray) -> None:
-    """Raises InvalidInputError if one of covariances (k, 6, 6) is none: if its least eigenvalue is negative."""
+    """Raises InvalidInputError if one of (k, 6, 6) is no covariance matrix: if its least eigenvalue is negative."""
     # In units of the largest standard deviations of point and turn, in which metres and radians compare.
     scale = np.sqrt(np.einsum("kii->ki", covariance).reshape(-1, 2, 3).max(axis=2)).repeat(3, axis=1)
     scale[scale == 0.0] = 1.0
     least = np.linalg.eigvalsh(covariance / (scale[:, :, None] * scale[:, None, :]))[:, 0]
     if least.min(initial=0.0) < -_ROUNDING:
         raise InvalidInputError(
-            f"covariance[{int(least.argmin())}]: is none, as some combination of errors would have a variance below 0; "
-            "allowed are positive semidefinite matrices."
+            f"covariance[{int(least.argmin())}]: is no covariance matrix, as some combination of errors would have a "
+            "variance below 0; allowed are positive semidefinite matrices."
         )
 
 

@@ -22,7 +22,7 @@ class GaussianPrior(PlainValue):
         sigma_rotation: standard deviation of a small rotation about each axis, rad, from 1e-6 to 1000.
 
     Raises:
-        InvalidInputError: a pose that is none or farther away than 10 m, or a sigma out of its range.
+        InvalidInputError: a pose that is no pose or farther away than 10 m, or a sigma out of its range.
     """
 
     mean: FloatArray

@@ -87,7 +87,7 @@ def cramer_rao_bound(
 
     Raises:
         TooFewContactsError: no contact.
-        InvalidInputError: a pose that is none.
+        InvalidInputError: a pose that is no pose.
     """
     if len(contacts) < 1:
         raise TooFewContactsError("contacts: there are 0; the bound needs at least 1.")

@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from tactopose_drake.core.plain_values import seal
 from tactopose_drake.core.sensing.long_cells import find_stretch
 from tactopose_drake.core.sensing.pad_values import (
     check_depths,
@@ -210,15 +211,9 @@ def describe_patch(
         unknown[0],
         None if misplacement is None else checked_covariance(misplacement),
     )
-    return _read_only(_with_components(patch, params))
-
-
-def _read_only(patch: Patch) -> Patch:
-    for field in dataclasses.fields(patch):
-        value = getattr(patch, field.name)
-        if isinstance(value, np.ndarray):
-            value.setflags(write=False)
-    return patch
+    found = _with_components(patch, params)
+    seal(found)
+    return found
 
 
 def _fixed(array: _Array) -> _Array:

@@ -240,15 +240,15 @@ class PoseTrackerParams:
 # What has such a name is a part of one.
 _PARTS_OF_ONE = ("_share", "_probability", "_margin", "gain")
 _NOT_PARTS = ("least_gain",)  # of a cost
-_MAY_BE_NONE = ("seed", "doublings", "halvings")
+_MAY_BE_ZERO = ("seed", "doublings", "halvings")
 
 
 def _check_numbers(params: Any) -> None:
-    """Raises InvalidInputError unless all floats are positive, and all integers at least one; a seed may be zero."""
+    """Raises InvalidInputError unless all floats are positive, and all integers at least one; some may be zero."""
     for field in dataclasses.fields(params):
         name, value = f"{type(params).__name__}.{field.name}", getattr(params, field.name)
         if isinstance(field.default, int):
-            whole_number(name, value, least=0 if field.name in _MAY_BE_NONE else 1)
+            whole_number(name, value, least=0 if field.name in _MAY_BE_ZERO else 1)
         elif isinstance(field.default, float) or (value is not None and field.default is None):
             positive_number(name, value)
             if name.endswith(_PARTS_OF_ONE) and field.name not in _NOT_PARTS and value > 1.0:

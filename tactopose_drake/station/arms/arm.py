@@ -28,7 +28,7 @@ class ArmConfig:
     wrist_radius: float = 0.0
 
     def validate(self) -> None:
-        """Raises InvalidInputError if a name is missing, or the ball is none."""
+        """Raises InvalidInputError if a name is missing, or a number is invalid."""
         for name in ("model", "base_link", "flange_frame"):
             if not getattr(self, name):
                 raise InvalidInputError(f"ArmConfig.{name}: is empty; allowed is a name.")

@@ -117,7 +117,10 @@ INDEFINITE[0, 1:3] = INDEFINITE[1:3, 0] = 1e-5
         (np.triu(np.ones((2, 6, 6))), "covariance: is not symmetric"),
         (np.full((2, 6, 6), np.nan), "covariance"),
         (np.tile(-np.eye(6), (2, 1, 1)), r"covariance\[0\]: says -1 of the point"),
-        (np.stack([1e-6 * np.eye(6), INDEFINITE]), r"covariance\[1\]: is none, as some combination of errors"),
+        (
+            np.stack([1e-6 * np.eye(6), INDEFINITE]),
+            r"covariance\[1\]: is no covariance matrix, as some combination of errors",
+        ),
     ],
 )
 def test_a_covariance_that_is_none_is_refused(covariance: np.ndarray, message: str) -> None:

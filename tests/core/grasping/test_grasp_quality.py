@@ -145,6 +145,18 @@ def test_a_weight_is_carried_by_what_friction_can_carry(box: ObjectModel) -> Non
     assert quality.task_scale == pytest.approx(0.5, rel=1e-3)
 
 
+@pytest.mark.parametrize("length", [None, 0.01, 0.3])
+def test_a_torque_is_resisted_by_forces_times_their_arms_in_whatever_units(
+    box: ObjectModel, length: float | None
+) -> None:
+    # Two pairs of opposite fingers, each 1/4 N against a face, 20 mm from the axis that the torque is about: friction
+    # holds it by 4 x 1/8 N at that arm, at the most, whatever torques are divided by.
+    p_OC = np.array([[0.03, 0.02, 0.0], [0.03, -0.02, 0.0], [-0.03, 0.02, 0.0], [-0.03, -0.02, 0.0]])
+    torque = [[1.0, 0, 0, 0, 0, 0]]
+    quality = grasp_quality(box, Contacts(p_OC), np.eye(3, 4), friction=0.5, edges=8, length=length, task=torque)
+    assert quality.task_scale == pytest.approx(4 * 0.25 * 0.5 * 0.02, rel=1e-3)
+
+
 def test_too_few_contacts_hold_nothing(box: ObjectModel) -> None:
     for count in (0, 1, 2):
         quality = grasp_quality(box, Contacts(P_OC[:count].reshape(-1, 3)), np.eye(3, 4), friction=0.8, task="object")

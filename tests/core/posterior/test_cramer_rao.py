@@ -84,6 +84,8 @@ def test_the_spin_and_slide_of_a_cylinder_are_infinitely_uncertain(cylinder: Obj
     with_prior = cramer_rao_bound(cylinder, contacts, np.eye(4), prior)
     np.testing.assert_allclose(with_prior.sigmas[[2, 5]], [0.3, 0.033], rtol=0.02)
     assert with_prior.free_directions.shape == (2, 6)
+    roots = np.sqrt(np.trace(with_prior.covariance[:3, :3])), np.sqrt(np.trace(with_prior.covariance[3:, 3:]))
+    assert (with_prior.rms_rotation, with_prior.rms_translation) == pytest.approx(roots)
     # Two contacts at the height of O's origin, one on each side, say where it is across; and a little the normals of
     # the other two, which turn by one radian in 30 mm.
     across = np.eye(6)[3] - cylinder_free_part(bound.free_directions, np.eye(6)[3])

@@ -94,7 +94,7 @@ def test_more_fingertips_do_not_average_out_a_slip(friction: float | None) -> No
 
 def test_forces_at_the_friction_cone_let_go_of_the_tangent() -> None:
     noise = MotionNoise(friction=0.5)
-    along = {"inside": 0.2, "outside": 0.6}
+    along = {"inside": 0.4, "outside": 0.47}  # for forces are noisy
     spread = {}
     for name, share in along.items():
         f_PC = n_OC[:2] + share * np.array([0.0, 1.0, 0.0])

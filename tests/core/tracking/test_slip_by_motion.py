@@ -88,10 +88,11 @@ def test_one_that_slides_is_noticed_within_its_first_two_millimetres() -> None:
 
 
 def test_what_kinematics_err_along_the_way_is_no_slide() -> None:
-    generator = np.random.default_rng(1)
     fast = 5.0 * TWIST
     reach = np.cross(fast[:3], p_OC) + fast[3:]
-    assert not any(calls([moves(fast, 0.03 * generator.normal(size=(6, 1)) * reach)] * 50))
+    for seed in range(6):
+        wrong = PARAMS.way_share * np.random.default_rng(seed).normal(size=(6, 1))  # for good, as a hand's errors are
+        assert not any(calls([moves(fast, wrong * reach)] * 50))
 
 
 def test_velocities_that_are_noisier_than_told_are_learnt_to_be() -> None:
