@@ -18,7 +18,7 @@ from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.keyframes import Keyframe
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, params_of
 from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas, radian_units
 from tactopose_drake.hand.hand_config import HandUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand
@@ -73,7 +73,7 @@ class JointOffsetRefiner(CollectableSystem):
         hand: Hand,
         uncertainty: HandUncertainty,
         model: ObjectModel,
-        params: OffsetRefinementParams,
+        params: OffsetRefinementParams | None = None,
     ) -> None:
         """Keeps references to plant and model.
 
@@ -85,8 +85,7 @@ class JointOffsetRefiner(CollectableSystem):
             params: how slowly they are refined.
         """
         super().__init__()
-        params.validate()
-        self._params, self._model = params, model
+        self._params, self._model = params_of(OffsetRefinementParams, params), model
         self.joints, self._gains = encoder_gains(plant, hand)
         self._frames, self._units = hand.sensor_frames, radian_units(plant)
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
