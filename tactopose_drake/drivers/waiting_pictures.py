@@ -21,10 +21,11 @@ class WaitingPictures(Generic[Picture]):
 
     def take(self, utime: int) -> Picture | None:
         """The last that came of those that need not wait for senses of that time, once; earlier ones are gone."""
-        ready = [not utime < of_picture <= utime + _AHEAD for of_picture, _ in self._waiting]
-        if not any(ready):
-            return None
-        taken = [picture for (_, picture), is_ready in zip(self._waiting, ready, strict=True) if is_ready][-1]
-        still = [entry for entry, is_ready in zip(self._waiting, ready, strict=True) if not is_ready]
-        self._waiting = deque(still, maxlen=_MOST)
-        return taken
+        ready, still = list[Picture](), deque[tuple[int, Picture]](maxlen=_MOST)
+        for of_picture, picture in self._waiting:
+            if utime < of_picture <= utime + _AHEAD:
+                still.append((of_picture, picture))
+            else:
+                ready.append(picture)
+        self._waiting = still
+        return ready[-1] if ready else None
