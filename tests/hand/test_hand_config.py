@@ -324,7 +324,14 @@ def test_impossible_pads_are_refused(tmp_path, pads, message):
 def test_half_a_sensor_is_refused(tmp_path):
     path = write_gripper(tmp_path)
     path.write_text(path.read_text().replace("weld: left_weld, ", ""))
-    with pytest.raises(InvalidInputError, match=r"fingers\[left\]: has sensor_frame 'left_tip' and weld ''"):
+    with pytest.raises(InvalidInputError, match=r"fingers\[left\]: has a sensor_frame and no weld; allowed are both"):
+        load_hand_config(path)
+    path = write_gripper(tmp_path)
+    text = path.read_text()
+    path.write_text(text.replace(text[text.index("model:") : text.index("\n", text.index("model:"))], ""))
+    with pytest.raises(
+        InvalidInputError, match=r"HandConfig\.model: is not given; allowed is the path of the hand's SDF"
+    ):
         load_hand_config(path)
 
 

@@ -148,7 +148,7 @@ def test_a_start_puts_followers_where_their_leaders_are() -> None:
 def test_impossible_grips_are_refused() -> None:
     scenario = can_at(0.0, 0.0, 0.1)
     with pytest.raises(
-        InvalidInputError, match=r"object: .*sodacan\.sdf does not exist; the package's objects are .*soda"
+        InvalidInputError, match=r"object: there is no object 'sodacan'; the package's objects are .*soda"
     ):
         make_station(dataclasses.replace(scenario, object="sodacan"))
     with pytest.raises(
