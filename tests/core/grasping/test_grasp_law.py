@@ -49,6 +49,11 @@ def test_a_finger_that_touches_nothing_stops():
     assert push == LAW.most_push_share * 3.0
 
 
+def test_push_slows_down_from_half_of_the_set_force_on() -> None:
+    steps = [update_push(1.0, share * 3.0, 3.0, False, PERIOD, LAW) - 1.0 for share in (0.2, 0.5, 0.75, 1.0, 1.25, 1.8)]
+    np.testing.assert_allclose(steps, LAW.push_rate * PERIOD * np.array([1.0, 1.0, 0.5, 0.0, -0.5, -1.0]), atol=1e-12)
+
+
 def test_push_never_changes_faster_than_its_rate():
     for force in (0.0, 2.9, 3.1, 50.0, np.nan):
         assert abs(update_push(1.0, force, 3.0, False, PERIOD, LAW) - 1.0) <= LAW.push_rate * PERIOD + 1e-12

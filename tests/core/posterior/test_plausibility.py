@@ -1,4 +1,4 @@
-"""What may be touched: laws of the reach."""
+"""What explains a touch, and what may be touched."""
 
 import numpy as np
 import pytest
@@ -39,6 +39,10 @@ def test_it_may_not_be_metres_away_unless_it_is_known_to_metres_only() -> None:
     away = np.column_stack([X_PO[:, :3], off])
     assert not may_be_touched(box, away, EXACT, contacts)
     assert may_be_touched(box, away, np.diag(np.repeat([1e-12, 0.4**2], 3)), contacts)
+    # A turn about its own origin moves nothing farther than it is large.
+    turned = np.diag(np.repeat([1.0, 1e-12], 3))
+    near = np.column_stack([X_PO[:, :3], [4.0 * box.size, 0.0, 0.0]])
+    assert may_be_touched(box, near, turned, contacts) > may_be_touched(box, near, EXACT, contacts)
     one_near = Contacts(np.concatenate([contacts.p_PC, contacts.p_PC[:1] + off]))
     assert may_be_touched(box, away, EXACT, one_near), "one contact within reach is enough"
 
