@@ -1,4 +1,8 @@
-"""What a hand senses and what vision says, as messages of ROS 2: each joint state with the newest of all else."""
+"""What a hand senses and what vision says, as messages of ROS 2: each joint state with the newest of all else.
+
+A robot may say the joints of a hand in parts, a finger or a driver at a time: those that a joint state leaves out are
+the newest of others.
+"""
 
 import functools
 import math
@@ -24,7 +28,7 @@ class Ros2Inbox:
     Attributes:
         received: joint states so far.
         lost: 0; messages of ROS 2 are not counted by who sends them.
-        passed_over: how many were received and not taken, since a newer one was there or had been.
+        passed_over: how many were received and not taken, since a newer one of the same joints was there or had been.
     """
 
     def __init__(self, link: Ros2Link, senses: Ros2Senses, joints: Collection[str] | None = None) -> None:
@@ -32,16 +36,17 @@ class Ros2Inbox:
 
         Args:
             link: a participant.
-            senses: the topics, and how old a wrench or a pad's frame may be.
+            senses: the topics, and how old a wrench, a pad's frame, or another joint state's joints may be.
             joints: the hand's; a joint state of none of them, such as an arm's, is no message. None: any may be.
         """
         self._joints = joints
         self.received = self.lost = self.passed_over = 0
         self._link, self._max_age = link, senses.max_age
         self._remarks: list[str] = []
-        self._newest: tuple[float, dict[str, float]] | None = None
+        self._untaken: set[str] = set()  # joints
         self._pictures = WaitingPictures[Any]()
-        self._time = -math.inf
+        self._time = -math.inf  # of the newest joint state, s
+        self._positions: dict[str, tuple[float, float]] = {}
         self._wrenches: dict[str, tuple[float, FloatArray]] = {}
         self._pressures: dict[str, tuple[float, FloatArray]] = {}
         link.subscribe(senses.joints, "sensor_msgs/JointState", self._on_joints)
@@ -64,12 +69,17 @@ class Ros2Inbox:
 
     def take(self) -> HandSensesMessage | None:
         """The newest joint state with what else is not too old, once; None where there is no new one."""
-        if self._newest is None:
+        if not self._untaken:
             return None
-        (time, joints), self._newest = self._newest, None
+        self._untaken.clear()
+        ages = {name: self._time - then for name, (then, _) in self._positions.items()}
+        late = {name: self._positions.pop(name) for name, age in ages.items() if age > self._max_age}
+        if late:
+            oldest = max(ages[name] for name in late)
+            self._remarks.append(f"{', '.join(late)}: of a joint state {oldest:.2f} s older than the newest")
 
         def fresh(what: str, values: dict[str, tuple[float, FloatArray]]) -> dict[str, FloatArray]:
-            ages = {name: time - then for name, (then, _) in values.items()}
+            ages = {name: self._time - then for name, (then, _) in values.items()}
             # One of the future is no fresher: two clocks differ.
             stale = {name: age for name, age in ages.items() if abs(age) > self._max_age}
             self._remarks += [
@@ -79,9 +89,9 @@ class Ros2Inbox:
             return {name: value for name, (_, value) in values.items() if name not in stale}
 
         return HandSensesMessage(
-            utime=round(1e6 * time),
+            utime=round(1e6 * self._time),
             sequence=self.received - 1,
-            joints=joints,
+            joints={name: position for name, (_, position) in self._positions.items()},
             wrenches=fresh("the wrench is", self._wrenches),
             pressures=fresh("the pressures are", self._pressures),
         )
@@ -118,18 +128,21 @@ class Ros2Inbox:
             return
         if self._joints is not None and not any(name in self._joints for name in said.name):
             return  # It is of another part of the robot.
-        if self._time - _BACK <= time < self._time:  # It was overtaken.
+        before = max((self._positions[name][0] for name in said.name if name in self._positions), default=-math.inf)
+        if before - _BACK <= time < before:  # It was overtaken.
             self.received += 1
             self.passed_over += 1
             return
-        if time < self._time:
+        if time < before:
             self._remarks.append("the senses' sender began anew")
-            self._wrenches.clear()
-            self._pressures.clear()
+            for values in (self._positions, self._wrenches, self._pressures):
+                values.clear()
+            self._time = -math.inf
         self.received += 1
-        self.passed_over += self._newest is not None
-        self._time = time
-        self._newest = time, dict(zip(said.name, said.position, strict=True))
+        self.passed_over += not self._untaken.isdisjoint(said.name)
+        self._untaken.update(said.name)
+        self._time = max(self._time, time)
+        self._positions |= {name: (time, at) for name, at in zip(said.name, said.position, strict=True)}
 
     def _on_wrench(self, finger: str, said: Any) -> None:
         torque, force = said.wrench.torque, said.wrench.force

@@ -218,6 +218,42 @@ def test_each_joint_state_goes_with_the_newest_of_the_rest() -> None:
     assert inbox.take_remarks() == ("vision: its quaternion is 0",)
 
 
+def test_joint_states_of_parts_of_a_hand_make_one() -> None:
+    link = Beside()
+    inbox = Ros2Inbox(link, Ros2Senses(wrenches={"thumb": "/thumb"}, max_age=0.1), {"a", "b", "c"})  # type: ignore[arg-type]
+
+    def said(seconds: float, **joints: float) -> dict[str, float] | None:
+        state = {"header": {"stamp": stamp_of(seconds)}, "name": list(joints), "position": list(joints.values())}
+        link.say("/joint_states", "sensor_msgs/JointState", state)
+        senses = inbox.take()
+        return None if senses is None else {"time": 1e-6 * senses.utime} | dict(senses.joints)
+
+    assert said(5.0, a=0.1) == {"time": 5.0, "a": 0.1}
+    assert said(5.01, b=0.2, c=0.3) == {"time": 5.01, "a": 0.1, "b": 0.2, "c": 0.3}
+    # Another part's may be a little older; only one that is older than these joints' own was overtaken.
+    assert said(5.005, a=0.4) == {"time": 5.01, "a": 0.4, "b": 0.2, "c": 0.3}
+    assert said(5.001, a=0.5) is None
+    assert said(5.06, elbow=1.0) is None
+    assert (inbox.received, inbox.passed_over, inbox.take_remarks()) == (4, 1, ())
+    # A part that falls silent is not known any more, and that is said once.
+    assert said(5.12, a=0.6) == {"time": 5.12, "a": 0.6}
+    assert inbox.take_remarks() == ("b, c: of a joint state 0.11 s older than the newest",)
+    assert said(5.13, a=0.6) == {"time": 5.13, "a": 0.6}
+    assert said(5.14, b=0.7) == {"time": 5.14, "a": 0.6, "b": 0.7}
+    assert inbox.take_remarks() == ()
+    # Where a sender's clock begins anew, nothing from before counts.
+    assert said(1.0, b=0.8) == {"time": 1.0, "b": 0.8}
+    assert inbox.take_remarks() == ("the senses' sender began anew",)
+    # Two parts at a time are one message; what a newer state of the same joints replaces is passed over.
+    for seconds, name in ((1.01, "a"), (1.02, "b"), (1.03, "a")):
+        state = {"header": {"stamp": stamp_of(seconds)}, "name": [name], "position": [seconds]}
+        link.say("/joint_states", "sensor_msgs/JointState", state)
+    senses = inbox.take()
+    assert senses is not None
+    assert (senses.utime, dict(senses.joints)) == (1_030_000, {"a": 1.03, "b": 1.02})
+    assert (inbox.passed_over, inbox.take()) == (2, None)
+
+
 def test_covariances_are_turned_as_ros_has_them() -> None:
     generator = np.random.default_rng(0)
     R_PO = random_rotations(generator, 1)[0]
