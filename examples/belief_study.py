@@ -268,7 +268,7 @@ def print_line(name: str, of: Counts) -> None:
     counted, settled = max(of.counted, 1.0), max(of.settled, 1.0)
     Console().print(
         f"{name}: the belief is right at {of.right / counted:.1%} of {of.counted:.0f} instants at which the estimate "
-        f"is (asked 98%; the next estimate is at {of.next_right / max(of.followed, 1.0):.1%} of them), up to what the "
+        f"is (the next estimate is at {of.next_right / max(of.followed, 1.0):.1%} of them), up to what the "
         f"touch knows no better than 10 mm at {of.open_right / counted:.1%}, and at "
         f"{of.sure_right / max(of.sure, 1.0):.1%} of {of.sure:.0f} at which the estimate is sure as well; of "
         f"{of.settled:.0f} settled instants the belief is right at {of.settled_right / settled:.1%}, the estimate at "

@@ -130,8 +130,13 @@ def move_with_fingertips(
     duration: float,
     *,
     slips: bool,
+    settled: bool = False,
 ) -> Motion:
     """The motion of least squares by the contacts' velocities; contacts of unknown velocity say nothing.
+
+    What their velocities leave open is known from their speed. An object that resting fingertips have held for a while
+    rests, or it would have fallen: its random walk is that of `move_with_palm`. The faster they move, the more it is
+    that of an object that nothing holds.
 
     Args:
         contacts: where the fingertips touch, in P.
@@ -140,6 +145,7 @@ def move_with_fingertips(
         noise: the random walks.
         duration: s; small, so that the contacts stay about where they are.
         slips: whether the object has been found to slip: then no fingertip holds it by friction.
+        settled: whether the same fingertips have touched for a while.
     """
     known = [row for row, source in enumerate(sources) if source in tip_velocity]
     velocity = np.array([tip_velocity[sources[row]] for row in known]).reshape(-1, 6)
@@ -148,16 +154,21 @@ def move_with_fingertips(
     # Along the normal they stay together, whether they slide or not.
     of_rows[:, 1], of_rows[:, 2] = noise.rolling, across * (noise.twisting / noise.rolling)
     n_PC = np.zeros((len(known), 3)) if contacts.n_PC is None else contacts.n_PC[known]
-    information, right = _free_information(noise.free_rotation, noise.free_translation).copy(), np.zeros(6)
+    held = settled and not slips and len(known) > 1  # One fingertip may touch what lies on a table.
+    freedom = _freedom(noise, contacts.p_PC[known], velocity) if held else 1.0
+    rotation = noise.palm_rotation + freedom * (noise.free_rotation - noise.palm_rotation)
+    translation = noise.palm_translation + freedom * (noise.free_translation - noise.palm_translation)
+    information, right = np.diag(1.0 / _three_each(rotation**2, translation**2)), np.zeros(6)
     prediction_kernels.add_velocities(contacts.p_PC[known], n_PC, velocity, of_rows, information, right)
     covariance = inverses(information[None])[0][0]
     return Motion(covariance @ right * duration, covariance * duration)
 
 
-@functools.lru_cache
-def _free_information(rotation: float, translation: float) -> FloatArray:
-    """Of the motion of an object that nothing holds, with these random walks, shape (6, 6)."""
-    return np.diag(1.0 / _three_each(rotation**2, translation**2))
+def _freedom(noise: MotionNoise, p_PC: FloatArray, velocity: FloatArray) -> float:
+    """How free an object is where fingertips at p_PC (k, 3) with velocities (k, 6) leave its motion open, in [0, 1]."""
+    at_contacts = velocity[:, 3:] + np.cross(velocity[:, :3], p_PC)
+    speed = math.sqrt(np.einsum("ki,ki->k", at_contacts, at_contacts).max())
+    return min(1.0, speed / noise.still_speed)
 
 
 def _tangential_noise(contacts: Contacts, known: list[int], noise: MotionNoise, slips: bool) -> FloatArray:

@@ -172,7 +172,10 @@ class PoseTracker:
             return move_with_palm(noise, duration, slips=slips)
         assert frame.sources is not None
         forces = frame.evidence.contacts if len(frame.evidence.contacts) == len(contacts) else contacts
-        return move_with_fingertips(forces, frame.sources, frame.tip_velocity, noise, duration, slips=slips)
+        settled = belief.time >= belief.unsettled_time + self._params.settling_time
+        return move_with_fingertips(
+            forces, frame.sources, frame.tip_velocity, noise, duration, slips=slips, settled=settled
+        )
 
     def _update_with_touch(
         self,

@@ -20,6 +20,7 @@ class MotionNoise:
     slipping: float = 0.01  # of the surface under a fingertip that slides, m/s^0.5
     free_translation: float = 0.03  # of an object in the directions in which nothing holds it, m/s^0.5
     free_rotation: float = 0.3  # likewise, rad/s^0.5
+    still_speed: float = 0.01  # of fingertips that hold an object, m/s: the slower, the more it rests in the palm
     longest_gap: float = 10.0  # s between frames; after a longer one nothing is known to have held the object meanwhile
     friction: float | None = None  # coefficient from which on a fingertip slides; None: it is not known
     friction_margin: float = 0.9  # share of the friction cone within which it surely holds: forces are noisy

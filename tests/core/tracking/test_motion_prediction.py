@@ -111,6 +111,34 @@ def test_what_no_fingertip_holds_walks_at_random() -> None:
     assert free > 0.5 * NOISE.free_rotation
 
 
+def test_what_resting_fingertips_have_held_for_a_while_rests() -> None:
+    """Two fingertips leave the turn about the line between them to their twist, and two to nothing."""
+    p_PC, n_PC = np.array([[0.05, -0.03, 0.0], [0.05, 0.03, 0.0]]), np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    names = NAMES[:2]
+
+    def walk(speed: float = 0.0, *, count: int = 2, slips: bool = False, settled: bool = True) -> float:
+        """Of the turn about the line through both contacts, rad/s^0.5."""
+        turn = np.array([0.0, speed / 0.05, 0.0, 0.0, 0.0, 0.0])  # about the palm's axis, which moves both
+        motion = move_with_fingertips(
+            Contacts(p_PC[:count], n_PC[:count]),
+            names[:count],
+            dict.fromkeys(names, turn),
+            NOISE,
+            0.01,
+            slips=slips,
+            settled=settled,
+        )
+        assert np.abs(motion.twist).max() <= 0.01 * speed / 0.05 + 1e-12
+        return float(np.sqrt(motion.covariance[1, 1] / 0.01))
+
+    assert walk() < 1.01 * NOISE.palm_rotation
+    fast, half = 2.0 * NOISE.still_speed, 0.5 * NOISE.still_speed
+    assert walk() < 0.5 * walk(half) < 0.5 * walk(fast)
+    for free in (walk(settled=False), walk(slips=True), walk(count=1)):
+        assert free > 0.7 * walk(fast)
+    assert walk(2.0 * fast) == pytest.approx(walk(fast))
+
+
 @pytest.mark.parametrize("slips", [False, True])
 def test_the_motion_is_that_of_least_squares_by_the_rows_of_the_grasp_matrix(slips: bool) -> None:
     """For each contact three of the points' velocities and one of the spin about the normal, from a random walk."""
