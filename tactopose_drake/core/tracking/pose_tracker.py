@@ -101,7 +101,7 @@ class PoseTracker:
     def _step(self, belief: PoseBelief, frame: Frame) -> PoseBelief:
         """The same for the object in a frame whose origin is near it; of the belief's mixture nothing is used."""
         duration, params = frame.time - belief.time, self._params
-        if belief.untouched is not None and not len(frame.evidence.touch):
+        if belief.untouched is not None and not self._holds(belief, frame):
             # A touch that no pose has explained, or a first and short one, and that is gone was none: fingers that
             # start to move feel inertia.
             belief = belief.untouched
@@ -124,11 +124,15 @@ class PoseTracker:
         is_first = untouched is not None and untouched.touch_time == -np.inf
         return is_first and belief.time < belief.unsettled_time + self._params.settling_time
 
+    def _holds(self, belief: PoseBelief, frame: Frame) -> bool:
+        """Whether something is touched, or was a moment ago: single readings are lost, and light touches flicker."""
+        return len(frame.evidence.touch) > 0 or frame.time <= belief.touch_time + self._params.flicker_time
+
     def _untouched(self, belief: PoseBelief, frame: Frame) -> PoseBelief | None:
         """What would be believed now without a touch that begins, or that nothing has explained since it did."""
-        begins = belief.touch_time < belief.time and belief.has_pose
-        before = belief if begins else belief.untouched
-        if before is None or not len(frame.evidence.touch):
+        is_over = belief.touch_time < belief.time and frame.time > belief.touch_time + self._params.flicker_time
+        before = belief if is_over and belief.has_pose else belief.untouched
+        if before is None or not self._holds(belief, frame):
             return None
         nothing = dataclasses.replace(frame.evidence, contacts=Contacts.empty(), patches=())
         return self._step(before, dataclasses.replace(frame, evidence=nothing, sources=()))
@@ -165,6 +169,8 @@ class PoseTracker:
     def _motion(self, belief: PoseBelief, frame: Frame, contacts: Contacts, *, slips: bool) -> Motion:
         """How the object moved since the belief's time."""
         duration, noise = frame.time - belief.time, self._params.noise
+        if not len(contacts) and self._holds(belief, frame):
+            return move_with_palm(noise, duration, slips=slips)
         if not len(contacts) or duration > noise.longest_gap:
             most = self._params.mixture.max_sigma_translation
             return move_freely(noise, duration, most, belief.X_WP, frame.X_WP)

@@ -210,6 +210,7 @@ class PoseTrackerParams:
     answer_turn_deg: float = 7.5  # deg
     untold_share: float = 0.3  # of the object's size: the touch of now tells nothing where it is no better known
     slip_time: float = 0.1  # s for which a slip that was found is taken to go on
+    flicker_time: float = 0.06  # s without touch, within which it has not ended: readings are lost, and may be weak
     lost_time: float = 0.2  # s without an explanation of the touch, after which the pose is lost
     unobserved_time: float = 1.0  # s without touch or vision, after which the pose is lost
     least_touch_chance: float = 1e-6  # with which noise alone leaves residuals as large; it is asked at each frame

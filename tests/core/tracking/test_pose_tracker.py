@@ -13,10 +13,12 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
-from tactopose_drake.core.tracking.tracker_params import MixtureParams, PoseTrackerParams, SlipParams
+from tactopose_drake.core.tracking.tracker_params import MixtureParams, MotionNoise, PoseTrackerParams, SlipParams
 from tactopose_drake.errors import InvalidInputError
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, touch
 from tests.core.tracking.follower import GUESS, NAMES, X_PO, Follower
+
+FLICKER = round(100 * PoseTrackerParams().flicker_time)  # frames, for which a touch that is gone has not ended
 
 
 @pytest.fixture(scope="module")
@@ -248,6 +250,12 @@ def test_a_touch_that_nothing_explains_and_that_is_gone_was_none(tracker: PoseTr
     assert led.belief.status == "lost"
     assert led.belief.untouched is not None
     quiet.feel(None)
+    # For a moment its end may be a reading that was lost.
+    for follower in (led, quiet):
+        follower.feel(None, FLICKER - 1)
+    assert led.belief.untouched is not None
+    for follower in (led, quiet):
+        follower.feel(None, 2)
     for _ in range(3):
         led.feel(None)
         quiet.feel(None)
@@ -273,9 +281,35 @@ def test_a_first_touch_of_an_instant_was_none(tracker: PoseTracker) -> None:
     led.feel(wrong, 2, fingers=(0,))
     quiet.feel(None, 2)
     for follower in (led, quiet):
-        follower.feel(None)
+        follower.feel(None, FLICKER + 2)
     np.testing.assert_array_equal(led.belief.X_PO, quiet.belief.X_PO)
     np.testing.assert_array_equal(led.belief.covariance, quiet.belief.covariance)
+
+
+def test_readings_that_are_lost_end_no_touch(tracker: PoseTracker) -> None:
+    """Of a new touch every third reading is lost, of all fingers: what the others tell is not thrown away."""
+    follower = Follower(tracker)
+    follower.feel(None, 3)
+    for _ in range(6):
+        follower.feel(X_PO, 2)
+        spread = np.trace(follower.belief.covariance[0])
+        lost = follower.feel(None)
+        assert lost.status == "no_contact"
+        # Nothing moves an object that was held a moment ago, as it would one that nothing holds.
+        assert np.trace(lost.covariance[0]) - spread < 0.1 * 3.0 * 0.01 * MotionNoise().free_rotation ** 2
+    assert error(follower.belief, X_PO)[0] < 0.004
+
+
+def test_a_new_touch_may_fail_to_be_read_for_a_moment_and_is_the_same(tracker: PoseTracker) -> None:
+    led, quiet = Follower(tracker), Follower(tracker)
+    wrong = retract(X_PO, np.array([0.0, 0, 0, 0.03, 0.03, 0.0]))
+    for follower, touched in ((led, wrong), (quiet, None)):
+        follower.feel(None, 3)
+        for _ in range(2):  # The second part is no touch of its own, which would begin with what the first has made.
+            follower.feel(touched, 1, fingers=(0,))
+            follower.feel(None, 2)
+        follower.feel(None, FLICKER + 1)
+    np.testing.assert_array_equal(led.belief.X_PO, quiet.belief.X_PO)
 
 
 def test_vision_that_is_late_counts_as_of_its_time(tracker: PoseTracker) -> None:

@@ -58,6 +58,14 @@ def test_a_knock_within_the_cones_is_no_slip() -> None:
     assert not any(feel([press(HELD)] * 50 + [press(0.5 * HELD, 4.0)] * 5))
 
 
+def test_a_finger_whose_reading_is_lost_has_not_let_go() -> None:
+    """Neither as it goes nor as it comes again, though another finger is at the limit of friction meanwhile."""
+    others = np.array([0, 1, 3, 4, 5])
+    at_limit = press(np.array([0.9, 0.3, 0.6, 0.2, 0.4, 0.5]), np.array([2.0, 2, 4, 2, 2, 2]))
+    without = read(at_limit.contacts[others], others)
+    assert not any(feel([at_limit] * 50 + [without, *[at_limit] * 4] * 10))
+
+
 def test_where_all_fingers_come_to_the_limit_the_object_slides_as_a_whole() -> None:
     reach = [press(np.minimum(HELD + 0.01 * i, 0.8)) for i in range(100)]
     said = feel(reach)
