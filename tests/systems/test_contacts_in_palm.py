@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -12,6 +13,9 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solve_contacts
 from tactopose_drake.core.surfaces import Sphere
 from tactopose_drake.errors import InvalidInputError, PortTypeError
+from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
+from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
+from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInPalmParams
 
 SURFACE = Sphere(radius=0.009, X_SF=RigidTransform([0, 0, 0.02]).GetAsMatrix34())
@@ -158,3 +162,22 @@ def test_a_bad_parameter_is_named(values: dict[str, float]) -> None:
     (name,) = values
     with pytest.raises(InvalidInputError, match=f"^ContactsInPalmParams.{name}: "):
         ContactsInPalmParams(**values).validate()
+
+
+def test_a_hand_that_errs_in_nothing_knows_its_contacts_to_a_hundredth_of_a_millimetre() -> None:
+    none = HandUncertainty(**{field.name: 0.0 for field in dataclasses.fields(HandUncertainty)})
+    plant, hand = make_hand_plant(load_hand_config("shadow_like"))
+    finger = hand.fingers[0]
+    surface = hand.surfaces[finger]
+    n_S = surface.X_SF[:, :3] @ np.array([0.6, 0.64, 0.48])
+    p_SC = surface.X_SF[:, 3] + 0.009 * n_S
+    solution = solve_contacts(np.concatenate([np.cross(p_SC, -2.0 * n_S), -2.0 * n_S])[None], surface)[0]
+    assert solution.valid
+    system = ContactsInPalm(
+        plant, hand.sensor_frames, hand.palm_frame, uncertainty=ContactUncertainty(plant, hand, none)
+    )
+    context = system.CreateDefaultContext()
+    system.GetInputPort("joint_positions").FixValue(context, np.zeros(plant.num_positions()))
+    system.GetInputPort("contact_solutions").FixValue(context, AbstractValue.Make({finger: solution}))
+    contacts = system.GetOutputPort("contacts").Eval(context)
+    np.testing.assert_allclose(contacts.covariance[0], np.diag(np.repeat([1e-5**2, 1e-3**2], 3)), atol=1e-16)

@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.grasping.quality import GraspQuality, grasp_quality
+from tactopose_drake.core.grasping.quality import GraspQuality, force_closure_probability, grasp_quality
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError, PortTypeError, UnknownNameError
 from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
@@ -96,6 +96,24 @@ def test_each_finger_at_its_limit_has_no_volume_in_time(box: ObjectModel) -> Non
     together = grasp_quality(box, Contacts(P_OC[:3]), RigidTransform(), friction=0.6, edges=4)
     assert out["radius"] >= together.radius > 0
     assert np.isnan(out["volume"])
+
+
+def test_the_edges_of_the_friction_cone_are_those_asked_for(box: ObjectModel) -> None:
+    """A coarse pyramid lies within a fine one, and holds less."""
+    rough = dataclasses.replace(hypotheses(1.0).best, covariance=np.diag(np.repeat([0.3, 0.005], 3) ** 2))
+    estimate = PoseEstimate((rough,), "ok", 0.01)
+    found = {
+        edges: evaluate(GraspQualityEvaluator(box, GraspQualityParams(friction=0.25, edges=edges)), hypotheses=estimate)
+        for edges in (3, 16)
+    }
+    for edges, out in found.items():
+        quality = grasp_quality(box, Contacts(P_OC), RigidTransform(), friction=0.25, edges=edges)
+        closure = force_closure_probability(
+            box, Contacts(P_OC), estimate.modes, friction=0.25, edges=edges, samples=200
+        )
+        assert (out["radius"], out["probability"]) == (quality.radius, closure.value)
+    assert found[3]["radius"] < found[16]["radius"]
+    assert found[3]["probability"] < found[16]["probability"]
 
 
 def test_the_display_draws_green_forces_and_red_torques(box: ObjectModel) -> None:

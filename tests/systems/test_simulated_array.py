@@ -2,6 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from pydrake.common.value import AbstractValue
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
     AddContactMaterial,
@@ -122,6 +123,45 @@ def test_cells_that_lag_read_more_after_a_fall() -> None:
     plain, lagging = (rest_on_pad(make_pad(rubber=RubberLayer(hysteresis=h)))[0] for h in (0.0, 0.2))
     assert np.all(lagging >= plain)
     assert lagging.sum() > 1.01 * plain.sum()
+
+
+def test_a_cell_that_is_let_go_forgets_how_hard_it_was_pressed() -> None:
+    """Pressed lightly after a heavy press, it lags; after a heavy press and none, it reads as when first pressed."""
+    pad = make_pad(rubber=RubberLayer(hysteresis=0.2))
+    builder = DiagramBuilder()
+    config = MultibodyPlantConfig(time_step=0.005, contact_model="hydroelastic", use_sampled_output_ports=False)
+    plant, _ = AddMultibodyPlant(config, builder)
+    bodies = [plant.AddRigidBody(name, SpatialInertia.SolidSphereWithMass(MASS, 0.01)) for name in ("pad", "object")]
+    soft, rigid = ProximityProperties(), ProximityProperties()
+    AddCompliantHydroelasticProperties(0.01, MODULUS, soft)
+    AddRigidHydroelasticProperties(0.005, rigid)
+    for properties in (soft, rigid):
+        AddContactMaterial(dissipation=0.0, friction=friction(), properties=properties)
+    plant.RegisterCollisionGeometry(bodies[0], RigidTransform(), Box(0.06, 0.06, THICKNESS), "pad", soft)
+    plant.RegisterCollisionGeometry(bodies[1], RigidTransform(), Box(0.02, 0.016, 0.02), "object", rigid)
+    plant.WeldFrames(plant.world_frame(), bodies[0].body_frame(), X_WT @ X_PadT.inverse())
+    frame = plant.AddFrame(FixedOffsetFrame("T", bodies[0].body_frame(), X_PadT))
+    plant.Finalize()
+    array, diagram = TactileArray(plant, frame, pad), builder.Build()
+    context = diagram.CreateDefaultContext()
+    plant_context = plant.GetMyMutableContextFromRoot(context)
+
+    def read(*depths: float) -> np.ndarray:
+        """What is read last of an object that is held so deep in the pad, one period each, m."""
+        simulator = Simulator(array)
+        for i, depth in enumerate(depths):
+            plant.SetFreeBodyPose(plant_context, bodies[1], X_WT @ RigidTransform([0.0, 0.0, 0.01 - depth]))
+            for name in ("contact_results", "body_poses"):
+                value = plant.GetOutputPort(name).Eval(plant_context)
+                array.GetInputPort(name).FixValue(simulator.get_mutable_context(), AbstractValue.Make(value))
+            simulator.AdvanceTo((i + 1.5) * pad.period)
+        return array.GetOutputPort("pressures").Eval(simulator.get_context())
+
+    light, heavy = 0.0001, 0.0004
+    first, lagging, anew = read(light), read(heavy, light), read(heavy, -0.001, light)
+    assert first.max() > 1000.0
+    assert lagging.sum() > 1.1 * first.sum()
+    np.testing.assert_array_equal(anew, first)
 
 
 def test_noise_is_the_seeds_and_a_dead_cell_is_nan() -> None:

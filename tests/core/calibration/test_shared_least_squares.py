@@ -70,3 +70,13 @@ def test_the_noise_that_there_is_is_found(blob: ObjectModel) -> None:
         np.testing.assert_allclose(SIGMA * fit.solution.shared, SHIFT, atol=0.002)
     # It is 0.8 mm, and was told to be 0.4 mm.
     assert 0.00055 < np.median(found) < 0.0009
+
+
+def test_what_the_poses_take_up_of_the_noise_is_not_taken_for_less_noise(blob: ObjectModel) -> None:
+    """Six contacts' distances, of which each grasp's pose suits itself to some, with noise that is as told."""
+    noise, found = 0.0008, []
+    for seed in range(4):
+        shifted = Shifted(blob, SHIFT, noise=noise, seed=seed)
+        told = ContactNoise(shifted.noise(0.0, 0.0), noise, 0.02)
+        found.append(anneal(shifted.problem, np.zeros(3), shifted.X_PO, told, (0.004, 0.2)).noise.position)
+    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(noise, rel=0.1)

@@ -7,10 +7,14 @@ from scipy.stats import binom
 from tactopose_drake.core.evidence.contact_doubt import ContactKinds
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
+from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.poses import compose, exp_so3
 from tactopose_drake.core.posterior.plausibility import (
+    degrees_of_freedom,
     explain_touch,
+    is_at_rest,
     is_comfortable,
     lies_on_planes,
     may_be_touched,
@@ -19,7 +23,10 @@ from tactopose_drake.core.posterior.plausibility import (
 from tactopose_drake.core.posterior.posterior_params import PlausibilityParams
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pose_problem import make_problem
+from tactopose_drake.core.sensing.patches import describe_patch
+from tactopose_drake.core.synthetic.synthetic_patch import flat_pad
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tests.core.balanced_forces import balanced_forces
 from tests.core.tracking.boxes import make_box, touch
 
 EXACT = 1e-12 * np.eye(6)
@@ -56,6 +63,36 @@ def test_a_pose_lies_on_a_plane_but_for_its_noise() -> None:
     expected = [False, True, True, True, False]
     assert lies_on_planes(box, Evidence(contacts=contacts, planes=(table,)), X_PO).tolist() == expected
     assert lies_on_planes(box, Evidence(contacts=contacts), X_PO).all()
+
+
+def test_noise_as_large_as_is_allowed_is_of_an_object_at_rest_as_often_as_told() -> None:
+    """Points and forces err three times as much as is told of them."""
+    box, generator, X_PO = copied(make_box(), mass=0.4), np.random.default_rng(6), np.eye(3, 4)
+    params = PlausibilityParams(most_noise=3.0, least_contact_chance=0.1)
+    balance = ForceBalance(np.array([0.0, 5.886, -7.848]), sigma_torque=1e-9)
+    told = touch(X_PO, generator)
+    f_PC = balanced_forces(generator.normal(size=(6, 3)), told.p_PC, box.center_of_mass, 0.4 * balance.gravity_P)
+    at_rest = []
+    for _ in range(1000):
+        p_PC = told.p_PC + params.most_noise * 0.001 * generator.normal(size=(6, 3))
+        noisy = f_PC + params.most_noise * 0.05 * generator.normal(size=(6, 3))
+        contacts = Contacts(p_PC, told.n_PC, noisy, sigma_position=0.001, sigma_force=0.05)
+        at_rest += is_at_rest(box, Evidence(contacts, balance=balance), X_PO[None], params).tolist()
+    assert np.mean(at_rest) == pytest.approx(1.0 - params.least_contact_chance, abs=0.04)
+
+
+def test_a_felt_pad_measures_its_active_cells_and_two_angles_a_silent_one_its_cells() -> None:
+    pressures = {"felt": np.full(24, 1e4), "silent": np.zeros(24)}
+    for pressure in pressures.values():
+        pressure[:3] = 0.0
+    felt, silent = (describe_patch(flat_pad(), pressure, alpha=1e-7) for pressure in pressures.values())
+    assert felt.is_felt
+    assert not silent.is_felt
+    none, points = Contacts.empty(), Contacts(np.zeros((4, 3)))
+    assert degrees_of_freedom(Evidence(none, patches=(felt,))) == 21 + 2
+    assert degrees_of_freedom(Evidence(none, patches=(felt, silent))) == 21 + 2
+    assert degrees_of_freedom(Evidence(points, patches=(felt,))) == 4 + 21 + 2
+    assert degrees_of_freedom(Evidence(Contacts(np.zeros((4, 3)), np.eye(4, 3)[[0, 1, 2, 2]]))) == 12
 
 
 def test_the_answer_moves_with_the_frame() -> None:

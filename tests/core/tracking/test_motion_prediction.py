@@ -179,6 +179,14 @@ def test_noise_adds_up_in_time_as_a_random_walk() -> None:
     assert np.all(np.diag(move_with_palm(NOISE, 0.01, slips=True).covariance) > np.diag(once) / 25.0)
 
 
+def test_in_a_still_hand_an_object_turns_and_shifts_as_told_and_turns_more_by_as_much_as_it_shifts_more() -> None:
+    for slips, factor in ((False, 1.0), (True, NOISE.slipping / NOISE.palm_translation)):
+        motion = move_with_palm(NOISE, 0.25, slips=slips)
+        sigma = factor * np.repeat([NOISE.palm_rotation, NOISE.palm_translation], 3) * np.sqrt(0.25)
+        np.testing.assert_array_equal(motion.twist, np.zeros(6))
+        np.testing.assert_allclose(motion.covariance, np.diag(sigma**2), rtol=1e-12)
+
+
 def test_an_object_that_nothing_touches_rests_in_the_world() -> None:
     X_WP = make_poses(exp_so3(np.array([0.3, 0.1, -0.2])), np.array([0.5, 0.1, 0.3]))
     X_WP_after = make_poses(exp_so3(np.array([0.4, 0.0, -0.2])), np.array([0.45, 0.2, 0.3]))
