@@ -1,12 +1,21 @@
 """Poses that explain one grasp, by what all other grasps say of a shift that moves some of its contacts."""
 
 import numpy as np
+import pytest
 
 from tactopose_drake.core.calibration.grasp_candidates import GraspTouches, explain, mixture
-from tactopose_drake.core.calibration.shared_least_squares import Knowledge, SharedProblem, others, solve_shared
+from tactopose_drake.core.calibration.mixture_loss import grasp_limit
+from tactopose_drake.core.calibration.shared_least_squares import (
+    POSE_INFORMATION,
+    Knowledge,
+    SharedProblem,
+    others,
+    solve_shared,
+)
+from tactopose_drake.core.calibration.surface_residuals import surface_rows
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tests.core.calibration.shifted_contacts import SHIFT, SIGMA, Shifted
+from tests.core.calibration.shifted_contacts import CONTACTS, SHIFT, SIGMA, Shifted
 
 GRASP = 2
 
@@ -73,6 +82,40 @@ def test_a_grasp_that_nothing_explains_has_no_pose(blob: ObjectModel) -> None:
     )
     candidates = explain(felt(shifted, known), shifted.X_PO[[GRASP]], known)
     assert candidates.probability.sum() < 0.01
+
+
+def test_a_grasp_whose_residuals_are_at_the_limit_is_as_likely_explained_as_not(blob: ObjectModel) -> None:
+    """The odds that a pose is right fall with its residuals' sum of squares, and are even at the limit."""
+    shifted, known = Shifted(blob, np.zeros(3), noise=0.0003), Knowledge(np.zeros(3), 1e-12 * np.eye(3))
+    squares = []
+    for sigma in (0.00004, 0.00005, 0.00006):
+        touches = shifted.touch(known.mean)
+        one = GraspTouches.of(touches, shifted.noise(sigma, 100.0 * sigma), shifted.problem.grids, GRASP)
+        found = explain(one, shifted.X_PO[[GRASP]], known)
+        alone = one.touches._replace(grasp=np.zeros(CONTACTS, dtype=np.int64))
+        squares.append(np.sum(surface_rows([one.grid], found.X_PO, alone, one.noise).residual ** 2))
+        odds = 0.5 * (grasp_limit(np.array([CONTACTS]))[0] - squares[-1])
+        assert np.log(found.probability[0] / (1.0 - found.probability[0])) == pytest.approx(odds, abs=0.01)
+    assert squares[0] > grasp_limit(np.array([CONTACTS]))[0] > squares[1]
+
+
+def test_poses_are_as_probable_as_the_touch_is_about_them(blob: ObjectModel) -> None:
+    """By Laplace: of poses that explain a grasp alike, the one that it determines less is the more probable."""
+    shifted, known = Shifted(blob, np.zeros(3)), Knowledge(np.zeros(3), 1e-12 * np.eye(3))
+    one = GraspTouches.of(shifted.touch(known.mean), shifted.noise(0.002, 0.6), shifted.problem.grids, GRASP)
+    turns = np.random.default_rng(0).normal(size=(12, 6)) * np.repeat([1.5, 0.01], 3)
+    found = explain(one, retract(shifted.X_PO[[GRASP] * 12], turns), known)
+    assert np.count_nonzero(found.probability > 0.01) > 4
+    log_density, log_volume = [], []
+    for X_PO in found.X_PO:
+        alone = one.touches._replace(grasp=np.zeros(CONTACTS, dtype=np.int64))
+        residual, by_pose, _, log_scale = surface_rows([one.grid], X_PO[None], alone, one.noise)
+        information = np.einsum("nri,nrj->ij", by_pose, by_pose) + POSE_INFORMATION
+        log_density.append(-0.5 * np.sum(residual**2) - log_scale.sum())
+        log_volume.append(-0.5 * np.linalg.slogdet(information)[1])
+    assert np.ptp(log_volume) > 0.5
+    log_mass = np.add(log_density, log_volume)
+    np.testing.assert_allclose(np.log(found.probability / found.probability[0]), log_mass - log_mass[0], atol=0.01)
 
 
 def test_two_poses_are_as_uncertain_as_they_are_apart(blob: ObjectModel) -> None:

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.calibration.annealed_fit import ContactNoise, anneal
 from tactopose_drake.core.calibration.shared_least_squares import solve_shared
-from tactopose_drake.core.calibration.surface_residuals import ContactSigmas
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tests.core.calibration.shifted_contacts import CONTACTS, GRASPS, SHIFT, SIGMA, Shifted
@@ -57,26 +55,3 @@ def test_a_direct_reading_is_taken(blob: ObjectModel) -> None:
     solution = solve_shared(problem, np.zeros(3), shifted.X_PO, shifted.noise(0.0005, 0.05))
     assert solution.shared[0] == pytest.approx(SHIFT[0] / SIGMA, abs=1e-3)
     assert solution.covariance[0, 0] < 1e-7
-
-
-def test_the_noise_that_there_is_is_found(blob: ObjectModel) -> None:
-    found = []
-    for seed in range(4):
-        shifted = Shifted(blob, SHIFT, noise=0.0008, seed=seed)
-        count = len(shifted.p)
-        noise = ContactNoise(ContactSigmas(np.zeros(count), np.zeros(count)), 0.0004, 0.02)
-        fit = anneal(shifted.problem, np.zeros(3), shifted.X_PO, noise, (0.004, 0.2))
-        found.append(fit.noise.position)
-        np.testing.assert_allclose(SIGMA * fit.solution.shared, SHIFT, atol=0.002)
-    # It is 0.8 mm, and was told to be 0.4 mm.
-    assert 0.00055 < np.median(found) < 0.0009
-
-
-def test_what_the_poses_take_up_of_the_noise_is_not_taken_for_less_noise(blob: ObjectModel) -> None:
-    """Six contacts' distances, of which each grasp's pose suits itself to some, with noise that is as told."""
-    noise, found = 0.0008, []
-    for seed in range(4):
-        shifted = Shifted(blob, SHIFT, noise=noise, seed=seed)
-        told = ContactNoise(shifted.noise(0.0, 0.0), noise, 0.02)
-        found.append(anneal(shifted.problem, np.zeros(3), shifted.X_PO, told, (0.004, 0.2)).noise.position)
-    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(noise, rel=0.1)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts, surface_rows
 from tactopose_drake.core.poses import exp_so3, make_poses, random_rotations, transform_points
@@ -88,3 +89,20 @@ def test_what_is_no_contact_says_nothing(blob: ObjectModel, touched: tuple[np.nd
     for values in rows:
         assert np.all(values[1] == 0.0)
         assert np.any(values[0] != 0.0)
+
+
+def test_residuals_of_noise_have_unit_variance_where_the_surface_bends_too() -> None:
+    """On a ball a point that is off across the normal is where the normal is another."""
+    ball = ObjectModel.from_mesh(
+        trimesh.creation.icosphere(4, 0.03), spacing=0.001, samples=200, symmetry="none", cache=False
+    )
+    generator, count, sigma_position, sigma_normal = np.random.default_rng(5), 4000, 0.003, 0.05
+    n = random_rotations(generator, count)[:, 0]
+    p = 0.03 * n + sigma_position * generator.normal(size=(count, 3))
+    turned = (exp_so3(sigma_normal * generator.normal(size=(count, 3))) @ n[..., None])[..., 0]
+    noise = ContactSigmas(np.full(count, sigma_position), np.full(count, sigma_normal))
+    every = np.ones(count, dtype=np.bool_)
+    touches = GraspContacts(np.zeros(count, dtype=np.int64), p, turned, np.zeros((count, 6, 0)), every)
+    rows = surface_rows([ball.grid], np.eye(3, 4)[None], touches, noise)
+    assert np.mean(rows.residual[:, 0] ** 2) == pytest.approx(1.0, abs=0.1)
+    assert np.mean(np.sum(rows.residual[:, 1:] ** 2, axis=1)) == pytest.approx(2.0, abs=0.15)

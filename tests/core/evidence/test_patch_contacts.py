@@ -68,6 +68,14 @@ def test_the_spread_of_an_areas_normal_is_what_it_claims() -> None:
     assert np.mean(claims) > 1.2 * turn
 
 
+def test_no_area_tells_its_normal_worse_than_a_pad_that_may_lean() -> None:
+    leans = [0.01, 0.2, 3.0]
+    area = pressed(0.001 + 0.05 * flat_pad()[:, 0])
+    found = [float(patch_contacts([area], sigma_depth=0.01, sigma_lean=lean).sigma_normal[0]) for lean in leans]
+    assert found[:2] == pytest.approx(leans[:2])
+    assert 0.2 < found[2] < 3.0
+
+
 def test_a_pad_that_says_how_far_it_is_misplaced_is_as_sure_as_that() -> None:
     """Against errors that are drawn: of where the centroid is, far from the middle of the cells, and of its normal."""
     generator = np.random.default_rng(3)

@@ -55,13 +55,16 @@ def test_objects_of_distinct_shape_are_told_apart(models: list[ObjectModel], ind
     assert np.mean(first) >= 0.9
 
 
+@pytest.mark.parametrize("sigma_position", [0.0009, 0.006])  # m; the second tilts the line between two contacts
 @pytest.mark.parametrize("has_normals", [True, False])
 def test_densities_are_those_of_the_samples_pairs(
-    models: list[ObjectModel], index: LibraryIndex, has_normals: bool
+    models: list[ObjectModel], index: LibraryIndex, has_normals: bool, sigma_position: float
 ) -> None:
     """A kernel about the contacts' feature, summed over all pairs one by one."""
     measured = touch(models[0], 1)
-    contacts = Contacts(measured.p_PC[:2], None if measured.n_PC is None or not has_normals else measured.n_PC[:2])
+    assert measured.n_PC is not None
+    n_PC = measured.n_PC[:2] if has_normals else None
+    contacts = Contacts(measured.p_PC[:2], n_PC, sigma_position=sigma_position)
     points, normals = models[0].samples.points, models[0].samples.normals
     apart = points[None] - points[:, None]
     length = np.linalg.norm(apart, axis=-1) + np.eye(SAMPLES)
@@ -74,7 +77,7 @@ def test_densities_are_those_of_the_samples_pairs(
     ]
     width = np.array([index_kernels.DISTANCE, *np.full(3, index_kernels.ANGLE)])
     distance = float(np.linalg.norm(contacts.p_PC[1] - contacts.p_PC[0]))
-    sigma = [np.sqrt(2.0) * 0.0009]
+    sigma = [np.sqrt(2.0) * sigma_position]
     feature = np.array([distance, 0.0, 0.0, 0.0])
     if contacts.n_PC is not None:
         feature = pair_feature(contacts.p_PC[0], contacts.n_PC[0], contacts.p_PC[1], contacts.n_PC[1])

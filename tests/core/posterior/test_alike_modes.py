@@ -68,6 +68,19 @@ def test_modes_along_the_turn_are_one_with_the_turn_free(can: ObjectModel) -> No
     assert np.trace(J @ covariance @ J.T) == pytest.approx(np.trace(J @ COVARIANCE @ J.T), rel=1e-6)
 
 
+def test_how_far_modes_lie_beside_the_turn_is_in_their_spread(can: ObjectModel) -> None:
+    """Along the axis, and by a turn across it: no turn about the axis leads from one to the other."""
+    along, across = X_FIRST[:, :3] @ AXIS, np.linalg.svd(AXIS[None])[2][1]
+    for u in (0.0015 * np.append(np.zeros(3), along), 0.03 * np.append(across, np.zeros(3))):
+        X_PO = np.stack([X_FIRST, retract(X_FIRST[None], u[None])[0]])
+        for weights in ([0.5, 0.5], [0.7, 0.3]):
+            one = join_alike(modes(X_PO, weights), can)
+            assert len(one.mixture) == 1
+            way = u / np.linalg.norm(u)
+            spread, own = way @ one.mixture.covariance[0] @ way, way @ COVARIANCE @ way
+            assert spread == pytest.approx(own + weights[1] * u @ u, rel=0.02)
+
+
 def test_what_the_touch_tells_apart_keeps_its_own_probability(can: ObjectModel) -> None:
     apart = modes(turned([0.0, 1.0, -2.0]), [0.95, 0.04, 0.01])
     found = join_alike(apart, can)

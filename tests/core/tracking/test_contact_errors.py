@@ -20,6 +20,7 @@ from tactopose_drake.core.tracking.contact_errors import (
     follow_doubt,
     follow_scale,
     read_contacts,
+    surest_position,
     with_errors,
 )
 from tactopose_drake.core.tracking.frame import ContactReading, Frame, SeemingErrors
@@ -80,6 +81,16 @@ def test_of_a_mean_of_frames_only_what_is_new_averages_out() -> None:
     np.testing.assert_allclose(one, np.tile([SIGMA_POSITION**2, SIGMA_NORMAL**2], (6, 1)))
     lasting = PARAMS.calibration_position**2 + PARAMS.surface_position**2
     np.testing.assert_allclose(many[:, 0], lasting, rtol=1e-5)
+
+
+@pytest.mark.parametrize("halvings", [0, 1, 3])
+def test_a_point_is_known_at_best_by_a_mean_of_frames_and_the_best_calibration_that_may_be_found(halvings: int) -> None:
+    """Variances add up; that of the calibration may be found to be halved so many times."""
+    params = PoseTrackerParams()
+    params.calibration_scale.halvings = halvings
+    frames = params.window.max_frames
+    expected = TOLD[0] ** 2 / 2**halvings + params.surface_position**2 + params.frame_position**2 / frames
+    assert surest_position(params) == pytest.approx(math.sqrt(expected), rel=1e-12)
 
 
 def test_a_calibration_that_seems_worse_adds_what_it_errs_beyond_what_is_told() -> None:

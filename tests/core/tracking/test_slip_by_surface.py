@@ -4,7 +4,7 @@ import pytest
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.motion_prediction import Motion, move_with_palm
-from tactopose_drake.core.tracking.slip_by_surface import PoseChange, SlipTest, detect_slip
+from tactopose_drake.core.tracking.slip_by_surface import PoseChange, SlipTest, _between, detect_slip
 from tactopose_drake.core.tracking.tracker_params import MotionNoise, SlipParams
 from tests.core.tracking.boxes import draw_biases, make_box, read, touch
 
@@ -33,6 +33,16 @@ def first_slip(box: ObjectModel, seed: int, step: np.ndarray, frames: int, begin
         if slips:
             return i - begin
     return None
+
+
+@pytest.mark.parametrize(("recent", "earlier"), [(2, 3), (5, 10), (1, 4)])
+def test_a_motion_counts_by_how_far_it_takes_the_frames_apart_that_are_compared(recent: int, earlier: int) -> None:
+    """Poses are sums of the motions up to each: the mean of the recent ones less that of the earlier ones."""
+    count = earlier + 2 * recent
+    poses = np.tril(np.ones((count, count)))  # by the motions
+    share = poses[-recent:].mean(axis=0) - poses[:earlier].mean(axis=0)
+    motions = np.random.default_rng(0).uniform(size=(count + 3, 1, 1)) * np.eye(6)
+    np.testing.assert_allclose(_between(motions, recent, earlier), np.tensordot(share, motions[3:], 1))
 
 
 def test_an_object_that_is_held_does_not_slip_however_wrong_the_hand_is(box: ObjectModel) -> None:

@@ -9,8 +9,9 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_errors import as_doubted, averaged_variances, with_errors
+from tactopose_drake.core.tracking.contact_errors import BiasModel, as_doubted, averaged_variances, with_errors
 from tactopose_drake.core.tracking.contact_update import (
+    begin_modes,
     follow_roughness,
     limit_gain,
     only_as_told,
@@ -166,6 +167,23 @@ def test_biases_follow_the_roughness_and_the_covariance_stays_one(before: float,
     np.testing.assert_allclose(after.cross_covariance[:, :, :6], expected * modes.cross_covariance[:, :, :6])
     # Of a source that touches nothing nothing is new.
     np.testing.assert_array_equal(after.cross_covariance[:, :, 6:12], modes.cross_covariance[:, :, 6:12])
+
+
+def test_a_new_mode_shares_less_with_biases_that_seem_smaller_than_told(box: ObjectModel) -> None:
+    """Of the hand's part of a bias a half or a quarter is left, and of what the pose shares with it as much less."""
+    params, covariance = PoseTrackerParams(), np.diag(np.repeat([0.02**2, 0.001**2], 3))[None]
+    as_told = read(touch(X_PO, np.random.default_rng(1)))
+    better = with_errors(as_told, SeemingErrors(calibration=np.array([0.5, 0.25])), params)
+    before, after = (begin_modes(box, params, reading, None, X_PO[None], covariance) for reading in (as_told, better))
+    assert np.abs(before.cross_covariance).max() > 1e-9
+    bias = BiasModel.from_params(params)
+    np.testing.assert_allclose(
+        before.roughness - after.roughness, np.tile([0.5, 0.75] * bias.of_calibration, (1, 6, 1))
+    )
+    left = np.minimum(1.0 + after.roughness / bias.variances, 1.0)
+    assert left.max() < 0.9
+    by_bias = np.repeat(left, 3, axis=2).reshape(1, 1, 36)
+    np.testing.assert_allclose(after.cross_covariance, by_bias * before.cross_covariance, rtol=1e-6, atol=1e-15)
 
 
 def test_modes_that_hardly_count_wait_for_a_search(box: ObjectModel) -> None:

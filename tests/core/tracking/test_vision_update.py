@@ -106,6 +106,21 @@ def test_what_stands_is_the_same_however_vision_turns_the_object_about_its_axis(
     np.testing.assert_allclose(spun.X_PO[:, 2], still.X_PO[:, 2], atol=1e-2)
 
 
+@pytest.mark.parametrize("share", [1.0, 0.01])
+def test_of_two_poses_that_contradict_each_other_the_later_one_counts_however_soon_it_follows(
+    box: ObjectModel, share: float
+) -> None:
+    """That pictures follow each other soon makes them count for less, and not err by more."""
+    standing, params = PoseMeasurement(0.0, X_PO, SEEN), VisionParams()
+    u = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
+    gate = math.sqrt(params.gate / (u @ np.linalg.solve(2.0 * SEEN, u)))
+    for factor, is_later in ((0.97, False), (1.03, True)):
+        sighting = seen(factor * gate, share)
+        after = fuse(box, standing, sighting, params)
+        assert (after is sighting.pose) == is_later
+        assert after.X_PO[0, 3] <= sighting.pose.X_PO[0, 3]
+
+
 def test_what_is_the_same_of_all_pictures_does_not_average_out(box: ObjectModel) -> None:
     params, standing, generator = VisionParams(), PoseMeasurement(0.0, X_PO, SEEN), np.random.default_rng(0)
     for _ in range(200):
