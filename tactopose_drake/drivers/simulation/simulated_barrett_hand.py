@@ -47,15 +47,14 @@ class SimulatedBarrettHand(SimulatedDevice):
 
     wake_time = 0.9  # s
 
-    def __init__(self, state: Callable[[float], HandState], *, awake: bool = False, latency: float = 2e-4) -> None:
+    def __init__(self, state: Callable[[float], HandState], *, awake: bool = False) -> None:
         """Keeps its arguments.
 
         Args:
             state: at a time in s since the epoch.
             awake: whether the pucks are awake already.
-            latency: between the end of a request and the first frame of its answer, s.
         """
-        super().__init__(latency)
+        super().__init__()
         self._state = state
         self._status = dict.fromkeys(Puck, PuckStatus.READY if awake else PuckStatus.MONITOR)
         self._mode = dict.fromkeys(Puck, TactileMode.OFF)

@@ -8,6 +8,8 @@ import can
 from tactopose_drake.drivers.frames import is_ordinary
 from tactopose_drake.drivers.simulation.faults import Fault, Reply
 
+_LATENCY = 2e-4  # s between the end of a request and the first frame of its answer
+
 
 class SimulatedDevice(ABC):
     """A device on the other end of a bus. It only speaks when it is asked, and has no thread or clock of its own.
@@ -16,14 +18,9 @@ class SimulatedDevice(ABC):
         faults: what is wrong with its answers at present, applied in this order; may be changed at any time.
     """
 
-    def __init__(self, latency: float) -> None:
-        """Keeps its argument.
-
-        Args:
-            latency: between the end of a request and the first frame of its answer, s.
-        """
+    def __init__(self) -> None:
+        """A device without faults."""
         self.faults: list[Fault] = []
-        self._latency = latency
         self._reboot_time = 0.0
         self._back_at = 0.0
 
@@ -50,7 +47,7 @@ class SimulatedDevice(ABC):
         answers = self._answer(frame.arbitration_id, bytes(frame.data), time)
         if answers is None:
             return []
-        replies = [Reply(self._latency, answer) for answer in answers]
+        replies = [Reply(_LATENCY, answer) for answer in answers]
         for fault in tuple(self.faults):
             replies = fault(frame, replies)
         return [dataclasses.replace(reply, delay=max(reply.delay, 0.0)) for reply in replies]

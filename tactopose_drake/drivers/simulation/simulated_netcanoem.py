@@ -48,7 +48,6 @@ class SimulatedNetCanOem(SimulatedDevice):
         *,
         offset: ArrayLike = (0, 0, 0, 0, 0, 0),
         firmware: Firmware = DEFAULT_FIRMWARE,
-        latency: float = 2e-4,
     ) -> None:
         """Keeps its arguments.
 
@@ -59,9 +58,8 @@ class SimulatedNetCanOem(SimulatedDevice):
             base: of the board's identifiers.
             offset: gauge readings without a load, shape (6,).
             firmware: its version.
-            latency: between the end of a request and the first frame of its answer, s.
         """
-        super().__init__(latency)
+        super().__init__()
         self._wrench, self._calibrations, self._base = wrench, calibrations, base
         self._to_gauges = {slot: np.linalg.inv(each.wrench_matrix()) for slot, each in calibrations.items()}
         self._offset, self._firmware = np.asarray(offset, dtype=np.float64), firmware
