@@ -46,7 +46,6 @@ class CheckedHand:
 
     diagram: Diagram
     plant: MultibodyPlant
-    scene_graph: SceneGraph
     hand: Hand
 
 
@@ -124,7 +123,7 @@ def _check(config: HandConfig, complaints: list[str]) -> HandCheck:
     unlimited = any(has_unlimited_joints(plant, hand, finger) for finger in config.fingers if finger.sensor_frame)
     if not unlimited and not any(finding.verdict == "fault" and finding.part != "contact" for finding in findings):
         findings += tuple(_reach(config))
-    return HandCheck(findings, CheckedHand(diagram, plant, scene_graph, hand))
+    return HandCheck(findings, CheckedHand(diagram, plant, hand))
 
 
 class _complaints(logging.Handler):  # noqa: N801  It is used as a function.
