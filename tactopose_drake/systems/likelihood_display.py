@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
-from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -48,15 +47,13 @@ class LikelihoodDisplay(CollectableSystem):
         self,
         meshcat: Meshcat,
         models: Sequence[ObjectModel],
-        X_WD: RigidTransform | None = None,
         params: LikelihoodDisplayParams | None = None,
     ) -> None:
         """Keeps a reference to the display; the parts are made when a simulation is initialized.
 
         Args:
             meshcat: the display.
-            models: the objects that have a row, from the top.
-            X_WD: where the rows are in Meshcat's world: y runs along the bars, z up.
+            models: the objects that have a row, from the top; y runs along the bars, z up.
             params: where in the tree, and how often.
 
         Raises:
@@ -68,14 +65,12 @@ class LikelihoodDisplay(CollectableSystem):
         if not models:
             raise InvalidInputError("models: there are 0; the display needs at least 1.")
         self._meshcat, self._models = meshcat, tuple(models)
-        self._X_WD = RigidTransform() if X_WD is None else X_WD
         self._identities = self.DeclareAbstractInputPort("identities", AbstractValue.Make(None))
         self.DeclareInitializationPublishEvent(self._make_rows)
         self.DeclarePeriodicPublishEvent(self._params.period, 0.0, self._stretch_bars)
 
     def _make_rows(self, context: Context) -> EventStatus:
         add_bars(self._meshcat, self._params.path, self._models)
-        self._meshcat.SetTransform(self._params.path, self._X_WD)
         return EventStatus.Succeeded()
 
     def _stretch_bars(self, context: Context) -> EventStatus:
