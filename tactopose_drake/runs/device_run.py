@@ -10,7 +10,6 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus, PortDataType
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
@@ -22,10 +21,9 @@ from tactopose_drake.runs.simulated_devices import SimulatedRig, loads_of_files,
 from tactopose_drake.runs.simulation import BESIDE_DEVICES, TRUE_POSE, sense_ports
 from tactopose_drake.runs.stepping import Observer, Progress, RunView, advance
 from tactopose_drake.station.can_devices import CanDevices, check_drivers, live_buses
-from tactopose_drake.station.hardware import HardwareStation, make_hardware_station
+from tactopose_drake.station.hardware import HardwareStation, check_barrett_pads, make_hardware_station
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.senses import CanSenses, SimulatedDevices
-from tactopose_drake.systems.can_barrett_hand import PADS
 from tactopose_drake.systems.signals import Signal
 
 _MOST_LATE = 0.25  # s, by which a run may fall behind the devices before that is said
@@ -101,9 +99,7 @@ def check_devices(scenario: Scenario, duration: float | None) -> None:
     if senses.barrett_hand is not None:
         plant, hand = make_hand_plant(load_hand_config(scenario.hand))
         joint_matrix(plant, hand, senses.barrett_hand.joints)
-        for pad in PADS:
-            if pad not in hand.pad_frames:
-                raise UnknownNameError(f"scenario: the hand {scenario.hand!r} lacks a pad", pad, hand.pad_frames)
+        check_barrett_pads(scenario, hand)
     if senses.simulated != SimulatedDevices():
         check_spans(scenario, known_signals(scenario), _end(scenario, duration))
     if senses.simulated is not None and senses.simulated.folder:

@@ -8,6 +8,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, Syste
 from pydrake.systems.primitives import PassThrough
 
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import known_name
 from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
@@ -144,15 +145,23 @@ def _add_signals(
     return ports
 
 
+def check_barrett_pads(scenario: Scenario, hand: Hand) -> None:
+    """Checks that a scenario's hand has the pads that Barrett's hand feels with.
+
+    Raises:
+        UnknownNameError: if it lacks one.
+    """
+    for pad in PADS:
+        known_name(f"scenario: the hand {scenario.hand!r} lacks a pad", pad, hand.pad_frames)
+
+
 def _add_barrett_hand(
     builder: DiagramBuilder, scenario: Scenario, driver: BarrettHand, plant: MultibodyPlant, hand: Hand
 ) -> dict[str, OutputPort]:
     """Barrett's hand: joint positions, pressures and fingertip torques, by name."""
     pucks = _senses(scenario).barrett_hand
     assert pucks is not None
-    for pad in PADS:
-        if pad not in hand.pad_frames:
-            raise UnknownNameError(f"scenario: the hand {scenario.hand!r} lacks a pad", pad, hand.pad_frames)
+    check_barrett_pads(scenario, hand)
     system = builder.AddNamedSystem("barrett_hand", CanBarrettHand(driver, pucks.period, pucks.max_age))
     matrix, offsets = joint_matrix(plant, hand, pucks.joints), joint_offsets(plant, hand, pucks.joints)
     joints = builder.AddNamedSystem("joint_positions", MeasuredJoints(matrix, offsets))
