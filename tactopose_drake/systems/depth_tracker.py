@@ -114,8 +114,8 @@ class DepthTracker(CollectableSystem):
         super().__init__()
         self._params = params_of(DepthTrackerParams, params)
         self._object_model = view.object_model
-        hiding = (view.palm_frame.model_instance(), *others)
-        self._hiding = [BodyMeshes.from_inspector(view.plant, view.inspector, instance) for instance in hiding]
+        hiding = (view.palm_frame.model_instance(), *others) if self._params.model.knows_hand else ()
+        self._hiding = BodyMeshes.from_inspector(view.plant, view.inspector, *hiding)
         self._palm = int(view.palm_frame.body().index())
         self._X_BP = view.palm_frame.GetFixedPoseInBodyFrame()
         self._X_WC = view.X_WC
@@ -156,16 +156,8 @@ class DepthTracker(CollectableSystem):
 
     def _track(self, before: _TrackerState, depth: FloatArray, X_CB: list[RigidTransform]) -> _TrackerState:
         """One picture's fit."""
-        hiding = [meshes.merged(X_CB) for meshes in self._hiding] if self._params.model.knows_hand else []
-        starts = np.cumsum([0, *(len(part.vertices) for part in hiding)])
-        picture = take_picture(
-            depth,
-            np.concatenate([np.zeros((0, 3)), *(part.vertices for part in hiding)]),
-            np.concatenate(
-                [np.zeros((0, 3)), *(part.faces + start for part, start in zip(hiding, starts, strict=False))]
-            ).astype(np.int32),
-            self._params.camera,
-        )
+        hiding = self._hiding.merged(X_CB)
+        picture = take_picture(depth, hiding.vertices, hiding.faces, self._params.camera)
         tracked = track_poses(picture, self._object_model, before.tracked, self._params.model)
         hidden_share = 1.0 if tracked is None else tracked.best.hidden_share
         return dataclasses.replace(before, tracked=tracked, hidden_share=hidden_share)

@@ -74,15 +74,14 @@ class BodyMeshes:
         cls,
         plant: MultibodyPlant,
         inspector: SceneGraphInspector,
-        model_instance: ModelInstanceIndex,
-        *,
+        *model_instances: ModelInstanceIndex,
         colliding: bool = False,
     ) -> Self:
-        """The shapes of one model instance: what is shown; or what collides, where nothing that Drake can read is shown
-        or where that is asked for.
+        """The shapes of model instances: what is shown of each body, or what collides where nothing Drake can read is
+        shown or where that is asked for.
         """
         body, meshes = [], []
-        for index in plant.GetBodyIndices(model_instance):
+        for index in (index for instance in model_instances for index in plant.GetBodyIndices(instance)):
             frame = plant.GetBodyFrameIdOrThrow(index)
             shown, solid = (
                 [(g, _mesh(inspector.GetShape(g))) for g in inspector.GetGeometries(frame, role)]
