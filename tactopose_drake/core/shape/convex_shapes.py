@@ -18,6 +18,7 @@ from scipy.optimize import linprog
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.shape import convex_shape_kernels
 from tactopose_drake.core.shape.convex_shape_kernels import Shapes, Tree
+from tactopose_drake.core.shape.morton_order import morton_codes
 from tactopose_drake.core.validation import FloatArray
 
 _LEAF = 4  # triangles, about
@@ -105,12 +106,10 @@ def _chebyshev_center(planes: FloatArray) -> FloatArray:
 def build_tree(vertices: FloatArray, faces: np.ndarray) -> Tree:
     """A tree of the triangles of a mesh, of vertices (v, 3), m, and faces (f, 3).
 
-    They are sorted along a curve that fills space [M66], so that those of a leaf, and of each node, are close together.
-
-    Source: [M66] G. Morton, A computer oriented geodetic data base, IBM, 1966.
+    They are sorted along a curve that fills space, so that those of a leaf, and of each node, are close together.
     """
     triangles = vertices[faces].reshape(-1, 9)
-    order = np.argsort(_morton_codes(vertices[faces].mean(axis=1)), kind="stable")
+    order = np.argsort(_codes(vertices[faces].mean(axis=1)), kind="stable")
     leaves = 1 << max(0, math.ceil(math.log2(len(faces) / _LEAF)))
     count = leaves * math.ceil(len(faces) / leaves)
     chosen = np.arange(count) * len(faces) // count
@@ -127,13 +126,9 @@ def build_tree(vertices: FloatArray, faces: np.ndarray) -> Tree:
     return Tree(read_only(np.concatenate(spheres)), read_only(sorted_ones))
 
 
-def _morton_codes(points: FloatArray) -> np.ndarray:
-    """Of points (n, 3): the bits of their coordinates within their bounds, one of each in turn, shape (n,)."""
+def _codes(points: FloatArray) -> np.ndarray:
+    """Where points (n, 3) come along that curve through their bounds, shape (n,)."""
     low = points.min(axis=0)
     size = max(float(np.ptp(points, axis=0).max()), 1e-300)
     cells = np.minimum((points - low) / size * (1 << _BITS), (1 << _BITS) - 1).astype(np.int64)
-    codes = np.zeros(len(points), dtype=np.int64)
-    for bit in range(_BITS):
-        for axis in range(3):
-            codes |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return codes
+    return morton_codes(cells, _BITS)

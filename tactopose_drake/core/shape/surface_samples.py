@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.shape.morton_order import morton_codes
 from tactopose_drake.core.shape.sampling_kernels import triangle_curve
 from tactopose_drake.core.validation import FloatArray
 
@@ -87,11 +88,7 @@ def _spatial_order(points: FloatArray) -> NDArray[np.intp]:
     low = points.min(axis=0)
     scale = (2**_BITS - 1) / max(float(np.ptp(points, axis=0).max()), 1e-12)
     cell = ((points - low) * scale).astype(np.int64)
-    code = np.zeros(len(points), dtype=np.int64)
-    for bit in range(_BITS):
-        for axis in range(3):
-            code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return np.argsort(code, kind="stable")
+    return np.argsort(morton_codes(cell, _BITS), kind="stable")
 
 
 def _spread(candidates: FloatArray, per_group: int) -> NDArray[np.intp]:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.shape.morton_order import morton_codes
 from tactopose_drake.core.shape.surface_samples import points_along_surface
 from tactopose_drake.core.shape.surfel_kernels import BLOCK, Discs
 from tactopose_drake.core.validation import FloatArray
@@ -34,6 +35,7 @@ _LEAST_MEAN_NORMAL = 0.92  # length of the mean of a disc's normals: they differ
 _CELL_SPACINGS = 3.4  # a cell's width, in spacings: a contact's surroundings lie in few long runs
 _REACH = 3.8  # discs count within so many standard deviations of a contact
 _AN_OCTAVE = 4  # spacings
+_BITS = 4  # of each coordinate within a cell, by which its discs are sorted
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,8 @@ def _sorted(discs: NDArray[np.float32], cell: float, spacing: float) -> Surfels:
     nx, ny, nz = (int(n) for n in index.max(axis=0) + 1)
     # Of a column of cells one may be empty: it counts in numbering them, and so does the end.
     number = (index[:, 0] * ny + index[:, 1]) * (nz + 1) + index[:, 2]
-    order = np.lexsort((_morton(place - index), number))
+    parts = (2.0**_BITS * (place - index)).astype(np.int64)
+    order = np.lexsort((morton_codes(parts, _BITS), number))
     discs, number = discs[order], number[order]
     # Runs of cells without a gap begin with a block of their own; the last disc's place fills the last block.
     begins = np.flatnonzero(np.diff(number, prepend=-2) > 1)
@@ -132,13 +135,6 @@ def _sorted(discs: NDArray[np.float32], cell: float, spacing: float) -> Surfels:
     for array in (blocks, balls, first, origin):
         array.setflags(write=False)
     return Surfels(blocks, balls, first, origin, cell, (nx, ny, nz), spacing)
-
-
-def _morton(place: FloatArray) -> NDArray[np.int64]:
-    """Where places (n, 3) in the unit cube come along a curve of Morton's through its 4096 parts."""
-    part = (16.0 * place).astype(np.int64)
-    bits = part[:, :, None] >> np.arange(4) & 1
-    return np.asarray(np.sum(bits << (3 * np.arange(4) + np.arange(3)[:, None]), axis=(1, 2)))
 
 
 def _averages(rows: FloatArray, group: NDArray[np.intp], size: NDArray[np.intp]) -> FloatArray:
