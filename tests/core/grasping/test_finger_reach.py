@@ -6,16 +6,11 @@ import trimesh
 
 from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
 from tactopose_drake.core.grasping.finger_reach import FingerReach, ReachParams
-from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
+from tests.core.grasping.fingers import RADIUS, make_finger, translation
 
-RADIUS = 0.009
 BALL = 0.03
-
-
-def translation(x: float, y: float, z: float) -> np.ndarray:
-    return np.hstack([np.eye(3), [[x], [y], [z]]])
 
 
 @pytest.fixture(scope="module")
@@ -25,19 +20,7 @@ def ball() -> ObjectModel:
 
 @pytest.fixture(scope="module")
 def finger() -> FingerGeometry:
-    """Abduction and two flexions about x, like a finger's; zero is straight up along z, it closes towards -y."""
-    chain = SerialChain(
-        np.stack([translation(0, 0, 0), translation(0, 0, 0), translation(0, 0, 0.045)]),
-        np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]),
-        np.stack([np.eye(3, 4)] * 3),
-        np.eye(3),
-        translation(0, 0, 0.03),
-        np.array([-0.4, -0.3, 0.0]),
-        np.array([0.4, 1.6, 1.6]),
-        ("knuckle", "proximal", "distal"),
-    )
-    bones = np.array([[0.0, 0.0, 0.015], [0.0, 0.0, 0.03], [0.0, 0.0, 0.005]])
-    return FingerGeometry(chain, np.array([0.0, 0.0, 0.014]), RADIUS, np.array([1, 1, 2]), bones, np.full(3, 0.007))
+    return make_finger()
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,6 @@ import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
-from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
 from tactopose_drake.core.grasping.finger_reach import FingerReach, ReachParams
 from tactopose_drake.core.grasping.improvement import (
     ReachabilityParams,
@@ -13,10 +12,10 @@ from tactopose_drake.core.grasping.improvement import (
     reachable_points,
 )
 from tactopose_drake.core.grasping.quality import grasp_quality
-from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.poses import make_poses, random_rotations, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
+from tests.core.grasping.fingers import make_finger, translation
 
 BALL = 0.03
 P_OC = BALL * np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.33], [-0.5, -0.8, 0.33], [0.0, 0.2, -0.98]])
@@ -57,26 +56,9 @@ def test_a_grasp_that_does_not_hold_can_only_improve(ball: ObjectModel) -> None:
     assert found.level.max() == 1.0
 
 
-def translation(x: float, y: float, z: float) -> np.ndarray:
-    return np.hstack([np.eye(3), [[x], [y], [z]]])
-
-
 @pytest.fixture(scope="module")
 def finger() -> FingerReach:
-    """Abduction and two flexions; zero is straight up along z, it closes towards -y."""
-    chain = SerialChain(
-        np.stack([translation(0, 0, 0), translation(0, 0, 0), translation(0, 0, 0.045)]),
-        np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]),
-        np.stack([np.eye(3, 4)] * 3),
-        np.eye(3),
-        translation(0, 0, 0.03),
-        np.array([-0.4, -0.3, 0.0]),
-        np.array([0.4, 1.6, 1.6]),
-        ("knuckle", "proximal", "distal"),
-    )
-    bones = np.array([[0.0, 0.0, 0.015], [0.0, 0.0, 0.03], [0.0, 0.0, 0.005]])
-    geometry = FingerGeometry(chain, np.array([0.0, 0.0, 0.014]), 0.009, np.array([1, 1, 2]), bones, np.full(3, 0.007))
-    return FingerReach(geometry, ReachParams(), np.random.default_rng(0))
+    return FingerReach(make_finger(), ReachParams(), np.random.default_rng(0))
 
 
 def test_only_the_side_that_faces_the_finger_is_reached(ball: ObjectModel, finger: FingerReach) -> None:
