@@ -68,6 +68,7 @@ class BeliefInputs:
     def __init__(self, system: LeafSystem, model: ObjectModel, clearance: CollisionInput | None) -> None:
         """Declares the ports; keeps references to the object's model, whose surface may be off, and to `clearance`."""
         self._model, self._clearance = model, clearance
+        _ = model.unevenness, model.growth  # The first touch would wait for them.
 
         def declare(name: str, model: Any) -> Any:
             return system.DeclareAbstractInputPort(name, AbstractValue.Make(model))

@@ -8,6 +8,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.kernel_library import make_kernels_ready
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, params_of, positive_number, whole_number
 from tactopose_drake.estimation.identification import check_objects, check_prior, identify
@@ -67,10 +68,10 @@ class ObjectIdentifier(CollectableSystem):
         params: ObjectIdentifierParams | None = None,
         executor: Executor | None = None,
     ) -> None:
-        """Keeps references to the objects and to the executor, which is not shut down.
+        """Keeps references to the objects and to the executor, which is not shut down; makes ready what is run.
 
         Args:
-            models: the objects that it may be.
+            models: the objects that it may be; those of a library are read as a touch asks for them.
             params: how, and how often.
             executor: estimates several objects at a time; one after the other without.
         """
@@ -80,6 +81,9 @@ class ObjectIdentifier(CollectableSystem):
         super().__init__()
         self._params = params_of(ObjectIdentifierParams, params)
         self._models, self._executor = models, executor
+        make_kernels_ready()
+        for model in () if isinstance(models, ObjectLibrary) else models:
+            model.make_ready()
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
         self._patches = self.DeclareAbstractInputPort("patches", AbstractValue.Make(()))
         self._identities = self.DeclareAbstractState(AbstractValue.Make(None))

@@ -44,6 +44,14 @@ def output(simulator: Simulator, name: str) -> object:
     return system.GetOutputPort(name).Eval(simulator.get_context())
 
 
+def test_whoever_makes_one_has_its_objects_ready(models: list[ObjectModel]) -> None:
+    """The first touch would wait, in a control loop, for what is made of each."""
+    mesh = trimesh.creation.box((0.1, 0.06, 0.05))
+    fresh = ObjectModel.from_mesh(mesh, spacing=0.002, cache=False)
+    ObjectIdentifier([models[0], fresh])
+    assert {"pair_features", "unevenness", "symmetry_turns"} <= vars(fresh).keys()
+
+
 def test_it_says_what_identify_says(models: list[ObjectModel], contacts: Contacts) -> None:
     simulator = start(ObjectIdentifier(models, ObjectIdentifierParams(period=PERIOD)), contacts)
     simulator.AdvanceTo(0.1)

@@ -191,7 +191,7 @@ class ObjectModel(SimpleBodies):
             sigma_position: to which points are known, m.
             largest_sigma: for points known to anything between the two, m.
         """
-        _ = self.pair_features, self.symmetry_turns, self.samples.spread
+        _ = self.pair_features, self.symmetry_turns, self.samples.spread, self.unevenness, self.growth
         for sigma in surfel_sigmas(sigma_position, sigma_position if largest_sigma is None else largest_sigma):
             self.surfels(sigma)
 

@@ -111,6 +111,7 @@ def test_a_model_that_is_ready_has_all_parts(monkeypatch: pytest.MonkeyPatch) ->
         forbid(monkeypatch, name)
     for part in PARTS.values():
         part(ready)
+    assert "unevenness" in vars(ready), "the first touch would wait for it"
 
 
 def test_a_model_from_the_cache_has_at_once_what_an_estimate_left_there(monkeypatch: pytest.MonkeyPatch) -> None:
