@@ -168,7 +168,7 @@ def _weighed_anew(samples: Samples, cover: Cover, families: Families, posterior:
     """The samples weighed by these families, in arrays of their own."""
     params, weights, variance = posterior.params.sampling, np.empty_like(samples.density), np.empty(len(cover.X_PO))
     limits = params.depth, params.truncation
-    weighed = weigh(samples.draws, cover.low, families.family, cover.lowest, *limits, weights, variance)
+    weighed = weigh(samples.draws, families.family, cover.lowest, *limits, weights, variance)
     return samples._replace(weights=weights, variance=variance, weighed=weighed)
 
 

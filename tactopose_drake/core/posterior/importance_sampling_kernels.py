@@ -54,7 +54,7 @@ class Weighed(NamedTuple):
         lowest: the lowest cost, at which exp(-c) is 1.
         error: the largest standard error of the families' shares, of which 1 is all.
         worth: the number of samples of the posterior itself that these are worth, their weights as they were.
-        mass: the sum of the weights as they were, those of samples that are no part of any group included.
+        mass: the sum of the weights, those of samples that are no part of any group included.
     """
 
     lowest: float
@@ -66,7 +66,6 @@ class Weighed(NamedTuple):
 @kernel
 def weigh(
     draws: Draws,
-    low: Floats1,
     family: Longs1,
     lowest: float,
     depth: float,
@@ -77,35 +76,33 @@ def weigh(
     """Weighs samples in the groups' shares (B, g); what each group (g,) has of the variance of the noisiest share.
 
     Of groups that are one the shares are noisier than what they are together: a family (g,) is named by one of its
-    groups. A sample is no part of groups whose family's lowest known cost, of those (g,), is so much less than its own;
-    and none weighs more than the mean of all times that power of their number [I08].
+    groups. A sample is no part of any whose cost is so much more than the lowest that is known; and none weighs more
+    than the mean of all that are times that power of their number [I08].
     """
     cost, density = draws.cost, draws.density
     for b in range(cost.shape[0]):
         lowest = min(lowest, cost[b])
-    high = np.full(low.shape[0], np.inf)
-    for g in range(low.shape[0]):
-        high[family[g]] = min(high[family[g]], low[g] + depth)
-    each, total, mass = np.zeros(cost.shape[0]), 0.0, 0.0
+    each, every, total = np.zeros(cost.shape[0]), np.empty(cost.shape[0]), 0.0
     for b in range(cost.shape[0]):
         whole = 1e-300
         for g in range(family.shape[0]):
             whole += density[b, g]
         weight = np.exp(lowest - cost[b]) / whole
-        mass += weight
+        every[b] = weight
         for g in range(family.shape[0]):
-            weights[b, g] = weight * (density[b, g] / whole) if cost[b] < high[family[g]] else 0.0
+            weights[b, g] = weight * (density[b, g] / whole) if cost[b] < lowest + depth else 0.0
             each[b] += weights[b, g]
         total += each[b]
-    for g in range(low.shape[0]):
+    for g in range(family.shape[0]):
         variance[g] = 0.0
     if not total > 0.0:
-        return Weighed(lowest, 0.5, 0.0, mass)
+        return Weighed(lowest, 0.5, 0.0, every.sum())
     most, squares = total * cost.shape[0] ** (power - 1.0), 0.0
     for b in range(cost.shape[0]):
         squares += (each[b] / total) ** 2  # Are numbers, however far below the best known pose all samples lie.
-    total = 0.0
+    total, mass = 0.0, 0.0
     for b in range(cost.shape[0]):
+        mass += min(every[b], most)
         if each[b] > most:
             for g in range(family.shape[0]):
                 weights[b, g] *= most / each[b]

@@ -32,7 +32,6 @@ class Cover(NamedTuple):
         laplace: the logarithms of their masses by Laplace's approximation, but for what all have in common, shape (c,).
         worthy: which of these are sampled, shape (g,).
         X_PO: the sampled modes' minima, shape (g, 3, 4).
-        low: their lowest known costs, shape (g,).
         information: their information, that of Laplace's approximation, shape (g, 6, 6).
         tiles: the densities that a round of sampling is made of, but for one at each mode, and for the tails.
         proposal: those of the first round, over increments from the sampled modes.
@@ -43,7 +42,6 @@ class Cover(NamedTuple):
     laplace: FloatArray
     worthy: NDArray[np.intp]
     X_PO: FloatArray
-    low: FloatArray
     information: FloatArray
     tiles: int
     proposal: StudentTMixture
@@ -68,7 +66,7 @@ def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
     # Where rounding leaves no number, there are the fewest.
     tiles = round(min(params.most_tiles, max(params.fewest_tiles, wanted)))
     proposal = _tile(X_worthy, share, information, tiles, posterior, generator)
-    return Cover(close, float(least.min()), laplace, worthy, X_worthy, least[worthy], information, tiles, proposal)
+    return Cover(close, float(least.min()), laplace, worthy, X_worthy, information, tiles, proposal)
 
 
 def tile_samples(

@@ -48,8 +48,8 @@ class SamplingParams:
     samples_a_tile: int = 4  # likewise
     # Or this share of all before it, as long as rounds make new proposals, each of which weighs all samples.
     growth: float = 0.5
-    # What costs so much more than its mode is no part of it: far off, where contacts are taken for false, there is much
-    # room for little. A thousandth of a Gaussian mode lies further up (half of chi-square's, 6 degrees).
+    # What costs so much more than the best is no part of any mode: far off, where contacts are taken for false, there
+    # is much room for little. A thousandth of a Gaussian mode lies further up (half of chi-square's, 6 degrees).
     depth: float = 11.2
     truncation: float = 0.4  # no sample weighs more than the mean of all times this power of their number
     # Rounds end when no mode's probability has a larger standard error than this, and the samples are worth as many of
