@@ -21,6 +21,16 @@ Each leaf is also the built-in error that it is a case of, so code that knows no
 from collections.abc import Iterable
 from typing import Any
 
+_LONG, _BEGINNING = 80, 60  # letters of a value, and of the text that a longer one begins with
+
+
+def shown(value: object) -> str:
+    """A value as messages show it, in one line: what it is, or where that is long how a text begins, or the type."""
+    text = " ".join(line.strip() for line in repr(value).splitlines())
+    if len(text) < _LONG:
+        return text
+    return f"{text[:_BEGINNING]}..." if isinstance(value, str) else f"a {type(value).__name__}"
+
 
 class TactoposeError(Exception):
     """The root of this package's errors."""
@@ -56,7 +66,7 @@ class UnknownNameError(InvalidInputError):
     """A name that is not one of those that exist."""
 
     def __init__(self, what: str, name: object, valid: Iterable[str]) -> None:
-        super().__init__(f"{what}: {name!r} is unknown; valid names: {', '.join(valid) or 'none'}.")
+        super().__init__(f"{what}: {shown(name)} is unknown; valid names: {', '.join(valid) or 'none'}.")
 
 
 class InvalidFileError(InvalidInputError):

@@ -3,6 +3,7 @@
 import copy
 import pickle
 
+import numpy as np
 import pytest
 
 from tactopose_drake import errors
@@ -22,3 +23,20 @@ def test_an_error_is_pickled_with_all_that_it_says(error: errors.TactoposeError)
     for again in (pickle.loads(pickle.dumps(error)), copy.copy(error)):
         assert type(again) is type(error)
         assert (str(again), again.args, vars(again)) == (str(error), error.args, vars(error))
+
+
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        ("newton", "'newton'"),
+        ("newton\n" * 2, r"'newton\nnewton\n'"),
+        ("x" * 10_000, f"'{'x' * 59}..."),
+        (np.eye(2), "array([[1., 0.], [0., 1.]])"),
+        (np.eye(9), "a ndarray"),
+    ],
+)
+def test_values_are_shown_in_one_short_line(value: object, says: str) -> None:
+    assert errors.shown(value) == says
+    assert str(errors.UnknownNameError("method", value, ["direct"])) == (
+        f"method: {says} is unknown; valid names: direct."
+    )

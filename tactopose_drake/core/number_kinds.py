@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.errors import InvalidInputError, shown
 
 _DEEPEST = 8  # lists in lists
 
@@ -64,9 +64,3 @@ def entry_of(name: str, index: Iterable[Any]) -> str:
     """What messages call an entry of an array."""
     inside = ", ".join(str(int(i)) for i in index)
     return f"{name}[{inside}]" if inside else name
-
-
-def shown(value: object) -> str:
-    """A value as messages show it: what it is, or its type where that is long."""
-    text = repr(value)
-    return text if len(text) < 80 else f"a {type(value).__name__}"

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.number_kinds import as_numbers, entry_of
-from tactopose_drake.core.number_kinds import shown as shown
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.errors import shown as shown
 
 FloatArray = NDArray[np.float64]
 
