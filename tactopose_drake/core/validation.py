@@ -5,8 +5,10 @@ What counts as a number is told in `number_kinds`.
 
 import contextlib
 import numbers
+import os
 from collections.abc import Iterable, Iterator
 from operator import mul
+from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -148,11 +150,15 @@ def points_near(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> F
     if not _is_between(points, -FARTHEST, FARTHEST):
         _check_finite(name, points)
         i = int(np.abs(points).max(axis=1).argmax())
-        raise InvalidInputError(
-            f"{name}[{i}]: is {points[i].tolist()}, in metres; allowed are coordinates up to {FARTHEST:g} m. "
-            "Multiply by 0.001 what is in millimetres."
-        )
+        raise _far_off(f"{name}[{i}]", points[i])
     return points
+
+
+def _far_off(name: str, point: FloatArray) -> InvalidInputError:
+    return InvalidInputError(
+        f"{name}: is {point.tolist()}, in metres; allowed are coordinates up to {FARTHEST:g} m. "
+        "Multiply by 0.001 what is in millimetres."
+    )
 
 
 def limited(name: str, value: ArrayLike, *shapes: tuple[int | None, ...], most: float) -> FloatArray:
@@ -232,6 +238,17 @@ def instance_of(name: str, value: object, kind: type) -> None:
         raise InvalidInputError(f"{name}: is a {type(value).__name__}; allowed is {article} {kind.__name__}.")
 
 
+def path_of(name: str, value: object) -> Path:
+    """Returns a file's or folder's path, whether there is one or not.
+
+    Raises:
+        InvalidInputError: if it is neither text nor a path.
+    """
+    if not isinstance(value, str | os.PathLike):
+        raise InvalidInputError(f"{name}: is {shown(value)}; allowed is a path.")
+    return Path(value)
+
+
 def params_of(kind: type[Params], value: Params | None) -> Params:
     """Returns parameters that were given, or for None the default ones, which are in their ranges.
 
@@ -307,6 +324,18 @@ def pose_matrix(name: str, value: object) -> FloatArray:
             f"{name}: its last row is {X[3].tolist()}; allowed is [0, 0, 0, 1]. Transpose a matrix of columns."
         )
     return X[:3].copy()
+
+
+def pose_near(name: str, value: object) -> FloatArray:
+    """As `pose_matrix`, of a pose whose translation, m, is not evidently in millimetres.
+
+    Raises:
+        InvalidInputError: if it is no pose, or farther than `FARTHEST` along an axis.
+    """
+    X = pose_matrix(name, value)
+    if not _is_between(X[:, 3], -FARTHEST, FARTHEST):
+        raise _far_off(f"{name}.translation", X[:, 3])
+    return X
 
 
 def in_steps(values: FloatArray) -> FloatArray:

@@ -36,7 +36,7 @@ _OF_CONTACTS = {
     "f_PC": "contacts[{}].force",
     "sigma_normal": "sigma_normal_deg, in rad",
 }
-_OF_PRIOR = {"mean": "X_PO.translation", "sigma_rotation": "sigma_rotation_deg, in rad"}
+_OF_PRIOR = {"sigma_rotation": "sigma_rotation_deg, in rad"}
 
 
 def load_contacts(path: Path) -> Contacts:

@@ -18,7 +18,7 @@ import dataclasses
 import functools
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from typing import Any
 
@@ -38,6 +38,7 @@ from tactopose_drake.core.validation import instance_of, positive_number, shown,
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 from tactopose_drake.estimation.contact_checks import check_contacts
 from tactopose_drake.estimation.estimate import weigh_poses
+from tactopose_drake.estimation.executors import handing_over
 from tactopose_drake.estimation.far_origins import with_near_origin
 from tactopose_drake.estimation.identities import Identification, Identity
 from tactopose_drake.estimation.object_library import LibraryObject, ObjectLibrary
@@ -91,7 +92,8 @@ def identify(
         TooFewContactsError: no contact, and no patch that is felt.
         UnknownNameError: a likelihood that does not exist.
         InvalidInputError: no object, or one that is no `ObjectModel`; `candidates` or `max_hypotheses` below 1; a seed
-            below 0; a prior that is no probability below 1; patches that are none; a touch evidently not in metres.
+            below 0; a prior that is no probability below 1; patches that are none; a touch evidently not in metres; an
+            executor that is shut down.
     """
     started = time.perf_counter()
     likelihood = check_likelihood("likelihood", likelihood)
@@ -159,7 +161,12 @@ def _runner(executor: Executor | None) -> Callable[..., Any]:
         return map
     instance_of("executor", executor, Executor)
     make_kernels_ready()  # As in `estimate_poses`: the executor's workers may be threads.
-    return executor.map
+
+    def run(work: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
+        with handing_over():
+            return executor.map(work, items)
+
+    return run
 
 
 def _check_touch(contacts: Contacts, patches: Sequence[Patch]) -> Evidence:

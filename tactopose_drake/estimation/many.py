@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from numbers import Integral
 from typing import Any
@@ -16,6 +16,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, shown, whole_number
 from tactopose_drake.errors import InvalidInputError, TactoposeError
 from tactopose_drake.estimation.estimate import estimate_pose
+from tactopose_drake.estimation.executors import handing_over
 from tactopose_drake.estimation.pickling import Sealed
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
@@ -59,6 +60,8 @@ def estimate_poses(
     if isinstance(contacts, Contacts):
         raise InvalidInputError("contacts: are of one touch; allowed is a sequence of Contacts, one for each touch.")
     instance_of("contacts", contacts, Iterable)
+    if isinstance(contacts, str | bytes | Mapping | Set) or getattr(contacts, "ndim", 1) != 1:
+        raise InvalidInputError(f"contacts: is {shown(contacts)}; allowed is a sequence of Contacts.")
     if "prior" in options:
         raise InvalidInputError("prior: of many touches it is `priors=`, one PosePrior or one for each touch.")
     if executor is not None:
@@ -83,10 +86,8 @@ def estimate_poses(
         futures: dict[Future[list[PoseEstimate]], list[int]] = {}
         for model, part in _parts(of, size):
             touches = [(i, contacts[i], {"prior": before[i], "seed": seeds[i]}) for i in part]
-            try:
+            with handing_over():
                 future = pool.submit(_estimate_some, model, Sealed(touches), Sealed(options))
-            except RuntimeError as error:
-                raise InvalidInputError(f"executor: takes no work ({error}); allowed is one that is open.") from None
             futures[future] = part
         done = 0
         try:

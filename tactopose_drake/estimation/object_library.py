@@ -23,7 +23,9 @@ from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape import model_cache
 from tactopose_drake.core.shape.model_building import file_content
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import path_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.estimation.executors import handing_over
 from tactopose_drake.estimation.library_files import LibraryEntry, SkippedObject, make_symmetries, read_library
 
 MAX_GRID_BYTES = 2 * 2**20
@@ -93,11 +95,12 @@ class ObjectLibrary:
 
         Raises:
             InvalidFileError: no such folder or file, a manifest that does not fit, or no object that can be used.
+            InvalidInputError: what is no path, or an executor that is shut down.
 
         Warns:
             LibraryWarning: for each object that is left out; where the cache on disk holds fewer objects.
         """
-        entries, skipped = read_library(Path(path))
+        entries, skipped = read_library(path_of("path", path))
         _check_room(path, len(entries))
         indexed: list[tuple[LibraryObject, PairCounts]] = []
         for done, (entry, outcome) in enumerate(_index_all(entries, executor), start=1):
@@ -149,7 +152,10 @@ def _index_all(entries: list[LibraryEntry], executor: Executor | None) -> Iterat
     if executor is None:
         yield from ((entry, _index(entry)) for entry in missing)
         return
-    futures: dict[Future[_Indexed | str], LibraryEntry] = {executor.submit(_index, entry): entry for entry in missing}
+    with handing_over():
+        futures: dict[Future[_Indexed | str], LibraryEntry] = {
+            executor.submit(_index, entry): entry for entry in missing
+        }
     try:
         for future in as_completed(futures):
             yield futures[future], future.result()

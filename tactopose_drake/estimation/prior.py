@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
-from tactopose_drake.core.validation import FloatArray, pose_matrix
+from tactopose_drake.core.validation import FloatArray, pose_near
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -36,7 +36,7 @@ class PosePrior(GaussianPrior):
         sigma_rotation: float = math.radians(16.0),
     ) -> None:
         """Takes the pose as a RigidTransform, or as an array of shape (3, 4) or (4, 4)."""
-        super().__init__(pose_matrix("X_PO", X_PO), sigma_translation, sigma_rotation)
+        super().__init__(pose_near("X_PO", X_PO), sigma_translation, sigma_rotation)
 
     @classmethod
     def of(cls, prior: GaussianPrior) -> PosePrior:

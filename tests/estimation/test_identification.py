@@ -218,6 +218,10 @@ def test_bad_input_is_named(models: list[ObjectModel], tmp_path: Path) -> None:
         tp.identify(models, contacts, likelihood="cost")  # type: ignore[arg-type]
     with pytest.raises(InvalidInputError, match=r"^seed: is -1; allowed are integers >= 0"):
         tp.identify(models, contacts, seed=-1)
+    with ThreadPoolExecutor(1) as executor:
+        pass
+    with pytest.raises(InvalidInputError, match=r"^executor: takes no work .*; allowed is one that is open"):
+        tp.identify(models, touch(models[0], 0), executor=executor)
     with pytest.raises(InvalidInputError, match=r"^candidates: is 0; allowed are integers >= 1"):
         tp.identify(models, contacts, candidates=0)
     for prior, said in [(-0.1, "is -0.1"), (1.0, "is 1; allowed are numbers >= 0 and < 1"), (math.nan, "nan")]:

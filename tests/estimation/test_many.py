@@ -148,6 +148,10 @@ def test_what_cannot_be_is_named_before_any_work(box: tp.ObjectModel, monkeypatc
     contacts, _ = touches([box] * 3)
     monkeypatch.setattr(many, "make_kernels_ready", lambda: pytest.fail("work has begun"))
     for arguments, message in (
+        ({"contacts": np.array(0.5)}, r"contacts: is array\(0.5\); allowed is a sequence of Contacts"),
+        ({"contacts": ""}, "contacts: is ''; allowed is a sequence of Contacts"),
+        ({"contacts": {}}, "contacts: is {}; allowed is a sequence of Contacts"),
+        ({"contacts": set()}, r"contacts: is set\(\); allowed is a sequence of Contacts"),
         ({"contacts": [*contacts, "touch"]}, r"contacts\[3\]: is a str; allowed is a Contacts"),
         ({"models": None}, "models: is None; allowed are one ObjectModel"),
         ({"models": [box, None, box]}, r"models\[1\]: is a NoneType; allowed is an ObjectModel"),

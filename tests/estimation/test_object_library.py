@@ -1,3 +1,5 @@
+import re
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +9,7 @@ import yaml
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
-from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation import object_library
 from tactopose_drake.estimation.identification import identify
 from tactopose_drake.estimation.library_files import read_library
@@ -117,6 +119,20 @@ def test_a_library_without_objects_is_an_error(tmp_path: Path, broken: bool) -> 
     else:
         with pytest.raises(InvalidFileError, match="holds no object that can be used; the least is 1"):
             ObjectLibrary.open(tmp_path)
+
+
+@pytest.mark.parametrize("path", [None, 3, [], b"things"])
+def test_what_is_no_path_is_refused(path: object) -> None:
+    with pytest.raises(InvalidInputError, match=rf"^path: is {re.escape(repr(path))}; allowed is a path"):
+        ObjectLibrary.open(path)  # type: ignore[arg-type]
+
+
+def test_an_executor_that_is_shut_down_is_refused(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TACTOPOSE_CACHE_DIR", str(tmp_path / "empty"))
+    with ThreadPoolExecutor(1) as executor:
+        pass
+    with pytest.raises(InvalidInputError, match=r"^executor: takes no work .*; allowed is one that is open"):
+        ObjectLibrary.open(folder, executor=executor)
 
 
 def test_a_missing_folder_is_an_error(tmp_path: Path) -> None:

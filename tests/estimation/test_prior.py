@@ -32,6 +32,10 @@ def test_a_prior_takes_a_rigid_transform_or_an_array(given: RigidTransform | Arr
         ({"X_PO": np.ones((3, 4))}, "X_PO: its left 3x3 block is not a rotation"),
         ({"X_PO": np.diag([1.0, 1.0, -1.0, 1.0])}, "X_PO: its left 3x3 block is not a rotation"),
         ({"X_PO": np.eye(3)}, "X_PO: has shape"),
+        (
+            {"X_PO": RigidTransform([11.0, 0.0, 0.0])},
+            r"^X_PO.translation: is \[11.0, 0.0, 0.0\], in metres; allowed are .*10 m. Multiply by 0.001",
+        ),
         ({"X_PO": np.eye(4), "sigma_translation": -1.0}, "sigma_translation: is -1; allowed are numbers > 0"),
         ({"X_PO": np.eye(4), "sigma_rotation": math.nan}, "sigma_rotation: is nan"),
     ],

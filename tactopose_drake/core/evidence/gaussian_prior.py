@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from tactopose_drake.core.plain_values import PlainValue, numbers
-from tactopose_drake.core.validation import FloatArray, in_steps, points_near, pose_matrix, positive_number
+from tactopose_drake.core.validation import FloatArray, in_steps, pose_near, positive_number
 
 # m and rad. Beyond, the information of the prior and of the touch do not fit into one double.
 _SIGMAS = {"sigma_translation": (1e-7, 1e3), "sigma_rotation": (1e-6, 1e3)}
@@ -30,8 +30,7 @@ class GaussianPrior(PlainValue):
     sigma_rotation: float = math.radians(16.0)
 
     def __post_init__(self) -> None:
-        mean = pose_matrix("mean", self.mean)
-        points_near("mean", mean[None, :, 3], (1, 3))
+        mean = pose_near("mean", self.mean)
         mean.setflags(write=False)
         object.__setattr__(self, "mean", mean)
         for name, (least, most) in _SIGMAS.items():

@@ -29,7 +29,7 @@ from tactopose_drake.core.validation import (
     instance_of,
     known_name,
     limited,
-    pose_matrix,
+    pose_near,
     positive_number,
     whole_number,
 )
@@ -108,11 +108,11 @@ def grasp_quality(
 
     Raises:
         InvalidInputError: a friction below 0, fewer than 3 edges or more than 64, a length that is not positive, an
-            X_PO that is no pose, a task of another shape or of nothing but 0, or a value of another type.
+            X_PO that is no pose or farther away than 10 m, a task of another shape or of nothing but 0, or a value of another type.
         UnknownNameError: a norm that does not exist.
     """
     friction, length = _check(model, contacts, friction, edges, length, norm)
-    X = pose_matrix("X_PO", X_PO)
+    X = pose_near("X_PO", X_PO)
     if isinstance(task, str):
         known_name("task", task, ["object"])
     elif task is not None:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.mesh.mesh_documents import check_document
 from tactopose_drake.core.mesh.plain_obj import LARGEST_PLAIN, plain_obj
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, shown
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, InvalidMeshError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -71,8 +71,9 @@ def mesh_file(source: str | Path) -> Path:
     try:
         path = Path(source).expanduser()
         there, is_folder = path.is_file(), path.is_dir()
-    except (RuntimeError, ValueError) as error:  # no such home, or a character that no path has
-        raise InvalidFileError(f"{source!r}: is no file's path ({error}).") from None
+    except (OSError, RuntimeError, ValueError) as error:  # too long, no such home, or a character that no path has
+        reason = getattr(error, "strerror", None) or error
+        raise InvalidFileError(f"{shown(str(source))}: is no file's path ({reason}).") from None
     if is_folder:
         raise InvalidFileError(f"{path}: is a folder; allowed is a file.")
     if not there:

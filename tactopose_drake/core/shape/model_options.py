@@ -22,7 +22,7 @@ from tactopose_drake.core.validation import (
 )
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 
-_MOST_SAMPLES = 10**6  # More take all memory there is.
+_MOST_SAMPLES, _MOST_BYTES = 10**6, 2**40  # More take all memory there is.
 
 NUMBERS: Mapping[str, Callable[[str, float], float]] = {
     "scale": partial(positive_number, least=1e-6, most=1e6),
@@ -73,7 +73,8 @@ class ModelOptions:
         checked: dict[str, object] = {
             **{name: NUMBERS[name](name, getattr(self, name)) for name in ("scale", "surface_sigma", "scale_sigma")},
             "samples": whole_number("samples", self.samples, least=100, most=_MOST_SAMPLES),
-            "max_grid_bytes": whole_number("max_grid_bytes", self.max_grid_bytes, least=1),
+            "max_grid_bytes": whole_number("max_grid_bytes", self.max_grid_bytes, least=1, most=_MOST_BYTES),
+            "symmetry_tolerance": positive_number("symmetry_tolerance", self.symmetry_tolerance),
         }
         if self.mass is not None:
             checked["mass"] = NUMBERS["mass"]("mass", self.mass)
@@ -81,8 +82,7 @@ class ModelOptions:
             checked["center_of_mass"] = limited("center_of_mass", self.center_of_mass, (3,), most=FARTHEST)
         if self.spacing is not None:
             checked["spacing"] = positive_number("spacing", self.spacing)
-        if self.symmetries is None and self.symmetry == "auto":
-            checked["symmetry_tolerance"] = positive_number("symmetry_tolerance", self.symmetry_tolerance)
+        _ = self.symmetries  # Asked for, they are checked.
         checked["is_kept"] = flag("cache", self.is_kept)
         instance_of("name", self.name, str)
         for name, value in checked.items():

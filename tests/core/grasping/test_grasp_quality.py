@@ -224,6 +224,9 @@ def test_impossible_arguments_are_refused(box: ObjectModel) -> None:
         grasp_quality(box, contacts, X, friction=0.5, length=0.0)
     with pytest.raises(InvalidInputError, match="X_PO"):
         grasp_quality(box, contacts, np.eye(4)[:2], friction=0.5)
+    for far in (1e300, 100.0):
+        with pytest.raises(InvalidInputError, match=r"X_PO.translation: is \[.*\], in metres; allowed are .* 10 m"):
+            grasp_quality(box, contacts, make_poses(np.eye(3), np.array([far, 0.0, 0.0])), friction=0.5)
     with pytest.raises(InvalidInputError, match="task: has shape"):
         grasp_quality(box, contacts, X, friction=0.5, task=[1.0, 2.0])
     for nothing in (np.zeros((2, 6)), np.zeros((0, 6))):

@@ -50,6 +50,11 @@ def test_missing_files_are_named(tmp_path: Path, name: str, fault: str) -> None:
         mesh_file(tmp_path / name)
 
 
+def test_a_name_that_is_too_long_for_a_file_is_refused() -> None:
+    with pytest.raises(InvalidFileError, match=r"^'x{59}\.\.\.: is no file's path \(File name too long\)\.$"):
+        load_mesh("x" * 300 + ".obj")
+
+
 def test_unknown_formats_are_named_with_those_known(tmp_path: Path) -> None:
     path = tmp_path / "mesh.docx"
     path.touch()

@@ -248,6 +248,10 @@ def test_errors_name_the_file(tmp_path: Path) -> None:
         ({"center_of_mass": [0, 0]}, InvalidInputError, r"center_of_mass: has shape \(2,\)"),
         ({"symmetry": "some"}, UnknownNameError, "symmetry: 'some' is unknown; valid names: auto, none"),
         ({"symmetry_tolerance": -0.1}, InvalidInputError, "symmetry_tolerance: is -0.1"),
+        ({"symmetry": "none", "symmetry_tolerance": None}, InvalidInputError, "symmetry_tolerance: .*None"),
+        ({"symmetry": "none", "symmetry_tolerance": "abc"}, InvalidInputError, "symmetry_tolerance: .*'abc'"),
+        ({"symmetry": [], "symmetry_tolerance": np.nan}, InvalidInputError, "symmetry_tolerance: is nan"),
+        ({"max_grid_bytes": 10**400}, InvalidInputError, "max_grid_bytes: is .*; allowed are integers from 1 to"),
         ({"samples": 10}, InvalidInputError, "samples: is 10; allowed are integers from 100"),
         ({"spacing": 0.0}, InvalidInputError, "spacing: is 0"),
         ({"cache": "no"}, InvalidInputError, "cache: is 'no'; allowed are True and False"),
@@ -258,7 +262,7 @@ def test_bad_options_are_refused_before_the_work(
 ) -> None:
     no_building()
     with pytest.raises(error, match=message):
-        model_of(BOX, **options)
+        ObjectModel.from_mesh(BOX, **options)  # type: ignore[arg-type]
 
 
 def test_what_does_not_fit_the_mesh_is_refused_built_or_from_the_cache(no_building: Callable[[], None]) -> None:
