@@ -86,16 +86,18 @@ class Contacts(PlainValue):
         n_PC = None if self.n_PC is None else unit_vectors("n_PC", self.n_PC, shape)
         covariance = None if self.covariance is None else _covariances(self.covariance, count)
         sigmas, limits = {name: getattr(self, name) for name in _SIGMAS}, dict(_SIGMAS)
+        told = {name: name for name in _SIGMAS}  # What messages call them.
         if covariance is None:
             limits["sigma_position"] = (1e-7, MOST_SIGMA_POSITION, "m")
         else:
             sigmas["sigma_position"], sigmas["sigma_normal"] = _sigmas_of(covariance, n_PC)
+            told |= {name: f"covariance: its {name}" for name in ("sigma_position", "sigma_normal")}
             _check_definite(covariance)
         values: dict[str, FloatArray | None] = {
             "p_PC": p_PC,
             "n_PC": n_PC,
             "f_PC": None if self.f_PC is None else limited("f_PC", self.f_PC, shape, most=MOST_FORCE),
-            **{name: _sigmas(name, sigmas[name], count, *limits[name]) for name in _SIGMAS},
+            **{name: _sigmas(told[name], sigmas[name], count, *limits[name]) for name in _SIGMAS},
             "covariance": covariance,
         }
         for name, value in values.items():
@@ -107,10 +109,22 @@ class Contacts(PlainValue):
         return len(self.p_PC)
 
     def __getitem__(self, index: SupportsIndex | slice | Sequence[int] | NDArray[np.integer | np.bool_]) -> Self:
-        """One contact by its number, or some by a slice, numbers or a mask; each is `Contacts` too."""
-        rows = np.atleast_1d(np.arange(len(self))[index])
-        if rows.ndim > 1:
-            raise InvalidInputError(f"index: is {shown(index)}; allowed are a number, a slice, numbers and a mask.")
+        """One contact by its number, or some by a slice, numbers or a mask; each is `Contacts` too.
+
+        Raises:
+            IndexError: a number that is beyond the last one's.
+            InvalidInputError: what is none of these.
+        """
+        try:
+            rows = np.atleast_1d(np.arange(len(self))[index])
+        except (IndexError, TypeError, ValueError) as error:
+            if "out of bounds" in str(error):
+                raise
+            rows = None
+        if rows is None or rows.ndim > 1:
+            raise InvalidInputError(
+                f"index: is {shown(index)}; allowed are a number, a slice, numbers and a mask of length {len(self)}."
+            )
         arrays = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return self.with_arrays(**{name: None if value is None else value[rows] for name, value in arrays.items()})
 
@@ -256,6 +270,4 @@ def _sigmas_of(covariance: FloatArray, n_PC: FloatArray | None) -> tuple[FloatAr
 
 
 def _sigmas(name: str, value: ArrayLike, count: int, least: float, most: float, unit: str) -> FloatArray:
-    is_one = not isinstance(value, list | tuple) and np.ndim(value) == 0
-    shape = () if is_one else (count,)
-    return np.full(count, positive_numbers(name, value, shape, least=least, most=most, unit=unit))
+    return np.full(count, positive_numbers(name, value, (), (count,), least=least, most=most, unit=unit))

@@ -50,7 +50,7 @@ def test_contacts_cannot_be_changed_from_outside() -> None:
         ({"p_PC": POINTS, "sigma_position": 0.0}, "sigma_position: is 0; allowed are numbers > 0"),
         ({"p_PC": POINTS, "sigma_normal": [0.1, -0.1]}, "sigma_normal: is -0.1; allowed are numbers > 0"),
         ({"p_PC": POINTS, "sigma_force": 0.0}, "sigma_force: is 0; allowed are numbers > 0"),
-        ({"p_PC": POINTS, "sigma_normal": [0.1]}, r"sigma_normal: has shape \(1,\); allowed is \(2,\)"),
+        ({"p_PC": POINTS, "sigma_normal": [0.1]}, r"sigma_normal: has shape \(1,\); allowed are \(\) and \(2,\)"),
     ],
 )
 def test_bad_contacts_are_named(arguments: dict[str, object], message: str) -> None:
@@ -219,3 +219,29 @@ def test_a_table_s_rows_are_contacts() -> None:
 def test_a_table_without_what_is_needed_is_refused(frame, sigmas: dict[str, float], message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
         Contacts.from_dataframe(frame, **sigmas)
+
+
+@pytest.mark.parametrize("name", ["sigma_position", "sigma_normal", "sigma_force"])
+@pytest.mark.parametrize("value", [Contacts(POINTS), None, "1", [[0.1], [0.1]], np.ones(3)])
+def test_a_sigma_that_is_no_numbers_of_the_contacts_is_refused(name: str, value: object) -> None:
+    with pytest.raises(InvalidInputError, match=rf"^{name}: "):
+        Contacts(POINTS, **{name: value})  # type: ignore[arg-type]
+
+
+def test_a_covariance_that_is_too_small_is_called_so() -> None:
+    with pytest.raises(
+        InvalidInputError, match=r"^covariance: its sigma_position: is 3.16228e-08; allowed are .* m\.$"
+    ):
+        Contacts(POINTS, NORMALS, covariance=np.tile(np.diag([1e-15] * 3 + [0.01] * 3), (2, 1, 1)))
+
+
+@pytest.mark.parametrize("index", [1.5, "a", [True], [0.5], None, 10**400, [[0, 1]], Contacts(POINTS), (0, 1)])
+def test_what_is_no_index_is_named(index: object) -> None:
+    with pytest.raises(InvalidInputError, match=r"^index: is .*; allowed are a number, .* and a mask of length 2"):
+        Contacts(POINTS)[index]  # type: ignore[index]
+
+
+@pytest.mark.parametrize("index", [2, -3, [0, 2]])
+def test_numbers_beyond_the_last_contact_are_those_of_any_sequence(index: object) -> None:
+    with pytest.raises(IndexError, match="out of bounds"):
+        Contacts(POINTS)[index]  # type: ignore[index]
