@@ -154,9 +154,9 @@ def points_near(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> F
     return points
 
 
-def _far_off(name: str, point: FloatArray) -> InvalidInputError:
+def _far_off(name: str, point: FloatArray, most: float = FARTHEST) -> InvalidInputError:
     return InvalidInputError(
-        f"{name}: is {point.tolist()}, in metres; allowed are coordinates up to {FARTHEST:g} m. "
+        f"{name}: is {point.tolist()}, in metres; allowed are coordinates up to {most:g} m. "
         "Multiply by 0.001 what is in millimetres."
     )
 
@@ -326,15 +326,15 @@ def pose_matrix(name: str, value: object) -> FloatArray:
     return X[:3].copy()
 
 
-def pose_near(name: str, value: object) -> FloatArray:
-    """As `pose_matrix`, of a pose whose translation, m, is not evidently in millimetres.
+def pose_near(name: str, value: object, most: float = FARTHEST) -> FloatArray:
+    """As `pose_matrix`, of a pose whose translation is not evidently in millimetres: of coordinates up to `most`, m.
 
     Raises:
-        InvalidInputError: if it is no pose, or farther than `FARTHEST` along an axis.
+        InvalidInputError: if it is no pose, or farther away.
     """
     X = pose_matrix(name, value)
-    if not _is_between(X[:, 3], -FARTHEST, FARTHEST):
-        raise _far_off(f"{name}.translation", X[:, 3])
+    if not _is_between(X[:, 3], -most, most):
+        raise _far_off(f"{name}.translation", X[:, 3], most)
     return X
 
 

@@ -25,6 +25,7 @@ _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 _WITHIN = 3e-4  # of another shape of the same link, from which on a point is not on the outside, m
 _BACK = 0.7  # cosine between the outward normal and the way back to the joint: what faces it cannot be touched
 _FEWEST = 50  # points that a surface is fitted to
+_FARTHEST = 0.3  # of these from the sensor, m: what is larger is no fingertip, or not in metres
 _OFF, _BETTER = (
     1e-3,
     0.5,
@@ -65,7 +66,7 @@ class FittedSurface:
 def fit_fingertip(
     plant: MultibodyPlant, inspector: SceneGraphInspector, hand: Hand, finger: str
 ) -> FittedSurface | None:
-    """Fits a surface to the shape in which a finger ends; None where its link has none that can be sampled.
+    """Fits a surface to the shape in which a finger ends; None where its link has none, of a fingertip's size.
 
     Where no surface lies on all of a shape, such as one that tapers, it is fitted to the end, with which fingers touch.
 
@@ -90,7 +91,7 @@ def fit_fingertip(
     outwards = outline.mean(axis=0) - p_SJ
     outwards /= max(float(np.linalg.norm(outwards)), 1e-9)
     points = _outside(outline, outwards, [one for one in shapes if one[1] is not shape])
-    if len(points) < _FEWEST:
+    if len(points) < _FEWEST or np.linalg.norm(points, axis=1).max() > _FARTHEST:
         return None
     surface = fit_surface(points, outwards)
     end, length = _end(points, outwards)

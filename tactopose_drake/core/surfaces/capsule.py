@@ -10,7 +10,7 @@ from tactopose_drake.core.surfaces.surface import Surface, one_length, random_di
 from tactopose_drake.core.validation import FloatArray, flag
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Capsule(Surface):
     """A hemisphere on the +z end of a cylinder about F's z axis; on both ends if `two_ended`.
 

@@ -10,7 +10,7 @@ from tactopose_drake.core.surfaces.surface import Surface, one_length
 from tactopose_drake.core.validation import FloatArray
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Cylinder(Surface):
     """The side of a cylinder about F's z axis, centred on F's origin.
 

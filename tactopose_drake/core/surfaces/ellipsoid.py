@@ -10,7 +10,7 @@ from tactopose_drake.core.surfaces.surface import Surface, random_directions, th
 from tactopose_drake.core.validation import FloatArray
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Ellipsoid(Surface):
     """An ellipsoid about F's origin: (x/a)^2 + (y/b)^2 + (z/c)^2 = 1. All of it can be touched.
 

@@ -10,7 +10,7 @@ from tactopose_drake.core.surfaces.surface import Surface, one_length, random_di
 from tactopose_drake.core.validation import FloatArray
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Sphere(Surface):
     """A sphere about F's origin. All of it can be touched.
 

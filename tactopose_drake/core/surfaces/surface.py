@@ -11,16 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactopose_drake.core import poses
+from tactopose_drake.core.plain_values import numbers
 from tactopose_drake.core.surfaces import surface_kernels
-from tactopose_drake.core.validation import FloatArray, finite_array, pose_matrix, positive_number, positive_numbers
+from tactopose_drake.core.validation import FloatArray, finite_array, pose_near, positive_number, positive_numbers
 from tactopose_drake.errors import InvalidInputError
 
 LEAST_LENGTH: Final = 1e-6
-MOST_LENGTH: Final = 1e3
-"""Lengths of a fingertip are between these, m: beyond, squares and their inverses lose their digits."""
+MOST_LENGTH: Final = 1.0
+"""Lengths of a fingertip are between these, m: smaller ones lose their digits, and larger ones are in millimetres."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Surface(abc.ABC):
     """A convex surface S(p) = 0 of a fingertip, in a frame F that X_SF places in the sensor frame S.
 
@@ -39,12 +40,17 @@ class Surface(abc.ABC):
     kind: ClassVar[int]
 
     def __post_init__(self) -> None:
-        X_SF = pose_matrix("X_SF", self.X_SF)
+        X_SF = pose_near("X_SF", self.X_SF, MOST_LENGTH)
         X_SF.setflags(write=False)
         object.__setattr__(self, "X_SF", X_SF)
         shape = np.array(self._shape(), dtype=np.float64)
         shape.setflags(write=False)
         object.__setattr__(self, "shape", shape)
+
+    def __repr__(self) -> str:
+        own = (field.name for field in dataclasses.fields(self) if field.name not in ("X_SF", "shape"))
+        told = ", ".join(f"{name} {getattr(self, name)}" for name in own)
+        return f"<{type(self).__name__}: {told}, p_SF {numbers(1e3 * self.X_SF[:, 3], 1)} mm>"
 
     @property
     def extent(self) -> float:
@@ -102,6 +108,7 @@ def one_length(name: str, value: float, *, allow_zero: bool = False) -> float:
     Raises:
         InvalidInputError: otherwise.
     """
+    _check_metres(name, finite_array(name, value, ()))
     return positive_number(name, value, allow_zero=allow_zero, least=LEAST_LENGTH, most=MOST_LENGTH)
 
 
@@ -112,10 +119,19 @@ def three_lengths(name: str, value: ArrayLike) -> tuple[float, float, float]:
         InvalidInputError: otherwise.
     """
     lengths = finite_array(name, value, (3,))
+    _check_metres(name, lengths)
     if lengths.min() <= 0.0:
         raise InvalidInputError(f"{name}: is {lengths.tolist()}; allowed are numbers > 0.")
     a, b, c = positive_numbers(name, lengths, (3,), least=LEAST_LENGTH, most=MOST_LENGTH).tolist()
     return a, b, c
+
+
+def _check_metres(name: str, lengths: FloatArray) -> None:
+    if lengths.max() > MOST_LENGTH:
+        raise InvalidInputError(
+            f"{name}: is {lengths.tolist()}, in metres; allowed are lengths up to {MOST_LENGTH:g} m. Multiply by 0.001 "
+            "what is in millimetres."
+        )
 
 
 def random_directions(generator: np.random.Generator, count: int) -> FloatArray:

@@ -14,7 +14,7 @@ from tactopose_drake.core import poses
 from tactopose_drake.core.surfaces.capsule import Capsule
 from tactopose_drake.core.surfaces.sphere import Sphere
 from tactopose_drake.core.surfaces.superquadric import Superquadric
-from tactopose_drake.core.surfaces.surface import Surface
+from tactopose_drake.core.surfaces.surface import MOST_LENGTH, Surface
 from tactopose_drake.core.validation import FloatArray
 
 _LEAST_EXPONENT, _MOST_EXPONENT = 0.1, 1.2
@@ -42,21 +42,23 @@ def fit_surface(p_SQ: FloatArray, outwards: FloatArray) -> Surface:
     """The simplest surface of sphere, capsule and superquadric that lies on points about as well as the best of them.
 
     Args:
-        p_SQ: points, shape (n, 3), m.
+        p_SQ: points, shape (n, 3), up to 0.3 m from S.
         outwards: the direction in which the finger ends, shape (3,); a capsule's round end is there.
     """
-    fitted = [_sphere(p_SQ), *(min(_fits(p_SQ, outwards, kind), key=lambda s: residual(s, p_SQ)) for kind in _KINDS)]
+    fitted = [*_spheres(p_SQ), *(min(_fits(p_SQ, outwards, kind), key=lambda s: residual(s, p_SQ)) for kind in _KINDS)]
     residuals = [residual(surface, p_SQ) for surface in fitted]
     good_enough = max(_AS_GOOD * min(residuals), _EXACT)
     return next(surface for surface, left in zip(fitted, residuals, strict=True) if left <= good_enough)
 
 
-def _sphere(p_SQ: FloatArray) -> Sphere:
-    """The algebraic fit: |p|^2 = 2 c p + (r^2 - c^2)."""
+def _spheres(p_SQ: FloatArray) -> Iterator[Sphere]:
+    """The algebraic fit, |p|^2 = 2 c p + (r^2 - c^2); none where points are so flat that it is larger than fingers."""
     A = np.column_stack([2.0 * p_SQ, np.ones(len(p_SQ))])
     solution = np.linalg.lstsq(A, np.sum(p_SQ**2, axis=1))[0]
     center, rest = solution[:3], solution[3]
-    return Sphere(math.sqrt(rest + center @ center), X_SF=poses.make_poses(np.eye(3), center))
+    radius = math.sqrt(rest + center @ center)
+    if max(radius, np.abs(center).max()) <= MOST_LENGTH:
+        yield Sphere(radius, X_SF=poses.make_poses(np.eye(3), center))
 
 
 def _capsule(x: FloatArray, X_SF: FloatArray, half: FloatArray) -> Capsule:
@@ -102,6 +104,7 @@ def _fits(
         def distances(x: FloatArray, surface: Callable[[FloatArray], Surface] = surface) -> FloatArray:
             return surface_distances(surface(x), p_SQ) / 1e-3
 
-        bounds = (np.array([-1.0] * 6 + list(least)), np.array([1.0] * 6 + list(most)))
+        longest = np.minimum(most, 0.5 * MOST_LENGTH / half.max())
+        bounds = (np.array([-1.0] * 6 + list(least)), np.array([1.0] * 6 + list(longest)))
         x = np.clip(np.array([0.0] * 6 + list(start)), bounds[0], bounds[1])
         yield surface(least_squares(distances, x, bounds=bounds, max_nfev=_STEPS, loss="soft_l1").x)

@@ -65,3 +65,11 @@ def test_what_is_exact_to_a_fifth_of_a_millimetre_is_good_enough() -> None:
     found = fit_surface(p, X_SF[:, 2])
     assert isinstance(found, Sphere)  # though many times as far off as the exact fit
     assert 1e-4 < residual(found, p) < 2e-4
+
+
+def test_an_end_that_is_nearly_flat_is_fitted_by_no_sphere_larger_than_a_hand() -> None:
+    across = np.random.default_rng(0).uniform(-0.02, 0.02, size=(400, 2))
+    points = np.column_stack([across, np.sqrt(1.5**2 - (across**2).sum(axis=1)) - 1.48])
+    surface = fit_surface(points, np.array([0.0, 0.0, 1.0]))
+    assert not isinstance(surface, Sphere)
+    assert residual(surface, points) < 1e-3

@@ -1,5 +1,6 @@
 import dataclasses
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -127,7 +128,7 @@ def test_samples_reach_all_of_a_capsule() -> None:
 
 
 def test_the_frame_may_be_any_kind_of_pose() -> None:
-    X_SF = poses.make_poses(poses.exp_so3(np.array([[0.1, 0.2, 0.3]])), np.array([[1.0, 2.0, 3.0]]))[0]
+    X_SF = poses.make_poses(poses.exp_so3(np.array([[0.1, 0.2, 0.3]])), np.array([[0.1, 0.2, 0.3]]))[0]
 
     class Pose:
         def GetAsMatrix34(self) -> np.ndarray:
@@ -169,4 +170,27 @@ def test_surfaces_are_frozen() -> None:
 )
 def test_impossible_surfaces_are_refused(make, message: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(InvalidInputError, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Sphere(radius=12.5), "radius: is 12.5, in metres"),
+        (lambda: Ellipsoid((10, 20, 30)), r"semi_axes: is \[10.0, 20.0, 30.0\], in metres"),
+        (lambda: Superquadric((9.0, 9.0, 9.0)), r"semi_axes: is \[9.0, 9.0, 9.0\], in metres"),
+        (lambda: Capsule(0.009, 14.0), "length: is 14.0, in metres"),
+        (lambda: Cylinder(9.0, 0.02), "radius: is 9.0, in metres"),
+        (
+            lambda: Sphere(0.01, X_SF=poses.make_poses(np.eye(3), np.array([0, 0, 12.0]))),
+            r"X_SF.translation: is \[.*12.0\], ",
+        ),
+        (
+            lambda: Sphere(0.01, X_SF=poses.make_poses(np.eye(3), np.array([1e300, 0, 0]))),
+            r"X_SF.translation: is \[1e\+300",
+        ),
+    ],
+)
+def test_fingertips_in_millimetres_are_refused(make: Callable[[], Surface], message: str) -> None:
+    with pytest.raises(InvalidInputError, match=rf"^{message}.*up to 1 m. Multiply by 0.001 what is in millimetres"):
         make()
