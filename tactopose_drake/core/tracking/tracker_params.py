@@ -4,6 +4,7 @@ import dataclasses
 import math
 from typing import Any
 
+from tactopose_drake.core.evidence.contacts import MOST_SIGMA_POSITION
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PlausibilityParams, PosteriorParams
 from tactopose_drake.core.validation import instance_of, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
@@ -243,6 +244,8 @@ class PoseTrackerParams:
 _PARTS_OF_ONE = ("_share", "_probability", "_margin", "gain")
 _NOT_PARTS = ("least_gain",)  # of a cost
 _MAY_BE_ZERO = ("seed", "doublings", "halvings")
+# Of contacts and surfaces, as much as may be told of them, m.
+_POSITIONS = ("calibration_position", "frame_position", "surface_position")
 
 
 def _check_numbers(params: Any) -> None:
@@ -252,7 +255,8 @@ def _check_numbers(params: Any) -> None:
         if isinstance(field.default, int):
             whole_number(name, value, least=0 if field.name in _MAY_BE_ZERO else 1)
         elif isinstance(field.default, float) or (value is not None and field.default is None):
-            positive_number(name, value)
+            most = MOST_SIGMA_POSITION if field.name in _POSITIONS else math.inf
+            positive_number(name, value, most=most, unit="m")
             if name.endswith(_PARTS_OF_ONE) and field.name not in _NOT_PARTS and value > 1.0:
                 raise InvalidInputError(f"{name}: is {value:g}; allowed are numbers up to 1.")
         elif isinstance(field.default_factory, type):

@@ -404,6 +404,10 @@ def test_a_frame_from_before_is_refused(tracker: PoseTracker) -> None:
 def test_parameters_out_of_range_are_refused() -> None:
     with pytest.raises(InvalidInputError, match="slip_time"):
         PoseTracker(make_box(), PoseTrackerParams(slip_time=0.0))
+    for name in ("calibration_position", "frame_position", "surface_position"):
+        PoseTrackerParams(**{name: 0.1}).validate()  # type: ignore[arg-type]
+        with pytest.raises(InvalidInputError, match=rf"^PoseTrackerParams\.{name}: is 1e\+300; allowed .* to 0\.1 m"):
+            PoseTracker(make_box(), PoseTrackerParams(**{name: 1e300}))  # type: ignore[arg-type]
     with pytest.raises(InvalidInputError, match=r"SlipParams\.noise_gain: is 5"):
         PoseTrackerParams(slip=SlipParams(noise_gain=5.0)).validate()
     with pytest.raises(InvalidInputError, match=r"SlipParams\.rough_share: is 1\.5"):
