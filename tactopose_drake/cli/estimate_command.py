@@ -19,6 +19,7 @@ from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import told_of
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.data_checks import naming_contacts_of
 from tactopose_drake.estimation.descriptions import false_contacts_line, free_line, status_line
 from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.estimation.far_origins import about_middle
@@ -93,7 +94,8 @@ def estimate(
         model = _load(mesh, scale, symmetry, mass)
     if balance is not None and not model.mass_is_known:
         raise InvalidInputError(f"--gravity: the mass of {mesh} is not known; `--mass` tells it, kg.")
-    with _progress("searching (the first run on a machine compiles its kernels, about a minute)"):
+    searching = _progress("searching (the first run on a machine compiles its kernels, about a minute)")
+    with searching, naming_contacts_of(contacts_file):
         found = estimate_pose(
             model,
             touch.contacts,

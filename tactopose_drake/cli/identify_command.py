@@ -18,6 +18,7 @@ from tactopose_drake.cli.progress_bar import progress_bar
 from tactopose_drake.cli.workers import processes
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.estimation.data_checks import naming_contacts_of
 from tactopose_drake.estimation.files import save_identification
 from tactopose_drake.estimation.identification import check_prior, identify
 from tactopose_drake.estimation.identities import Identification
@@ -68,7 +69,8 @@ def identify_command(
     with contextlib.nullcontext() if jobs == 1 else processes(jobs) as executor:
         library = _open(folder, executor)
     # The few candidates are estimated here: processes would take longer to start than they save.
-    with ERRORS.status(f"comparing {len(library)} objects (the first run on a machine compiles its kernels)"):
+    comparing = ERRORS.status(f"comparing {len(library)} objects (the first run on a machine compiles its kernels)")
+    with comparing, naming_contacts_of(contacts_file):
         found = identify(library, contacts, patches=patches, likelihood=likelihood, unknown_prior=unknown_prior)
     OUT.print(_table(found))
     OUT.print(_line(found))

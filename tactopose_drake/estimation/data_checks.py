@@ -1,6 +1,7 @@
 """Checks of what a YAML file holds: every fault is one `InvalidFileError` that says file, place and what is allowed."""
 
-from collections.abc import Iterable, Mapping
+import contextlib
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,21 @@ def fault_in(path: Path, where: str, error: InvalidInputError, places: Mapping[s
     value, _, row = name.partition("[")
     place = places[value].format(row.rstrip("]").split(",")[0]).replace("[]", "") if value in places else name
     return InvalidFileError(f"{path}: {f'{where}.{place}'.lstrip('.')}: {fault}")
+
+
+@contextlib.contextmanager
+def naming_contacts_of(path: Path) -> Iterator[None]:
+    """Puts the file before what is wrong with its contacts, where only an estimate can tell.
+
+    Raises:
+        InvalidFileError: what says of `contacts` that they cannot be.
+    """
+    try:
+        yield
+    except InvalidInputError as error:
+        if not str(error).startswith("contacts: "):
+            raise
+        raise InvalidFileError(f"{path}: {error}") from None
 
 
 def check_mapping(
@@ -75,7 +91,7 @@ def check_vector(path: Path, where: str, value: Any, length: int) -> FloatArray:
 
 def check_number(path: Path, key: str, data: dict[str, Any], place: str = "") -> float:
     """The finite number of a key in a mapping, which stands at a place of the file."""
-    return float(_numbers(path, f"{place}.{key}".lstrip("."), [data[key]], (1,))[0])
+    return float(_numbers(path, f"{place}.{key}".lstrip("."), [data[key]], ()))
 
 
 def check_pose(path: Path, where: str, value: Any) -> FloatArray:
@@ -89,14 +105,14 @@ def check_pose(path: Path, where: str, value: Any) -> FloatArray:
     return make_poses(matrix_from_quaternion(quaternion), translation)
 
 
-def _numbers(path: Path, where: str, values: list[Any], shape: tuple[int]) -> FloatArray:
+def _numbers(path: Path, where: str, values: list[Any], shape: tuple[int, ...]) -> FloatArray:
     for i, value in enumerate(values):
         # NumPy would take a boolean and the text of a number for one.
         if not isinstance(value, float | int) or isinstance(value, bool):
             place = where if len(values) == 1 else f"{where}[{i}]"
             raise InvalidFileError(f"{path}: {place}: is {shown(value)}; allowed are numbers.")
     try:
-        return finite_array(where, values, shape)
+        return finite_array(where, values if shape else values[0], shape)
     except InvalidInputError as error:
         raise InvalidFileError(f"{path}: {error}") from None
 

@@ -238,6 +238,20 @@ def test_a_wrong_call_ends_with_status_2(
     assert errors.count("\n") == 1
 
 
+@pytest.mark.parametrize("command", ["estimate", "identify"])
+def test_contacts_that_are_too_far_apart_are_those_of_their_file(
+    folder: Path, tmp_path: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    touches = [{"position": [x, 0.0, 0.0]} for x in (0.0, 0.1, 9.0)]
+    (tmp_path / "far.yaml").write_text(yaml.safe_dump({"contacts": touches}))
+    (tmp_path / "library").mkdir()
+    (tmp_path / "library" / "bottle.obj").write_bytes((folder / "bottle.obj").read_bytes())
+    known = {"estimate": ["--object", folder / "bottle.obj"], "identify": ["--library", tmp_path / "library"]}[command]
+    assert run(command, *known, "--contacts", tmp_path / "far.yaml") == 2
+    errors = capsys.readouterr().err
+    assert f"{tmp_path / 'far.yaml'}: contacts: are up to 9 m apart on an object of " in errors
+
+
 def test_an_output_that_cannot_be_written_is_found_before_the_work(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
