@@ -148,6 +148,7 @@ def hypotheses_data(estimate: PoseEstimate) -> list[dict[str, Any]]:
             "probability": hypothesis.probability,
             "covariance": hypothesis.covariance.tolist(),
             "free_directions": hypothesis.free_directions.tolist(),
+            "inlier_probability": hypothesis.inlier_probability.tolist(),
         }
         for hypothesis in estimate.hypotheses
     ]

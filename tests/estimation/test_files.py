@@ -82,6 +82,7 @@ def test_a_prior_is_read(tmp_path: Path) -> None:
             r"contacts\[1\]: has no normal, but contacts\[0\] has",
         ),
         ("{contacts: [{position: [0, 0, 0]}], sigma_position: -1}", "sigma_position: is -1; allowed are numbers > 0"),
+        ("{contacts: [{position: [0, 0, 0]}], sigma_position: .nan}", "file.yaml: sigma_position: is nan; allowed are"),
         ("{contacts: [{position: [0, 0, 0]}], sigma_position: yes}", "sigma_position: is True; allowed are numbers"),
         ("contacts: [{position: [0, true, 0]}]", r"position\[1\]: is True; allowed are numbers"),
         ("contacts: [{position: ['0', 0, 0]}]", r"position\[0\]: is '0'; allowed are numbers"),
@@ -130,7 +131,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 def test_a_result_is_written_as_the_format_says(tmp_path: Path) -> None:
     X_PO = RigidTransform(RollPitchYaw(0.0, 0.0, math.pi / 2), [0.1, 0.2, 0.3])
-    hypothesis = PoseHypothesis(X_PO, 1.5, 1.0, np.eye(6), np.eye(6)[2:3])
+    hypothesis = PoseHypothesis(X_PO, 1.5, 1.0, np.eye(6), np.eye(6)[2:3], inlier_probability=np.array([0.9, 0.2]))
     path = tmp_path / "result.json"
     save_result(path, PoseEstimate((hypothesis,), "ok", 0.002))
     result = json.loads(path.read_text())
@@ -142,5 +143,6 @@ def test_a_result_is_written_as_the_format_says(tmp_path: Path) -> None:
     assert written["cost"] == 1.5
     assert written["probability"] == 1.0
     np.testing.assert_array_equal(written["covariance"], np.eye(6))
+    assert written["inlier_probability"] == [0.9, 0.2]
     with pytest.raises(InvalidFileError, match="cannot be written"):
         save_result(tmp_path / "absent" / "result.json", PoseEstimate((hypothesis,), "ok", 0.002))
