@@ -282,12 +282,13 @@ def _inlier_probability(problem: PoseProblem, evidence: Evidence, modes: Modes, 
 
 
 def _hypotheses(modes: Modes, inlier: FloatArray, explained: NDArray[np.bool_]) -> tuple[PoseHypothesis, ...]:
+    weights = np.minimum(modes.mixture.weights, 1.0)  # A sum of one may be more by rounding.
     return tuple(
         PoseHypothesis(RigidTransform(pose=X_PO), float(cost), float(weight), covariance, free, bool(explains), own)
         for X_PO, cost, weight, covariance, free, explains, own in zip(
             modes.mixture.X_PO,
             modes.cost,
-            modes.mixture.weights,
+            weights,
             modes.mixture.covariance,
             modes.free_directions,
             explained,

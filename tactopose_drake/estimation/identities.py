@@ -7,7 +7,7 @@ from typing import Any, Self, overload
 
 from tactopose_drake.core.plain_values import PlainValue
 from tactopose_drake.core.statuses import Status
-from tactopose_drake.core.validation import whole_number
+from tactopose_drake.core.validation import shown, whole_number
 from tactopose_drake.estimation.plain_data import (
     Readers,
     number_or,
@@ -53,6 +53,9 @@ class Identity(PlainValue):
     log_evidence: float
     estimate: PoseEstimate | None
 
+    def __repr__(self) -> str:
+        return f"<Identity {self.rank}: {shown(self.name)} {self.probability:.1%}>"
+
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """What `to_dict` has made it of, to the last bit.
@@ -91,6 +94,13 @@ class Identification(PlainValue, Sequence[Identity]):
 
     def __len__(self) -> int:
         return len(self.identities)
+
+    def __repr__(self) -> str:
+        many = "1 object" if len(self) == 1 else f"{len(self)} objects"
+        return (
+            f"<Identification {self.status!r}: {many} in {1e3 * self.duration:.1f} ms, best {self.best!r}, "
+            f"unknown {self.unknown:.1%}>"
+        )
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, get_args
 
+import numpy as np
+
 from tactopose_drake.core.plain_values import PlainValue
 from tactopose_drake.core.statuses import Status
 from tactopose_drake.core.validation import (
@@ -22,6 +24,7 @@ Readers = Mapping[str, Read]
 """How values are read, by the names of an object's fields."""
 
 _WHOLE = 1.0 + 1e-9  # Of sums of probabilities, the rest is rounding.
+_ROUNDING = 1e-4  # of correlations: covariances may have been written with few digits
 
 
 def read_fields(owner: type, data: Mapping[str, Any], readers: Readers) -> dict[str, Any]:
@@ -69,19 +72,38 @@ def read_amount(name: str, value: Any) -> float:
     return positive_number(name, value, allow_zero=True)
 
 
-def number_or(infinite: float) -> Read:
+def number_or(infinite: float, read: Read = read_number) -> Read:
     """Reads a number that may be infinite; in plain data that is None."""
-    return lambda name, value: infinite if value is None or value == infinite else read_number(name, value)
+    return lambda name, value: infinite if value is None or value == infinite else read(name, value)
 
 
 def read_share(name: str, value: Any) -> float:
     """A probability."""
-    return positive_number(name, value, allow_zero=True, most=_WHOLE)
+    return min(positive_number(name, value, allow_zero=True, most=_WHOLE), 1.0)
 
 
 def read_shares(name: str, value: Any) -> FloatArray:
     """Probabilities, shape (k,)."""
     return positive_numbers(name, value, (None,), allow_zero=True, most=_WHOLE)
+
+
+def read_covariance(name: str, value: Any) -> FloatArray:
+    """A covariance matrix of a pose's increments, shape (6, 6), up to rounding."""
+    covariance = finite_array(name, value, (6, 6))
+    variance = np.diag(covariance)
+    if variance.min() < 0.0:
+        raise InvalidInputError(f"{name}: has the variance {variance.min():g}; allowed are variances >= 0.")
+    sigma = np.sqrt(np.where(variance > 0.0, variance, 1.0))
+    correlation = covariance / sigma[:, None] / sigma
+    off = np.abs(correlation - correlation.T).max()
+    if off > _ROUNDING:
+        raise InvalidInputError(f"{name}: is not symmetric; allowed are symmetric matrices.")
+    if np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:
+        raise InvalidInputError(
+            f"{name}: says that some combination of errors has a variance below 0; allowed are positive semidefinite "
+            "matrices."
+        )
+    return covariance
 
 
 def read_status(name: str, value: Any) -> str:

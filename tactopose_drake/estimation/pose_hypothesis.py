@@ -11,15 +11,22 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.plain_values import PlainValue, numbers
-from tactopose_drake.core.validation import FloatArray, finite_array, flag, pose_matrix
-from tactopose_drake.estimation.plain_data import Readers, read_fields, read_number, read_share, read_shares
+from tactopose_drake.core.validation import FloatArray, finite_array, flag, instance_of, pose_matrix
+from tactopose_drake.estimation.plain_data import (
+    Readers,
+    read_covariance,
+    read_fields,
+    read_number,
+    read_share,
+    read_shares,
+)
 
 _ARRAYS = ("covariance", "free_directions", "inlier_probability")
 _OF_HYPOTHESIS: Readers = {
     "X_PO": lambda name, value: RigidTransform(pose_matrix(name, value)),
     "cost": read_number,
     "probability": read_share,
-    "covariance": lambda name, value: finite_array(name, value, (6, 6)),
+    "covariance": read_covariance,
     "free_directions": lambda name, value: finite_array(name, value, (None, 6), (0,)).reshape(-1, 6),
     "explains_touch": flag,
     "inlier_probability": read_shares,
@@ -74,7 +81,11 @@ class PoseHypothesis(PlainValue):
         """The object's pose X_WO and its covariance (6, 6) in the world, where the palm is known to be at X_WP.
 
         The covariance is of the increment (w, v) as here, but with v in W: R_WO = R_hat exp(w), p_WO = p_hat + v.
+
+        Raises:
+            InvalidInputError: a pose of another type.
         """
+        instance_of("X_WP", X_WP, RigidTransform)
         turn = np.eye(6)
         turn[3:, 3:] = X_WP.rotation().matrix()
         return X_WP @ self.X_PO, turn @ self.covariance @ turn.T

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import path_of
 
 # What draws is above: it is found by its name when it is asked for, and nothing here needs it.
 _PRESENTATION = "tactopose_drake.visualization.presentation"
@@ -54,10 +55,10 @@ class Presentable:
         """Writes the page that `show` shows: one file, which works without a network.
 
         Raises:
-            InvalidInputError: if the estimate does not know what it was made from.
+            InvalidInputError: if the estimate does not know what it was made from, or of what is no path.
             InvalidFileError: if the file cannot be written.
         """
-        _presentation().save_estimate(Path(path), self)
+        _presentation().save_estimate(path_of("path", path), self)
 
     def _repr_html_(self) -> str:
         return cast("str", _presentation().notebook_html(self))

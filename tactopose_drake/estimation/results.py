@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Self, overload
 
 import numpy as np
@@ -13,7 +13,7 @@ from tactopose_drake.core.plain_values import PlainValue, numbers, seal
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.statuses import Status as Status
-from tactopose_drake.core.validation import flag
+from tactopose_drake.core.validation import flag, instance_of, whole_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.plain_data import (
     Readers,
@@ -33,10 +33,12 @@ _OF_ESTIMATE: Readers = {
     "finished": flag,
     "log_evidence": number_or(-math.inf),
     "noise_scale": read_amount,
-    "standard_error": number_or(math.inf),
+    "standard_error": number_or(math.inf, read_amount),
     "undetermined": flag,
     "kept_share": read_share,
 }
+
+_ROUNDED = 1e-3  # by which probabilities of plain data may miss 1: they may have been written with few digits
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -107,7 +109,11 @@ class PoseEstimate(PlainValue, Presentable):
 
         Args:
             most: lines; the last line says how many more there are.
+
+        Raises:
+            InvalidInputError: a number of lines that is none.
         """
+        most = whole_number("most", most, least=0)
         head = ("probability", "p_PO, mm", "quaternion wxyz", "± mm", "± deg", "free", "cost")
         rows = [head, *(_row(hypothesis) for hypothesis in self.hypotheses[:most])]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -124,6 +130,7 @@ class PoseEstimate(PlainValue, Presentable):
         """
         given = read_fields(cls, data, _OF_ESTIMATE)
         given["hypotheses"] = read_parts(cls, "hypotheses", given.get("hypotheses", ()), PoseHypothesis)
+        _check_together(given["hypotheses"])
         return super().from_dict(given)
 
     @property
@@ -143,11 +150,15 @@ class PoseEstimate(PlainValue, Presentable):
         return modes
 
     def first(self, count: int) -> PoseEstimate:
-        """The estimate by the most probable hypotheses alone, so many at the most; the status is that of all."""
-        if len(self) <= count:
+        """The estimate by the most probable hypotheses alone, so many at the most; the status is that of all.
+
+        Raises:
+            InvalidInputError: a count below 1.
+        """
+        if len(self) <= whole_number("count", count, least=1):
             return self
         hypotheses, mass = _weighed_among_themselves(self.hypotheses[:count])
-        return dataclasses.replace(self, hypotheses=hypotheses, kept_share=self.kept_share * mass)
+        return dataclasses.replace(self, hypotheses=hypotheses, kept_share=min(self.kept_share * mass, 1.0))
 
     def keep(self, kept: Sequence[bool]) -> PoseEstimate:
         """The estimate if the other hypotheses are impossible: some of them, weighed among themselves.
@@ -156,12 +167,18 @@ class PoseEstimate(PlainValue, Presentable):
             kept: for each hypothesis whether it stays; at least one does.
 
         Raises:
-            InvalidInputError: if none stays, or if there are more or fewer of them than hypotheses.
+            InvalidInputError: if none stays, if there are more or fewer of them than hypotheses, or if they are not
+                all True or False.
         """
+        instance_of("kept", kept, Collection)  # type: ignore[type-abstract]
         if len(kept) != len(self):
             raise InvalidInputError(f"kept: has length {len(kept)}; allowed is one for each hypothesis, {len(self)}.")
         hypotheses, mass = _weighed_among_themselves(
-            [hypothesis for hypothesis, stays in zip(self.hypotheses, kept, strict=True) if stays]
+            [
+                each
+                for i, (each, stays) in enumerate(zip(self.hypotheses, kept, strict=True))
+                if flag(f"kept[{i}]", stays)
+            ]
         )
         # What carries the rest of the belief may stay, too.
         left = self.kept_share * mass + 1.0 - self.kept_share
@@ -173,6 +190,20 @@ class PoseEstimate(PlainValue, Presentable):
             log_evidence=self.log_evidence + (math.log(left) if left else -math.inf),
             kept_share=kept_share,
         )
+
+
+def _check_together(hypotheses: Sequence[PoseHypothesis]) -> None:
+    """Raises InvalidInputError if hypotheses cannot be of one touch: by their probabilities, or by its contacts."""
+    mass = sum(hypothesis.probability for hypothesis in hypotheses)
+    if abs(mass - 1.0) > _ROUNDED:
+        raise InvalidInputError(f"hypotheses: have probabilities that sum to {mass:g}; allowed is 1.")
+    count = len(hypotheses[0].inlier_probability)
+    for i, hypothesis in enumerate(hypotheses):
+        if len(hypothesis.inlier_probability) != count:
+            raise InvalidInputError(
+                f"hypotheses[{i}]: inlier_probability: has length {len(hypothesis.inlier_probability)}; allowed is "
+                f"that of hypotheses[0], {count}."
+            )
 
 
 def _weighed_among_themselves(hypotheses: Sequence[PoseHypothesis]) -> tuple[tuple[PoseHypothesis, ...], float]:

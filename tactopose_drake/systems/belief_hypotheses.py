@@ -25,7 +25,7 @@ def estimate_of(belief: PoseBelief, size: float, duration: float = 0.0) -> PoseE
     free = free_directions(inverses(belief.covariance)[0], size)
     hypotheses = tuple(
         PoseHypothesis(
-            RigidTransform(X_PO), -float(np.log(max(share, 1e-300))), float(share), covariance, rows, bool(ok)
+            RigidTransform(X_PO), -float(np.log(max(share, 1e-300))), min(float(share), 1.0), covariance, rows, bool(ok)
         )
         for X_PO, share, covariance, rows, ok in zip(
             belief.X_PO, belief.probability, belief.covariance, free, belief.explains_touch, strict=True

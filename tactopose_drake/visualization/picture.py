@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from scipy.ndimage import binary_dilation, binary_erosion
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, instance_of, path_of
 from tactopose_drake.core.vision.rasterizer import Camera, DrawnSurface, Layer, render
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.results import PoseEstimate
@@ -72,12 +72,14 @@ def save_picture(
         colours: red, green and blue of the model's vertices at the estimate, 0 to 1, shape (v, 3); None for one colour.
 
     Raises:
-        InvalidInputError: if an estimate does not know what it was made from.
+        InvalidInputError: if an estimate does not know what it was made from, or of a value of another type.
         InvalidFileError: if the file cannot be written.
     """
+    path = path_of("path", path)
     scene = scene_of(scene) if isinstance(scene, PoseEstimate) else scene
+    instance_of("scene", scene, Scene)
     figure = _draw(scene, captions, prior_label, colours, _DPI)
-    with written_beside(Path(path)) as beside:
+    with written_beside(path) as beside:
         figure.savefig(beside, facecolor="white", format="png")
 
 

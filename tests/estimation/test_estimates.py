@@ -1,10 +1,15 @@
+import math
+
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import increments_between, retract
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tactopose_drake.estimation.estimate import _hypotheses
 from tactopose_drake.resources import model_path
 
 
@@ -136,3 +141,28 @@ def test_who_changes_a_pose_that_was_told_changes_nothing_of_the_estimate() -> N
     np.testing.assert_array_equal(told.X_PO.translation(), [0.1, 0.2, 0.3])
     with pytest.raises(AttributeError):
         told.X_PO = RigidTransform()  # type: ignore[misc]
+
+
+def test_what_an_estimate_is_asked_with_values_of_other_types_is_named() -> None:
+    made = weighed(0.5, 0.5)
+    for ask, message in (
+        (lambda: made.keep(None), "kept: is a NoneType; allowed is a Collection"),
+        (lambda: made.keep("ab"), r"kept\[0\]: is 'a'; allowed are True and False"),
+        (lambda: made.first("x"), "count: is 'x'; allowed are integers >= 1"),
+        (lambda: made.first(-1), "count: is -1; allowed are integers >= 1"),
+        (lambda: made.table("x"), "most: is 'x'; allowed are integers >= 0"),
+        (lambda: made.best.in_world(None), "X_WP: is a NoneType; allowed is a RigidTransform"),
+        (lambda: made.save_html(None), "path: is None; allowed is a path"),
+    ):
+        with pytest.raises(tp.TactoposeError, match=f"^{message}"):
+            ask()
+
+
+def test_no_probability_is_above_one() -> None:
+    # Of two weights that sum to more than 1 by rounding, one is left, and it was all.
+    almost = math.nextafter(1.0, 2.0)
+    kept = weighed(almost, 0.0).first(1)
+    assert (kept.best.probability, kept.kept_share) == (1.0, 1.0)
+    mixture = GaussianMixture(np.eye(3, 4)[None], np.array([almost]), np.eye(6)[None])
+    modes = Modes(mixture, np.zeros(1), (np.zeros((0, 6)),), 0.0)
+    assert _hypotheses(modes, np.ones((1, 3)), np.ones(1, dtype=bool))[0].probability == 1.0

@@ -127,7 +127,9 @@ def test_what_is_no_path_is_refused(path: object) -> None:
         ObjectLibrary.open(path)  # type: ignore[arg-type]
 
 
-def test_an_executor_that_is_shut_down_is_refused(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_executor_that_is_shut_down_is_refused(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("TACTOPOSE_CACHE_DIR", str(tmp_path / "empty"))
     with ThreadPoolExecutor(1) as executor:
         pass

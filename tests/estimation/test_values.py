@@ -44,6 +44,10 @@ def estimate(seed: int, count: int = 3) -> tp.PoseEstimate:
     return tp.PoseEstimate(tuple(hypotheses), "ambiguous", 0.0064)
 
 
+def identification() -> tp.Identification:
+    return tp.Identification((tp.Identity("mug", 0, 1, 1.0, 0.9, -3.0, estimate(0)),), "ok", 0.01, 0.1)
+
+
 def hand(seed: int) -> HandGeometry:
     count = seed % 3 + 1
     return HandGeometry(np.full((count, 3), 1e-4 * seed), np.full(count, 0.01))
@@ -138,6 +142,12 @@ def test_plain_data_that_is_no_value_is_refused(cls, data: dict, message: str) -
         ({"covariance": [[1.0], [1.0, 2.0]]}, "covariance: not an array of numbers"),
         ({"covariance": np.eye(5).tolist()}, r"covariance: has shape \(5, 5\); allowed is \(6, 6\)"),
         ({"covariance": np.full((6, 6), np.nan)}, r"covariance\[0, 0\]: is nan"),
+        ({"covariance": (-np.eye(6)).tolist()}, "covariance: has the variance -1; allowed are variances >= 0"),
+        ({"covariance": np.triu(np.ones((6, 6))).tolist()}, "covariance: is not symmetric; allowed are symmetric"),
+        (
+            {"covariance": (1e-8 * (3.0 * np.ones((6, 6)) - 2.0 * np.eye(6))).tolist()},
+            "covariance: says that some combination of errors has a variance below 0",
+        ),
         ({"free_directions": [[1.0, 2.0]]}, r"free_directions: has shape \(1, 2\)"),
         ({"free_directions": None}, "free_directions: not an array of numbers"),
         ({"inlier_probability": "x"}, "inlier_probability: not an array"),
@@ -168,6 +178,7 @@ def test_a_hypothesis_of_plain_data_has_values_that_can_be(change: dict, message
         ({"duration": -1.0}, "duration: is -1"),
         ({"log_evidence": "a"}, "log_evidence: not an array of numbers"),
         ({"standard_error": math.nan}, "standard_error: is nan"),
+        ({"standard_error": -0.1}, "standard_error: is -0.1; allowed are numbers >= 0"),
         ({"kept_share": 2.0}, "kept_share: is 2; allowed are numbers from 0 to 1"),
         ({"finished": None}, "finished: is None; allowed are True and False"),
     ],
@@ -175,6 +186,31 @@ def test_a_hypothesis_of_plain_data_has_values_that_can_be(change: dict, message
 def test_an_estimate_of_plain_data_has_values_that_can_be(change: dict, message: str) -> None:
     with pytest.raises(InvalidInputError, match=f"^{message}"):
         tp.PoseEstimate.from_dict({**estimate(0).to_dict(), **change})
+
+
+def test_hypotheses_of_plain_data_are_of_one_touch() -> None:
+    data = estimate(0).to_dict()
+    first, *others = data["hypotheses"]
+    with pytest.raises(InvalidInputError, match=r"^hypotheses: have probabilities that sum to 0.5; allowed is 1"):
+        tp.PoseEstimate.from_dict({**data, "hypotheses": [first]})
+    others[1]["inlier_probability"] = [0.5]
+    with pytest.raises(InvalidInputError, match=r"^hypotheses\[2\]: inlier_probability: has length 1; allowed is .* 0"):
+        tp.PoseEstimate.from_dict(data)
+
+
+def test_plain_data_of_few_digits_is_an_estimate_still() -> None:
+    data = json.loads(
+        json.dumps(estimate(3).to_dict()), parse_float=lambda text: float(f"{float(text):.4g}" if "e" in text else text)
+    )
+    for hypothesis in data["hypotheses"]:
+        hypothesis["probability"] = round(hypothesis["probability"], 4)
+        hypothesis["covariance"] = [[float(f"{x:.6g}") for x in row] for row in hypothesis["covariance"]]
+    assert len(tp.PoseEstimate.from_dict(data)) == 3
+
+
+def test_a_probability_that_rounding_has_raised_above_one_is_one() -> None:
+    data = {**estimate(0).best.to_dict(), "probability": 1.0000000000000002}
+    assert tp.PoseHypothesis.from_dict(data).probability == 1.0
 
 
 @pytest.mark.parametrize("cls", [tp.PoseEstimate, tp.PoseHypothesis, tp.Contacts, tp.PosePrior, tp.Identification])
@@ -242,6 +278,9 @@ def test_representations_are_short_and_say_what_matters() -> None:
         (estimate(0), ("'ambiguous'", "3 hypotheses in 6.4 ms", "50.0%", "deg")),
         (estimate(0).best, ("quaternion wxyz", "mm")),
         (HandGeometry(np.zeros((2, 3)), np.array([0.01, 0.02])), ("2 spheres, radii 10.0 to 20.0 mm",)),
+        (identification(), ("'ok': 1 object in 10.0 ms", "<Identity 1: 'mug' 90.0%>", "unknown 10.0%")),
+        (tp.Sphere(0.01), ("<Sphere: radius 0.01, p_SF [0.0, 0.0, 0.0] mm>",)),
+        (tp.Superquadric((0.01, 0.02, 0.03), (0.5, 0.6)), ("semi_axes (0.01, 0.02, 0.03), exponents (0.5, 0.6)",)),
         (PoseTracker(model).start(), ("lost: no estimate yet", "0 modes")),
         (tp.describe_patch(np.eye(3), [0.0, 2e3, 3e3], alpha=1e-7), ("2 of 3 cells active", "3 kPa")),
     ):

@@ -10,6 +10,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.visualization.appearance import (
@@ -52,6 +53,13 @@ def wall(at: np.ndarray, normal: np.ndarray) -> Triangles:
 def draw(path: Path, scene: Scene) -> np.ndarray:
     save_picture(path, scene)
     return imread(path)[..., :3]
+
+
+def test_what_is_no_path_and_no_scene_is_named(model: ObjectModel, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInputError, match=r"^path: is None; allowed is a path"):
+        save_picture(None, Scene(model=model, contacts=TOUCH))  # type: ignore[arg-type]
+    with pytest.raises(InvalidInputError, match=r"^scene: is a NoneType; allowed is a Scene"):
+        save_picture(tmp_path / "picture.png", None)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("name", ["picture", "picture.result", "picture.pdf"])

@@ -75,6 +75,13 @@ class GraspQuality:
     n_OC: FloatArray
     distance: FloatArray
 
+    def __repr__(self) -> str:
+        task = "" if self.task_scale is None else f", task_scale {self.task_scale:.3g}"
+        return (
+            f"<GraspQuality: {len(self.p_OC)} contacts, {'' if self.force_closure else 'no '}force closure, "
+            f"radius {self.radius:.3g}{task}>"
+        )
+
     @property
     def volume(self) -> float:
         """Content of the wrench space, N^6; for the norm "Linf" see `WrenchSpace.volume`, which says how long."""

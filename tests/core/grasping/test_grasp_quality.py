@@ -255,3 +255,8 @@ def test_an_estimate_says_what_is_believed() -> None:
     np.testing.assert_allclose(belief.X_PO[0], estimate.best.X_PO.GetAsMatrix34())
     np.testing.assert_allclose(belief.covariance[0], estimate.best.covariance)
     assert force_closure_probability(model, Contacts(P_OC), belief, friction=0.6, samples=50).value > 0.9
+
+
+def test_a_quality_is_shown_in_one_short_line(box: ObjectModel) -> None:
+    quality = grasp_quality(box, Contacts(P_OC), np.eye(3, 4), friction=0.5)
+    assert repr(quality) == f"<GraspQuality: 4 contacts, force closure, radius {quality.radius:.3g}>"
