@@ -170,7 +170,7 @@ class PoseEstimate(PlainValue, Presentable):
             InvalidInputError: if none stays, if there are more or fewer of them than hypotheses, or if they are not
                 all True or False.
         """
-        instance_of("kept", kept, Collection)  # type: ignore[type-abstract]
+        instance_of("kept", kept, Collection)
         if len(kept) != len(self):
             raise InvalidInputError(f"kept: has length {len(kept)}; allowed is one for each hypothesis, {len(self)}.")
         hypotheses, mass = _weighed_among_themselves(

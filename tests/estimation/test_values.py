@@ -199,12 +199,10 @@ def test_hypotheses_of_plain_data_are_of_one_touch() -> None:
 
 
 def test_plain_data_of_few_digits_is_an_estimate_still() -> None:
-    data = json.loads(
-        json.dumps(estimate(3).to_dict()), parse_float=lambda text: float(f"{float(text):.4g}" if "e" in text else text)
-    )
-    for hypothesis in data["hypotheses"]:
-        hypothesis["probability"] = round(hypothesis["probability"], 4)
-        hypothesis["covariance"] = [[float(f"{x:.6g}") for x in row] for row in hypothesis["covariance"]]
+    data = estimate(3).to_dict()
+    for each in data["hypotheses"]:
+        each["probability"] = round(each["probability"], 4)
+        each["covariance"] = [[float(f"{x:.6g}") for x in row] for row in each["covariance"]]
     assert len(tp.PoseEstimate.from_dict(data)) == 3
 
 

@@ -115,7 +115,8 @@ def grasp_quality(
 
     Raises:
         InvalidInputError: a friction below 0, fewer than 3 edges or more than 64, a length that is not positive, an
-            X_PO that is no pose or farther away than 10 m, a task of another shape or of nothing but 0, or a value of another type.
+            X_PO that is no pose or farther away than 10 m, a task of another shape or of nothing but 0, or a value of
+            another type.
         UnknownNameError: a norm that does not exist.
     """
     friction, length = _check(model, contacts, friction, edges, length, norm)

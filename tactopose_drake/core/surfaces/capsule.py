@@ -20,8 +20,8 @@ class Capsule(Surface):
     on without end towards -z. A length of 0 leaves the hemisphere alone (a sphere if `two_ended`).
 
     Attributes:
-        radius: m, > 0.
-        length: length of the cylindrical part, m, >= 0.
+        radius: m, > 0, up to 1.
+        length: length of the cylindrical part, m, >= 0, up to 1.
         two_ended: whether a second hemisphere closes the -z end.
         X_SF: pose of F in the sensor's frame, shape (3, 4), p in m; a RigidTransform or (4, 4) is taken too.
 

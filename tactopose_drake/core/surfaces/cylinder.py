@@ -18,8 +18,8 @@ class Cylinder(Surface):
     endless cylinder.
 
     Attributes:
-        radius: m, > 0.
-        length: m, > 0.
+        radius: m, > 0, up to 1.
+        length: m, > 0, up to 1.
         X_SF: pose of F in the sensor's frame, shape (3, 4), p in m; a RigidTransform or (4, 4) is taken too.
 
     Raises:

@@ -15,7 +15,7 @@ class Ellipsoid(Surface):
     """An ellipsoid about F's origin: (x/a)^2 + (y/b)^2 + (z/c)^2 = 1. All of it can be touched.
 
     Attributes:
-        semi_axes: a, b, c along F's axes, m, > 0.
+        semi_axes: a, b, c along F's axes, m, > 0, up to 1.
         X_SF: pose of F in the sensor's frame, shape (3, 4), p in m; a RigidTransform or (4, 4) is taken too.
 
     Raises:

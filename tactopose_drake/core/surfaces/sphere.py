@@ -15,7 +15,7 @@ class Sphere(Surface):
     """A sphere about F's origin. All of it can be touched.
 
     Attributes:
-        radius: m, > 0.
+        radius: m, > 0, up to 1.
         X_SF: pose of F in the sensor's frame, shape (3, 4), p in m; a RigidTransform or (4, 4) is taken too.
 
     Raises:

@@ -22,7 +22,7 @@ class Superquadric(Surface):
     towards an octahedron, with creases on the planes of symmetry. All of it can be touched.
 
     Attributes:
-        semi_axes: a, b, c along F's axes, m, > 0.
+        semi_axes: a, b, c along F's axes, m, > 0, up to 1.
         exponents: e1 and e2, without unit, each from 0.1 to 1.5.
         X_SF: pose of F in the sensor's frame, shape (3, 4), p in m; a RigidTransform or (4, 4) is taken too.
 
