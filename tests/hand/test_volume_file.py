@@ -113,7 +113,7 @@ def test_a_hand_s_own_file_is_told_from_one_that_names_it(tmp_path: Path) -> Non
             r"joints\[finger_2_spread_joint\]: is 0.1 rad, and by the coupling with finger_1_spread_joint 0.3 rad",
         ),
         ("{hand: shadow_like, joints: {elbow: x}}", "^[^:]*: joints.elbow: is 'x'; allowed are numbers"),
-        ("{hand: shadow_like, joints: {FFJ3: .nan}}", r"^[^:]*: joints.FFJ3\[0\]: is nan"),
+        ("{hand: shadow_like, joints: {FFJ3: .nan}}", r"^[^:]*: joints.FFJ3: is nan"),
         ("{hand: shadow_like, joints: {}, untouched: [toe]}", r"untouched: is \['toe'\]; allowed is a list of fingers"),
     ],
 )
