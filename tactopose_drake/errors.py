@@ -26,7 +26,10 @@ _LONG, _BEGINNING = 80, 60  # letters of a value, and of the text that a longer 
 
 def shown(value: object) -> str:
     """A value as messages show it, in one line: what it is, or where that is long how a text begins, or the type."""
-    text = " ".join(line.strip() for line in repr(value).splitlines())
+    try:
+        text = " ".join(line.strip() for line in repr(value).splitlines())
+    except ValueError:  # Python writes no integer of thousands of digits.
+        return f"a {type(value).__name__}"
     if len(text) < _LONG:
         return text
     return f"{text[:_BEGINNING]}..." if isinstance(value, str) else f"a {type(value).__name__}"

@@ -187,7 +187,7 @@ def whole_number(name: str, value: object, *, least: int, most: int | None = Non
         raise InvalidInputError(f"{name}: is {shown(value)}; allowed are integers {allowed}.")
     number = int(value)
     if number < least or (most is not None and number > most):
-        raise InvalidInputError(f"{name}: is {number}; allowed are integers {allowed}.")
+        raise InvalidInputError(f"{name}: is {shown(number)}; allowed are integers {allowed}.")
     return number
 
 
