@@ -13,6 +13,7 @@ from tactopose_drake.hand.hand_in_plant import Hand, joints_by_child
 
 _LIES_ON_IT = 0.95  # share of a fingertip's surface within 1 mm of the shapes from which on no other is sought
 _FAR_BETTER, _GOOD_ENOUGH = 1.5, 5e-4  # of fingertip surfaces: ratio of residuals, and a residual, m
+_TOO_FAR, _TIMES = 3e-3, 4.0  # residual from which on a surface is none of the fingertip's, m, and of the fitted one's
 
 
 def check_fingertips(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> Iterator[Finding]:
@@ -20,6 +21,9 @@ def check_fingertips(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand)
     for finger, frame in hand.sensor_frames.items():
         part, weld = f"fingertip {finger}", hand.welds[finger]
         tip = weld.child_body().name()
+        if frame.body().index() not in welded_bodies(plant, weld.frame_on_child()):
+            yield _elsewhere(plant, hand, finger)
+            continue
         yield Finding(part, f"sensor frame {frame.name()!r} at joint {weld.name()!r}, before link {tip!r}")
         fit = fingertip_fit(plant, scene_graph.model_inspector(), hand, finger)
         if fit is None:
@@ -32,7 +36,19 @@ def check_fingertips(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand)
         verdict: Verdict = "ok" if fit.share > 0.5 else "note" if fit.share > 0.1 else "fault"
         yield Finding(part, text, verdict)
         if fit.share < _LIES_ON_IT:
-            yield from _better_surface(plant, scene_graph, hand, finger)
+            yield from _better_surface(plant, scene_graph, hand, finger, can_be_wrong=verdict != "ok")
+
+
+def _elsewhere(plant: MultibodyPlant, hand: Hand, finger: str) -> Finding:
+    """Of a sensor frame that is neither on what its weld carries nor on what the weld is on: of another finger."""
+    frame, weld = hand.sensor_frames[finger], hand.welds[finger]
+    frames = map(plant.get_frame, plant.GetFrameIndices(hand.model_instance))
+    carried = sorted(other.name() for other in frames if other.body().index() == weld.child_body().index())
+    text = (
+        f"sensor frame {frame.name()!r} is on link {frame.body().name()!r}, which the weld {weld.name()!r} does not "
+        f"carry; frames that it carries are {', '.join(carried)}"
+    )
+    return Finding(f"fingertip {finger}", text, "fault")
 
 
 def _bare(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: str) -> Finding:
@@ -51,8 +67,11 @@ def _bare(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: st
     return Finding(part, text, "fault")
 
 
-def _better_surface(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: str) -> Iterator[Finding]:
-    """Names a surface that lies far better on the fingertip's shape than the file's."""
+def _better_surface(
+    plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: str, *, can_be_wrong: bool
+) -> Iterator[Finding]:
+    """Names a surface that lies far better on the fingertip's shape than the file's, which may be so far off as to be
+    another's."""
     fitted = fit_fingertip(plant, scene_graph.model_inspector(), hand, finger)
     if fitted is None or fitted.own_residual < max(_FAR_BETTER * fitted.residual, _GOOD_ENOUGH):
         return
@@ -61,4 +80,5 @@ def _better_surface(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, 
         f"a surface fitted to {where}the shape in which the finger ends is off by {1e3 * fitted.residual:.2f} mm (root "
         f"mean square), the file's by {1e3 * fitted.own_residual:.2f} mm"
     )
-    yield Finding(f"fingertip {finger}", text, "note", (Entry(finger, "surface", fitted.yaml),))
+    is_wrong = can_be_wrong and fitted.own_residual > max(_TIMES * fitted.residual, _TOO_FAR)
+    yield Finding(f"fingertip {finger}", text, "fault" if is_wrong else "note", (Entry(finger, "surface", fitted.yaml),))

@@ -17,6 +17,7 @@ from tactopose_drake.hand.tactile_pads import load_tactile_pad
 
 _SHALLOW, _THICK = 0.0001, 0.02  # of a soft layer, as hands have it, m
 _NEAR = 0.005  # of shapes, which are coarser than pads, m
+_BESIDE = 0.015  # of what no pad of the link has, m
 _STEP = 0.001  # along a normal, m
 
 
@@ -65,7 +66,7 @@ def _place(
         f"is up to {1e3 * above:.1f} mm outside of them and {1e3 * below:.1f} mm inside"
     )
     # Hulls bridge hollow palms, so that a pad may well be deep in them.
-    verdict: Verdict = "fault" if off > 0.5 else "ok" if share > 0.5 else "note"
+    verdict: Verdict = "fault" if off > 0.5 or above > _BESIDE else "ok" if share > 0.5 else "note"
     yield Finding(part, text, verdict)
     inwards = float(np.mean(before > behind))
     if off <= 0.5 and inwards:

@@ -198,6 +198,35 @@ def test_a_surface_that_fits_far_better_is_named_and_then_taken(tmp_path: Path) 
     assert not [text for _, text in verdicts(check_hand(path), "fingertip left") if "fitted" in text]
 
 
+def test_a_sensor_on_another_finger_s_link_is_told_and_no_surface_proposed(tmp_path: Path) -> None:
+    check = check_hand(write_gripper(tmp_path, yaml=YAML.replace("weld: left_weld", "weld: right_weld", 1)))
+    assert verdicts(check, "fingertip left") == [
+        (
+            "fault",
+            "sensor frame 'left_tip' is on link 'left_tip', which the weld 'right_weld' does not carry; frames that it "
+            "carries are right_tip",
+        )
+    ]
+    assert check.entries == ()
+    before = check_hand(write_gripper(tmp_path, yaml=YAML.replace("frame: left_tip", "frame: left_finger")))
+    assert "'left_finger' at joint 'left_weld'" in verdicts(before, "fingertip left")[0][1]  # on the weld's other side
+
+
+def test_a_surface_that_lies_across_the_finger_is_a_fault(tmp_path: Path) -> None:
+    across = "!CapsuleSurface {radius: 0.007, length: 0.05, X_SF: {rotation: !Rpy {deg: [90, 0, 0]}}}"
+    path = write_gripper(tmp_path, yaml=YAML.replace("!SphereSurface {radius: 0.012}", across, 1))
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace('<sphere radius="0.012"/>', '<box size="0.014 0.024 0.06"/>', 1))
+    check = check_hand(path)
+    (fault,) = check.faults
+    assert (fault.part, fault.entries) == ("fingertip left", check.entries)
+    better, own = (float(number) for number in re.findall(r"by (\d+\.\d+) mm", fault.text))
+    assert better < 1.0
+    assert own > 5.0
+    path.write_text(YAML.replace("surface: !SphereSurface {radius: 0.012}", check.entries[0].yaml, 1))
+    assert not check_hand(path).faults
+
+
 def test_a_reach_ends_at_no_negative_zero(tmp_path: Path) -> None:
     path, model = write_gripper(tmp_path), tmp_path / "two_finger.urdf"
     model.write_text(model.read_text().replace('xyz="0.06 0 0.1"', 'xyz="0.06 -0.0001 0.1"'))
@@ -390,6 +419,7 @@ def test_a_pad_that_is_softer_or_stiffer_than_pads_are_is_named(
             "m; allowed are 1 m at most. Multiply by 0.001 what is in millimetres",
         ),
         ([[x, y, z + 0.5] for x, y, z in GRID], (0, 0, 1), "is up to 500.0 mm outside of them and 0.0 mm inside"),
+        ([*GRID, [0.0, 0.0, GRID[0][2] + 0.02]], (0, 0, 1), "the rest is up to 20.0 mm outside of them"),
         (GRID, (0, 0, -1), "the normals of 100% of its cells point into the link 'left_tip'"),
         ([*GRID, GRID[4]], (0, 0, 1), "pad.yaml: corners[9]: the cell is where cell 4 is; allowed is a place each"),
     ],
