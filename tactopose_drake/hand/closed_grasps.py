@@ -103,11 +103,12 @@ class GraspCloser:
         joints = [plant.GetJointByName(name, hand.model_instance) for name in errors.joints]
         limits = np.array([[j.position_lower_limits()[0], j.position_upper_limits()[0]] for j in joints])
         self._low, self._high = np.clip(limits, *_BENT).T
+        self._rest = np.clip(0.0, self._low, self._high)
         draw = np.random.default_rng(0)
         self._postures: dict[str, tuple[FloatArray, FloatArray]] = {}  # of each finger's joints, and X_PM at them
         for finger in errors.fingers:
             moves = np.isin(errors.joints, hand.config.finger(finger).joints)
-            positions = np.where(moves, draw.uniform(self._low, self._high, (_POSTURES, len(moves))), 0.0)
+            positions = np.where(moves, draw.uniform(self._low, self._high, (_POSTURES, len(moves))), self._rest)
             self._postures[finger] = positions, np.array([self._X_PM(finger, row) for row in positions])
 
     def grasp(self, model: ObjectModel, generator: np.random.Generator, time: float | None = None) -> ClosedGrasp:
@@ -139,7 +140,7 @@ class GraspCloser:
         self, model: ObjectModel, X_PO: FloatArray, generator: np.random.Generator
     ) -> tuple[FloatArray, dict[str, "_Contact"]]:
         """The measured joints' true positions, and each finger's contact."""
-        positions, fingers = np.zeros(len(self._low)), self._errors.fingers
+        positions, fingers = self._rest, self._errors.fingers
         contacts: dict[str, _Contact] = {}
         for left, finger in zip(range(len(fingers), 0, -1), fingers, strict=True):
             if len(contacts) + left < self._least:
@@ -154,7 +155,7 @@ class GraspCloser:
                 start = p_SQ[int(np.argmin(gaps[k]))]
                 found = self._contact(finger, surface, of_finger[k], start, model, X_PO, generator)
                 if found is not None:
-                    positions = positions + found.positions
+                    positions = np.where(found.positions != self._rest, found.positions, positions)
                     contacts[finger] = found
                     break
         return positions, contacts
@@ -170,7 +171,7 @@ class GraspCloser:
         generator: np.random.Generator,
     ) -> "_Contact | None":
         """Where a finger near the object touches it."""
-        way = np.where(near != 0.0, generator.uniform(0.3, 1.0, len(near)), 0.0)
+        way = np.where(near != self._rest, generator.uniform(0.3, 1.0, len(near)), 0.0)
         layer = self._hand.layers.get(finger)
         depth = 0.0 if layer is None else self._push(generator) / layer.stiffness
         gap = self._params.noise_surface * generator.normal()
@@ -234,7 +235,7 @@ class _Contact(NamedTuple):
     """Where a finger touches.
 
     Attributes:
-        positions: of the finger's joints, of all others 0, shape (k,).
+        positions: of the finger's joints, of all others where they rest, at 0 or the limit next to it, shape (k,).
         p_SC: the point, where a soft layer has given way.
         n_S: the fingertip's outward normal there.
         push: the normal force, N; None where the place does not depend on it, for there is no soft layer.

@@ -1,0 +1,37 @@
+"""Grasps made up by kinematics alone."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.hand import (
+    ClosedGraspParams,
+    GraspCloser,
+    HandErrors,
+    HandUncertainty,
+    load_hand_config,
+    make_hand_plant,
+)
+from tests.hand.grippers import write_bending_gripper
+
+
+def test_a_hand_closes_one_of_whose_joints_cannot_be_at_zero(tmp_path: Path) -> None:
+    path = write_bending_gripper(tmp_path, 3)
+    model = tmp_path / "bending.urdf"
+    model.write_text(model.read_text().replace('lower="-0.6"', 'lower="0.2"', 1))
+    grip = {"grip_low": [-0.01, -0.01, 0.08], "grip_high": [0.01, 0.01, 0.1]}
+    plant, hand = make_hand_plant(dataclasses.replace(load_hand_config(path), **grip))
+    errors = HandErrors.of(plant, hand, HandUncertainty())
+    none, params = np.zeros(len(errors.sigma)), ClosedGraspParams(least_fingers=2)
+    closer = GraspCloser(plant, hand, errors, none, params)
+    cylinder = ObjectModel.from_cylinder(0.02, 0.1)
+    for seed in range(4):
+        recorded = closer.grasp(cylinder, np.random.default_rng(seed)).recorded
+        assert len(recorded.wrenches) >= 2
+        still = [finger for finger in ("f0", "f1", "f2") if finger not in recorded.wrenches]
+        at = {finger: [recorded.joint_positions[f"{finger}_j{joint}"] for joint in (0, 1)] for finger in hand.fingers}
+        assert at["f0"][0] >= 0.2
+        for finger in still:
+            assert at[finger] == ([0.2, 0.0] if finger == "f0" else [0.0, 0.0])
