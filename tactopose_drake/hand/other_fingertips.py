@@ -23,6 +23,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 
+_STILL = 1e-12  # m, and of a rotation's matrix
+
 
 def change_fingertips(
     plant: MultibodyPlant,
@@ -65,23 +67,36 @@ def move_pads(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, X_TM: 
         scene_graph: its geometry.
         hand: the hand in it.
         X_TM: where each array is in truth, M, of where the hand's file has it, by pad.
-
-    Raises:
-        InvalidInputError: if two senses are on one body, each of which would move it.
     """
     inspector = scene_graph.model_inspector()
-    bodies = [weld.child_body().name() for weld in hand.welds.values()]
-    bodies += [frame.body().name() for frame in hand.pad_frames.values()]
-    if twice := sorted({name for name in bodies if bodies.count(name) > 1}):
-        raise InvalidInputError(
-            f"SimulatedErrors: on {', '.join(twice)} are two senses, which cannot be mounted apart; allowed in a "
-            "simulation with errors is one sensor or array on each body."
-        )
     for pad, frame in hand.pad_frames.items():
         X_BT = frame.GetFixedPoseInBodyFrame()
         for geometry in plant.GetCollisionGeometriesForBody(frame.body()):
             X_BG = X_BT @ X_TM[pad] @ X_BT.inverse() @ inspector.GetPoseInFrame(geometry)
             _change(plant, scene_graph, hand, geometry, inspector.GetShape(geometry), X_BG)
+
+
+def check_mounting(hand: Hand, X_SM: Mapping[str, RigidTransform], X_TM: Mapping[str, RigidTransform]) -> None:
+    """Checks that no body would be moved by two senses.
+
+    Args:
+        hand: the hand.
+        X_SM: where each sensor is in truth, by finger.
+        X_TM: likewise each tactile array, by pad.
+
+    Raises:
+        InvalidInputError: if two senses are on one body, and one of them is not where the hand's file has it.
+    """
+    senses = [(hand.welds[finger].child_body().name(), X) for finger, X in X_SM.items()]
+    senses += [(hand.pad_frames[pad].body().name(), X) for pad, X in X_TM.items()]
+    bodies = [name for name, _ in senses]
+    moved = {name for name, X in senses if not X.IsNearlyIdentity(_STILL)}
+    if twice := sorted(name for name in moved if bodies.count(name) > 1):
+        raise InvalidInputError(
+            f"SimulatedErrors: on {', '.join(twice)} are two senses, which cannot be mounted apart; allowed there is no "
+            "error of their mounting: `mounting: [0, 0, 0]` and `mounting_deg: [0, 0, 0]` of each in `errors.fingers` "
+            "and `errors.pads`, or 0 of both in the hand's `uncertainty`, which errors are drawn from."
+        )
 
 
 def _change(

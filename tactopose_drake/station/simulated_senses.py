@@ -13,7 +13,7 @@ from pydrake.systems.primitives import AddRandomInputs, Demultiplexer
 
 from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
-from tactopose_drake.hand.other_fingertips import change_fingertips, move_pads
+from tactopose_drake.hand.other_fingertips import change_fingertips, check_mounting, move_pads
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.other_object import change_object
@@ -97,7 +97,8 @@ def simulate_errors(
         object_instance: the object in it.
 
     Raises:
-        InvalidInputError: if the object's collision shapes are not meshes of OBJ files, and were to change.
+        InvalidInputError: if the object's collision shapes are not meshes of OBJ files, and were to change, or two
+            senses on one link were to be mounted apart.
     """
     errors = scenario.errors
     if errors is None:
@@ -108,6 +109,7 @@ def simulate_errors(
         *((_ARRAY.format(pad), hand.pad_frames[pad], X_TM) for pad, X_TM in drawn.X_TM.items()),
     ]
     if any(drawn.radius.values()) or not all(X.IsExactlyIdentity() for _, _, X in mounted):
+        check_mounting(hand, drawn.X_SM, drawn.X_TM)
         change_fingertips(plant, scene_graph, hand, drawn.radius, drawn.X_SM)
         move_pads(plant, scene_graph, hand, drawn.X_TM)
         for name, frame, X in mounted:

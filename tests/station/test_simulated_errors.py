@@ -182,6 +182,15 @@ def test_two_senses_on_one_body_cannot_be_mounted_apart() -> None:
     hand = add_hand(plant, config, RigidTransform())
     with pytest.raises(InvalidInputError, match="on first_tip are two senses, which cannot be mounted apart; allowed"):
         simulate_errors(scenario, plant, scene_graph, hand, hand.model_instance)
+    there = {"mounting": [0.0] * 3, "mounting_deg": [0.0] * 3}
+    given = SimulatedErrors(drawn=True, fingers={"first": FingerErrors(**there)}, pads={"skin": PadErrors(**there)})
+    offset = SimulatedErrors(joint_offsets_deg={config.finger("first").joints[0]: 1.0})
+    for errors in (offset, given):
+        plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
+        hand = add_hand(plant, config, RigidTransform())
+        simulate_errors(
+            dataclasses.replace(scenario, errors=errors), plant, scene_graph, hand, hand.model_instance
+        )  # mounted where they are told to be
     config.pads[0].frame = config.finger("first").sensor_frame
     plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
     hand = add_hand(plant, config, RigidTransform())
