@@ -10,6 +10,8 @@ from .collision import HandCollision as HandCollision
 from .collision import check_collisions as check_collisions
 from .collision import keep_clear as keep_clear
 from .contact_pressure import pressure_field as pressure_field
+from .contact_properties import let_overlap as let_overlap
+from .contact_properties import make_compliant as make_compliant
 from .contact_uncertainty import ContactUncertainty as ContactUncertainty
 from .encoder_offsets import EncoderGains as EncoderGains
 from .encoder_offsets import encoder_gains as encoder_gains

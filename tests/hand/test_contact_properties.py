@@ -9,10 +9,9 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
+from tactopose_drake.hand import let_overlap, make_compliant
 from tactopose_drake.hand.contact_properties import (
     leave_friction_out,
-    let_overlap,
-    make_compliant,
     make_meshes_rigid,
     rigid_shapes,
     self_collisions,
