@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.validation import MOST_ALPHA, finite_array, known_name, points_near, positive_number, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.calibration_file import load_calibration
@@ -29,6 +30,7 @@ class Coupling:
     offset: float = 0.0  # position of the joint where the one that it follows is at 0, rad or m
 
 
+_LARGEST_TIP = 1.0  # m, of a fingertip's surface in its sensor's frame: more must be in millimetres
 _MOST_UNCERTAIN = {  # more must be of another unit, such as millimetres
     "encoder_offset_deg": (45.0, "deg"),
     "mounting": (0.05, "m"),
@@ -152,8 +154,10 @@ class HandConfig:
                 )
             with told_of(f"HandConfig.fingers[{finger.name}].surface."):
                 surface = finger.surface.make()
+            _check_size(f"HandConfig.fingers[{finger.name}].surface", surface)
             if finger.layer is not None:
                 finger.layer.make(f"HandConfig.fingers[{finger.name}].layer", surface)
+        self._check_sensors()
         if self.uncertainty is not None:
             self.uncertainty.validate()
         pads = [pad.name for pad in self.pads]
@@ -167,6 +171,19 @@ class HandConfig:
             known_name("HandConfig.rest_positions", joint, driven)
             finite_array(f"HandConfig.rest_positions[{joint}]", [position], (1,))
         self._check_grip()
+
+    def _check_sensors(self) -> None:
+        """Raises InvalidInputError if two fingers have one sensor: it would be felt twice."""
+        for key in ("sensor_frame", "weld"):
+            owners: dict[str, str] = {}
+            for finger in self.fingers:
+                name = getattr(finger, key)
+                if name and name in owners:
+                    raise InvalidInputError(
+                        f"HandConfig.fingers[{finger.name}].{key}: is {name!r}, as the finger {owners[name]!r} has it; "
+                        "allowed is one of its own."
+                    )
+                owners[name] = finger.name
 
     def _check_followers(self, driven: list[str]) -> None:
         """Raises InvalidInputError if a joint that follows another is actuated too, or follows in two ways."""
@@ -216,6 +233,16 @@ class HandConfig:
             if finger.name == name:
                 return finger
         raise UnknownNameError("finger", name, [finger.name for finger in self.fingers])
+
+
+def _check_size(name: str, surface: Surface) -> None:
+    """Raises InvalidInputError if a fingertip's surface is larger, or farther from its sensor, than any is."""
+    reach = float(np.linalg.norm(surface.X_SF[:, 3])) + surface.extent
+    if reach > _LARGEST_TIP:
+        raise InvalidInputError(
+            f"{name}: reaches {reach:g} m from its sensor; allowed are {_LARGEST_TIP:g} m at most. Multiply by 0.001 "
+            "what is in millimetres."
+        )
 
 
 def load_hand_config(name_or_path: str | Path, *, with_calibration: bool = True) -> HandConfig:

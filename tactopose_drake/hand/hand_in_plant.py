@@ -19,7 +19,7 @@ from pydrake.multibody.tree import (
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Surface
-from tactopose_drake.core.validation import told_of
+from tactopose_drake.core.validation import known_name, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.calibration_file import HandCalibration, load_calibration
 from tactopose_drake.hand.contact_gains import thicker
@@ -183,9 +183,11 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
             if name not in joints:
                 raise UnknownNameError(f"joint of finger {finger.name!r}", name, sorted(joints))
     pads = {pad.name: pad.frame for pad in config.pads}
-    for name in [config.base_link, config.palm_frame, *(finger.sensor_frame for finger in sensing), *pads.values()]:
-        if name not in frames:
-            raise UnknownNameError("frame of the hand", name, sorted(frames))
+    named = {"base_link": config.base_link, "palm_frame": config.palm_frame}
+    named |= {f"fingers[{finger.name}].sensor_frame": finger.sensor_frame for finger in sensing}
+    named |= {f"pads[{name}].frame": frame for name, frame in pads.items()}
+    for key, name in named.items():
+        known_name(f"HandConfig.{key}", name, sorted(frames))
     for finger in sensing:
         tip, is_fixed = joints[finger.weld].child_body(), isinstance(joints[finger.weld], WeldJoint)
         if not is_fixed and frames[finger.sensor_frame].body().index() != tip.index():

@@ -199,7 +199,8 @@ def test_a_surface_that_fits_far_better_is_named_and_then_taken(tmp_path: Path) 
 
 
 def test_a_sensor_on_another_finger_s_link_is_told_and_no_surface_proposed(tmp_path: Path) -> None:
-    check = check_hand(write_gripper(tmp_path, yaml=YAML.replace("weld: left_weld", "weld: right_weld", 1)))
+    swapped = YAML.replace("weld: left", "weld: @").replace("weld: right", "weld: left").replace("weld: @", "weld: right")
+    check = check_hand(write_gripper(tmp_path, yaml=swapped))
     assert verdicts(check, "fingertip left") == [
         (
             "fault",

@@ -235,6 +235,8 @@ def test_bad_descriptors_are_refused(tmp_path):
         load_hand_config("no_such_hand")
     with pytest.raises(InvalidInputError, match=r"HandConfig\.fingers\[left\]\.surface\.radius: is -1"):
         load_hand_config(write_gripper(tmp_path, surface="!SphereSurface {radius: -1}"))
+    with pytest.raises(InvalidInputError, match=r"surface: reaches 11 m from its sensor; .* what is in millimetres"):
+        load_hand_config(write_gripper(tmp_path, surface="!SphereSurface {radius: 11}"))
     path = write_gripper(tmp_path)
     path.write_text(path.read_text().replace("name: left,", "name: '',"))
     with pytest.raises(InvalidFileError, match=r"HandConfig\.fingers\[0\]\.name: is empty; allowed is a name"):
@@ -246,10 +248,25 @@ def test_bad_descriptors_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("tip", "weld", "message"),
+    [
+        ("left_tip", "left_end", r"fingers\[again\]\.sensor_frame: is 'left_tip', as the finger 'left' has it; allowed"),
+        ("left_end", "left_weld", r"fingers\[again\]\.weld: is 'left_weld', as the finger 'left' has it; allowed is one"),
+    ],
+)
+def test_a_finger_under_two_names_is_refused(tmp_path, tip, weld, message):
+    path = write_gripper(tmp_path)
+    again = f"- {{name: again, joints: [left_hinge], sensor_frame: {tip}, weld: {weld}}}\n"
+    path.write_text(path.read_text() + again)
+    with pytest.raises(InvalidFileError, match=message):
+        load_hand_config(path)
+
+
+@pytest.mark.parametrize(
     ("right", "wrong", "error", "message"),
     [
-        ("base_link: base", "base_link: bass", UnknownNameError, "'bass' is unknown; valid names: .*base, left"),
-        ("palm_frame: base", "palm_frame: bass", UnknownNameError, "'bass' is unknown; valid names: .*base, left"),
+        ("base_link: base", "base_link: bass", UnknownNameError, r"HandConfig\.base_link: 'bass' is unknown; valid names: .*base, left"),
+        ("palm_frame: base", "palm_frame: bass", UnknownNameError, r"HandConfig\.palm_frame: 'bass' is unknown; valid names: .*base, left"),
         (
             "weld: left_weld",
             "weld: left_hinge",
@@ -311,7 +328,7 @@ def test_a_finger_may_have_no_sensor_and_a_hand_pads(tmp_path):
         ("- {name: a, frame: left_tip, alpha: 2}", r"pads\[a\].alpha: is 2; allowed are numbers from 0 to 1"),
         ("- {name: a, frame: base, alpha: 1}\n- {name: a, frame: left, alpha: 1}", "pads: have the names"),
         ("- {frame: left_tip, alpha: 1}", "pads: have the names"),
-        ("- {name: a, frame: thumb, alpha: 1}", "'thumb' is unknown; valid names: .*left_tip"),
+        ("- {name: a, frame: thumb, alpha: 1}", r"HandConfig\.pads\[a\]\.frame: 'thumb' is unknown; valid names: .*left_tip"),
     ],
 )
 def test_impossible_pads_are_refused(tmp_path, pads, message):
