@@ -81,4 +81,6 @@ def _better_surface(
         f"mean square), the file's by {1e3 * fitted.own_residual:.2f} mm"
     )
     is_wrong = can_be_wrong and fitted.own_residual > max(_TIMES * fitted.residual, _TOO_FAR)
-    yield Finding(f"fingertip {finger}", text, "fault" if is_wrong else "note", (Entry(finger, "surface", fitted.yaml),))
+    yield Finding(
+        f"fingertip {finger}", text, "fault" if is_wrong else "note", (Entry(finger, "surface", fitted.yaml),)
+    )

@@ -10,6 +10,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.surfaces import Capsule as CapsuleTip
+from tactopose_drake.core.surfaces import Sphere as SphereTip
 from tactopose_drake.core.surfaces import Superquadric, Surface
 from tactopose_drake.core.surfaces.surface import random_directions
 from tactopose_drake.core.surfaces.surface_fitting import fit_surface, residual
@@ -86,6 +87,10 @@ def fit_fingertip(
     outlines = [(X_SG, shape, X_SG.multiply(_outline(shape).T).T) for X_SG, shape in shapes if len(_outline(shape))]
     if not outlines:
         return None
+    if len(shapes) == 1 and isinstance(shapes[0][1], Sphere):
+        ((X_SG, shape, outline),) = outlines
+        ball = SphereTip(shape.radius(), X_SF=RigidTransform(X_SG.translation()))
+        return FittedSurface(ball, residual(ball, outline), residual(hand.surfaces[finger], outline))
     p_SJ = X_STip.translation()
     _, shape, outline = max(outlines, key=lambda one: np.linalg.norm(one[2] - p_SJ, axis=1).max())
     outwards = outline.mean(axis=0) - p_SJ

@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import logging
+import math
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.geometry import Role, SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, Joint
+from pydrake.multibody.tree import BodyIndex, Joint, RigidBody, SpatialInertia
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from tactopose_drake.core.grasping.finger_reach import ReachParams
@@ -235,7 +236,16 @@ def _dynamics(plant: MultibodyPlant, hand: Hand, context: Context) -> Iterator[F
     if carrying:
         text = f"links without a mass, which are simulated with that of what they carry: {', '.join(carrying)}"
         yield Finding("dynamics", text, "note")
-    if not light:
+    replaced = [
+        body.name() for body in map(plant.get_body, plant.GetBodyIndices(hand.model_instance)) if _is_water(body)
+    ]
+    if replaced:
+        text = (
+            "links whose inertia in the file no body has, as one without a mass, and that Drake takes for balls of "
+            f"1 kg: {', '.join(replaced)}"
+        )
+        yield Finding("dynamics", text, "note")
+    elif not light:
         yield Finding(
             "dynamics", f"all links have masses, {plant.CalcTotalMass(context, [hand.model_instance]):.3g} kg in all"
         )
@@ -243,10 +253,18 @@ def _dynamics(plant: MultibodyPlant, hand: Hand, context: Context) -> Iterator[F
     damping = max((float(np.max(j.default_damping_vector())) for j in joints if j.name() in driven), default=0.0)
     if damping > _SLOWEST * _STIFFNESS:
         text = (
-            f"joint damping of up to {damping:g} N m s/rad lets the fingers close slowly; give the scenario's reach "
-            f"and controller a stiffness of {damping / 0.1:g} N m/rad"
+            f"joint damping of up to {damping:g} N m s/rad lets the fingers close slowly; give the scenario "
+            f"`reach: {{stiffness: {damping / 0.1:g}}}` and `controller: {{finger_stiffness: {damping / 0.1:g}}}`, N m/rad"
         )
         yield Finding("dynamics", text, "note")
+
+
+def _is_water(body: RigidBody) -> bool:
+    """Whether a body's inertia is that which Drake takes in place of one that cannot be: a kilogram of water."""
+    water = SpatialInertia.SolidSphereWithMass(1.0, (0.75e-3 / math.pi) ** (1.0 / 3.0))
+    return np.allclose(
+        body.default_spatial_inertia().CopyToFullMatrix6(), water.CopyToFullMatrix6(), rtol=0.0, atol=1e-9
+    )
 
 
 def _carried(plant: MultibodyPlant, joint: Joint, context: Context) -> float:

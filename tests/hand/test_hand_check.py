@@ -199,7 +199,9 @@ def test_a_surface_that_fits_far_better_is_named_and_then_taken(tmp_path: Path) 
 
 
 def test_a_sensor_on_another_finger_s_link_is_told_and_no_surface_proposed(tmp_path: Path) -> None:
-    swapped = YAML.replace("weld: left", "weld: @").replace("weld: right", "weld: left").replace("weld: @", "weld: right")
+    swapped = (
+        YAML.replace("weld: left", "weld: @").replace("weld: right", "weld: left").replace("weld: @", "weld: right")
+    )
     check = check_hand(write_gripper(tmp_path, yaml=swapped))
     assert verdicts(check, "fingertip left") == [
         (
@@ -266,7 +268,7 @@ def test_a_tip_without_a_shape_gives_way_to_the_link_before_it_and_all_that_foll
     assert "the nearest one that has is 'left_tip' behind the joint 'left_weld'" in check.faults[0].text
     (surface,) = (entry.value for entry in check.entries if (entry.finger, entry.key) == ("left", "surface"))
     assert isinstance(surface, str)
-    assert surface.startswith("!SphereSurface {radius: 0.0119")
+    assert surface.startswith("!SphereSurface {radius: 0.012, X_SF: {translation: [0, 0, 0], rotation")
     assert fingers_yaml(check.entries).splitlines()[:3] == [
         "- name: left",
         "  sensor_frame: left_tip",
@@ -328,6 +330,26 @@ def test_one_motor_for_two_fingers_is_told(tmp_path: Path) -> None:
     path = write_gripper(tmp_path, mimic=mimic, yaml=YAML.replace("joints: [right_slide]", coupled))
     (note,) = (text for verdict, text in verdicts(check_hand(path), "joints") if verdict == "note")
     assert note.startswith("'left_slide' moves the fingers left, right together; planned grasps take each by itself")
+
+
+def test_a_mass_that_drake_has_made_up_is_told(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    assert verdicts(check_hand(path), "dynamics") == [("ok", "all links have masses, 0.52 kg in all")]
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace('<mass value="0.01"/>', '<mass value="0"/>', 1))
+    ((verdict, text),) = verdicts(check_hand(path), "dynamics")
+    assert verdict == "note"
+    assert text.endswith("that Drake takes for balls of 1 kg: left_tip")
+
+
+def test_damping_that_needs_stiff_joints_is_told_with_the_keys_of_a_scenario(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace("<limit", '<dynamics damping="10"/><limit'))
+    (text,) = (text for verdict, text in verdicts(check_hand(path), "dynamics") if verdict == "note")
+    assert text.endswith(
+        "give the scenario `reach: {stiffness: 100}` and `controller: {finger_stiffness: 100}`, N m/rad"
+    )
 
 
 def test_a_link_without_a_mass_that_carries_one_is_simulated(tmp_path: Path) -> None:

@@ -250,8 +250,16 @@ def test_bad_descriptors_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("tip", "weld", "message"),
     [
-        ("left_tip", "left_end", r"fingers\[again\]\.sensor_frame: is 'left_tip', as the finger 'left' has it; allowed"),
-        ("left_end", "left_weld", r"fingers\[again\]\.weld: is 'left_weld', as the finger 'left' has it; allowed is one"),
+        (
+            "left_tip",
+            "left_end",
+            r"fingers\[again\]\.sensor_frame: is 'left_tip', as the finger 'left' has it; allowed",
+        ),
+        (
+            "left_end",
+            "left_weld",
+            r"fingers\[again\]\.weld: is 'left_weld', as the finger 'left' has it; allowed is one",
+        ),
     ],
 )
 def test_a_finger_under_two_names_is_refused(tmp_path, tip, weld, message):
@@ -265,8 +273,18 @@ def test_a_finger_under_two_names_is_refused(tmp_path, tip, weld, message):
 @pytest.mark.parametrize(
     ("right", "wrong", "error", "message"),
     [
-        ("base_link: base", "base_link: bass", UnknownNameError, r"HandConfig\.base_link: 'bass' is unknown; valid names: .*base, left"),
-        ("palm_frame: base", "palm_frame: bass", UnknownNameError, r"HandConfig\.palm_frame: 'bass' is unknown; valid names: .*base, left"),
+        (
+            "base_link: base",
+            "base_link: bass",
+            UnknownNameError,
+            r"HandConfig\.base_link: 'bass' is unknown; valid names: .*base, left",
+        ),
+        (
+            "palm_frame: base",
+            "palm_frame: bass",
+            UnknownNameError,
+            r"HandConfig\.palm_frame: 'bass' is unknown; valid names: .*base, left",
+        ),
         (
             "weld: left_weld",
             "weld: left_hinge",
@@ -328,7 +346,10 @@ def test_a_finger_may_have_no_sensor_and_a_hand_pads(tmp_path):
         ("- {name: a, frame: left_tip, alpha: 2}", r"pads\[a\].alpha: is 2; allowed are numbers from 0 to 1"),
         ("- {name: a, frame: base, alpha: 1}\n- {name: a, frame: left, alpha: 1}", "pads: have the names"),
         ("- {frame: left_tip, alpha: 1}", "pads: have the names"),
-        ("- {name: a, frame: thumb, alpha: 1}", r"HandConfig\.pads\[a\]\.frame: 'thumb' is unknown; valid names: .*left_tip"),
+        (
+            "- {name: a, frame: thumb, alpha: 1}",
+            r"HandConfig\.pads\[a\]\.frame: 'thumb' is unknown; valid names: .*left_tip",
+        ),
     ],
 )
 def test_impossible_pads_are_refused(tmp_path, pads, message):
