@@ -119,6 +119,9 @@ def add_model(parser: Parser, model: str | Path) -> ModelInstanceIndex:
     ) as error:  # Drake would end the process, as where a joint's limits are swapped.
         reason = " ".join(str(error).split()).removesuffix(".")
         advice = " Write meshes to collide with as OBJ, glTF or VTK." if "unsupported extension" in reason else ""
+        if "unknown package" in reason:
+            known = ", ".join(sorted(parser.package_map().GetPackageNames()))
+            advice = f" Known are {known}: of folders on ROS_PACKAGE_PATH the <name> in their package.xml counts."
         raise InvalidFileError(f"{model}: is no model that Drake can read ({reason}).{advice}") from None
     if len(instances) != 1:
         raise InvalidFileError(f"{model}: holds {len(instances)} models; allowed is one.")

@@ -109,3 +109,15 @@ def test_a_mesh_that_drake_does_not_collide_with_is_told_with_those_that_it_does
         InvalidFileError, match=r"stone\.urdf: .*stone\.stl\)\. Write meshes to collide with as OBJ, glTF"
     ):
         parse(tmp_path, "collision")
+
+
+def test_an_unknown_package_is_told_with_those_that_are_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder on ROS_PACKAGE_PATH is known by what its package.xml says, and not by its own name."""
+    (tmp_path / "stones").mkdir()
+    (tmp_path / "stones" / "package.xml").write_text("<package><name>stone_models</name></package>")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
+    parser = make_parser(MultibodyPlant(time_step=0.001))
+    with pytest.raises(
+        InvalidFileError, match=r"'stones'\)\. Known are drake, .*stone_models, tactopose_drake: of fold"
+    ):
+        add_model(parser, "package://stones/stone.urdf")
