@@ -70,8 +70,7 @@ def _bare(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: st
 def _better_surface(
     plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: str, *, can_be_wrong: bool
 ) -> Iterator[Finding]:
-    """Names a surface that lies far better on the fingertip's shape than the file's, which may be so far off as to be
-    another's."""
+    """Names a surface that lies far better on the fingertip's shape than the file's, which may be far too bad."""
     fitted = fit_fingertip(plant, scene_graph.model_inspector(), hand, finger)
     if fitted is None or fitted.own_residual < max(_FAR_BETTER * fitted.residual, _GOOD_ENOUGH):
         return

@@ -252,9 +252,10 @@ def _dynamics(plant: MultibodyPlant, hand: Hand, context: Context) -> Iterator[F
     driven = {name for finger in hand.config.fingers for name in finger.joints}
     damping = max((float(np.max(j.default_damping_vector())) for j in joints if j.name() in driven), default=0.0)
     if damping > _SLOWEST * _STIFFNESS:
+        stiffness = f"{damping / 0.1:g}"
         text = (
             f"joint damping of up to {damping:g} N m s/rad lets the fingers close slowly; give the scenario "
-            f"`reach: {{stiffness: {damping / 0.1:g}}}` and `controller: {{finger_stiffness: {damping / 0.1:g}}}`, N m/rad"
+            f"`reach: {{stiffness: {stiffness}}}` and `controller: {{finger_stiffness: {stiffness}}}`, N m/rad"
         )
         yield Finding("dynamics", text, "note")
 
