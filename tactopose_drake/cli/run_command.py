@@ -105,7 +105,7 @@ def showing(monitor: bool) -> Iterator[tuple[Observer, Progress]]:
 
 def print_end(view: RunView) -> None:
     """Says what the last estimate is; the exit status tells whether there is one."""
-    OUT.print(f"{view.context.get_time():.2f} s: {estimate_line(view)}", soft_wrap=True, highlight=False)
+    OUT.print(f"{view.time:.2f} s: {estimate_line(view)}", soft_wrap=True, highlight=False)
     if (wrong := wrong_senses(view)) != "ok":
         OUT.print(f"Senses: {wrong}.", soft_wrap=True, highlight=False)
     if view.outcome:

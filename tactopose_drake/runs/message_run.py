@@ -85,13 +85,15 @@ def run_messages(
     tracker = ObjectTracker(hand, model, scenario.tracking)
     run = _MessageRun(max_age, hand, tracker, open_inbox(tracker.joint_names), out)
     view = RunView(tracker.diagram, tracker.context)
-    end = math.inf if duration is None else time.monotonic() + duration
+    began = time.monotonic()
+    end = math.inf if duration is None else began + duration
     tell("waiting for senses")
     with contextlib.suppress(KeyboardInterrupt):
         while time.monotonic() < end:
             if run.step(min(_HEARTBEAT, end - time.monotonic())):
                 tell("running")
-                view = dataclasses.replace(view, status=run.status)
+                start = tracker.context.get_time() - (time.monotonic() - began)  # The sender's clock may begin anew.
+                view = dataclasses.replace(view, status=run.status, start=start)
                 observer(view)
     return dataclasses.replace(view, status=run.status)
 

@@ -147,7 +147,7 @@ def _age(view: RunView, sense: str) -> str:
 
 
 def _title(view: RunView) -> str:
-    return f"{view.context.get_time():.2f} s"
+    return f"{view.time:.2f} s"
 
 
 def wrong_senses(view: RunView) -> str:

@@ -24,6 +24,7 @@ class RunView:
         true_pose: X_PO, where a simulator knows it.
         status: what is said in place of the diagram's status, of which that is a part: of messages also what is wrong
             with them, or that none comes any more. Empty where the diagram says all.
+        start: the context's time when the run began, s: messages have their sender's clock.
     """
 
     diagram: Diagram
@@ -34,6 +35,12 @@ class RunView:
     outcome: str = ""
     true_pose: RigidTransform | None = None
     status: str = ""
+    start: float = 0.0
+
+    @property
+    def time(self) -> float:
+        """Since the run began, s."""
+        return float(self.context.get_time()) - self.start
 
 
 def belief_port(view: RunView, name: str) -> str:

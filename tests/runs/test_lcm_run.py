@@ -202,7 +202,7 @@ class Duet:
         self.end = run_scenario(scenario, duration=duration, observer=self._observe)
 
     def _observe(self, view: RunView) -> None:
-        self.views.append(view.context.get_time())
+        self.views.append(view.time)
 
 
 def test_what_does_not_fit_is_said_and_the_rest_goes_on(url: str) -> None:
@@ -230,6 +230,8 @@ def test_what_does_not_fit_is_said_and_the_rest_goes_on(url: str) -> None:
     sender.until("ok")
     duet.thread.join()
     assert len(duet.views) > 5
+    assert duet.views == sorted(duet.views)  # whatever the sender's clock says
+    assert 0.0 < duet.views[0] < duet.views[-1] <= duet.end.time < 60.0
     assert duet.end.diagram.GetOutputPort("hypotheses").Eval(duet.end.context) is not None
 
 

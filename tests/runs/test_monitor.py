@@ -132,9 +132,10 @@ def test_a_clock_that_begins_anew_and_a_silence_are_shown() -> None:
     with Monitor(console) as monitor:
         for time, status in ((1e9, "ok: a"), (1e9 + 0.1, "ok: b"), (0.0, "ok: c"), (0.1, "lost: no senses for 0.2 s")):
             context = SimpleNamespace(get_time=lambda time=time: time)
-            monitor.show(RunView(diagram, context, status=status))
+            monitor.show(RunView(diagram, context, status=status, start=time - 3.0))
     lines = console.file.getvalue().splitlines()
     assert len(lines) == 3
+    assert lines[0].startswith("3.00 s")
     assert "ok: a; object at 1.0 2.0 3.0 mm" in lines[0]
     assert "ok: c; object at" in lines[1]
     assert lines[2].endswith("lost: no senses for 0.2 s")
