@@ -36,7 +36,7 @@ def check_fingertips(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand)
         verdict: Verdict = "ok" if fit.share > 0.5 else "note" if fit.share > 0.1 else "fault"
         yield Finding(part, text, verdict)
         if fit.share < _LIES_ON_IT:
-            yield from _better_surface(plant, scene_graph, hand, finger, can_be_wrong=verdict != "ok")
+            yield from _better_surface(plant, scene_graph, hand, finger, can_be_wrong=verdict == "note")
 
 
 def _elsewhere(plant: MultibodyPlant, hand: Hand, finger: str) -> Finding:
