@@ -64,7 +64,7 @@ def sigma_cells(hypothesis: PoseHypothesis, size: float) -> tuple[str, str]:
 
 
 def determined_sigmas(hypothesis: PoseHypothesis, size: float) -> tuple[float, float]:
-    """Root mean square standard deviations of rotation (rad) and translation (m) along what the touch determines.
+    """Standard deviations of rotation (rad) and translation (m) over all directions that the touch determines together.
 
     NaN where it determines nothing, or hardly anything, of one of them.
     """

@@ -70,7 +70,7 @@ class PoseHypothesis(PlainValue):
 
     def __repr__(self) -> str:
         wxyz = numbers(self.X_PO.rotation().ToQuaternion().wxyz(), 3)
-        turn, move = mean_sigmas(self.covariance)
+        turn, move = whole_sigmas(self.covariance)
         free = f", {len(self.free_directions)} free directions" if len(self.free_directions) else ""
         return (
             f"<PoseHypothesis {self.probability:.1%}: p_PO {numbers(1e3 * self.X_PO.translation(), 1)} mm, "
@@ -112,7 +112,7 @@ setattr(  # noqa: B010 (a field has a type of its own)
 )
 
 
-def mean_sigmas(covariance: FloatArray) -> tuple[float, float]:
-    """Root mean square standard deviations of a rotation's and a translation's coordinates, rad and m."""
+def whole_sigmas(covariance: FloatArray) -> tuple[float, float]:
+    """Standard deviations of a rotation and a translation over all directions together, rad and m."""
     variance = np.diag(covariance)
-    return math.sqrt(float(variance[:3].mean())), math.sqrt(float(variance[3:].mean()))
+    return math.sqrt(float(variance[:3].sum())), math.sqrt(float(variance[3:].sum()))

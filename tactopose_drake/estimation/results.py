@@ -24,7 +24,7 @@ from tactopose_drake.estimation.plain_data import (
     read_share,
     read_status,
 )
-from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis, mean_sigmas
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis, whole_sigmas
 from tactopose_drake.estimation.question import Presentable, Question
 
 _OF_ESTIMATE: Readers = {
@@ -104,8 +104,9 @@ class PoseEstimate(PlainValue, Presentable):
     def table(self, most: int = 8) -> str:
         """The most probable hypotheses as text, a line each.
 
-        After ± stand the root mean square standard deviations of a coordinate. Where the touch leaves directions free,
-        whose number stands under "free", they are as large as what else is known of the pose.
+        After ± stand the standard deviations of place and angle over all directions together, which are the roots of
+        the sums of the coordinates' variances. Where the touch leaves directions free, whose number stands under
+        "free", they are as large as what else is known of the pose; pages and the command line leave those out.
 
         Args:
             most: lines; the last line says how many more there are.
@@ -114,7 +115,15 @@ class PoseEstimate(PlainValue, Presentable):
             InvalidInputError: a number of lines that is none.
         """
         most = whole_number("most", most, least=0)
-        head = ("probability", "p_PO, mm", "quaternion wxyz", "± mm", "± deg", "free", "cost")
+        head = (
+            "probability",
+            "p_PO, mm",
+            "quaternion wxyz",
+            "± mm, all directions",
+            "± deg, all directions",
+            "free",
+            "cost",
+        )
         rows = [head, *(_row(hypothesis) for hypothesis in self.hypotheses[:most])]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
@@ -219,7 +228,7 @@ def _weighed_among_themselves(hypotheses: Sequence[PoseHypothesis]) -> tuple[tup
 
 def _row(hypothesis: PoseHypothesis) -> tuple[str, ...]:
     """A line of `PoseEstimate.table`."""
-    turn, move = mean_sigmas(hypothesis.covariance)
+    turn, move = whole_sigmas(hypothesis.covariance)
     return (
         f"{hypothesis.probability:.1%}",
         numbers(1e3 * hypothesis.X_PO.translation(), 1),

@@ -21,6 +21,14 @@ def test_the_sigmas_are_of_what_is_determined_alone() -> None:
     assert sigma_line(hypothesis, 0.1) == "Where determined, by its own account: \u00b1 5.0 mm, \u00b1 3.5 deg."
 
 
+def test_where_all_is_determined_table_and_representation_say_the_same() -> None:
+    covariance = np.diag(np.square([*np.radians([1.0, 2.0, 2.0]), 0.003, 0.004, 0.012]))
+    hypothesis = tp.PoseHypothesis(RigidTransform(), 1.0, 1.0, covariance, np.zeros((0, 6)))
+    assert sigma_cells(hypothesis, 0.1) == ("13.0", "3.0")
+    assert "\u00b1 13.0 mm, \u00b1 3.0 deg" in repr(hypothesis)
+    assert " 13.0 " in tp.PoseEstimate((hypothesis,), "ok", 0.01).table()
+
+
 @pytest.mark.parametrize(
     ("free", "line", "cells"),
     [

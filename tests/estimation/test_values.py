@@ -258,8 +258,8 @@ def test_a_table_says_its_units_and_what_it_leaves_out() -> None:
     assert first == "status: ok"
     assert head.split("  ")[-1] == "cost"
     assert "p_PO, mm" in head
-    assert "± deg" in head
-    assert " ".join(best.split()) == "75.0% [12.3, -20.0, 100.0] [1.000, 0.000, 0.000, 0.000] 2.0 0.6 1 2.50"
+    assert "± mm, all directions" in head
+    assert " ".join(best.split()) == "75.0% [12.3, -20.0, 100.0] [1.000, 0.000, 0.000, 0.000] 3.5 1.0 1 2.50"
     assert other.split()[0] == "25.0%"
     assert len(best) == len(head)
     assert made.table(most=1).splitlines()[-1] == "and 1 less probable"
