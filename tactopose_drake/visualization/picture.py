@@ -32,6 +32,7 @@ from tactopose_drake.visualization.appearance import (
     Colour,
     Look,
 )
+from tactopose_drake.visualization.label_places import label_places
 from tactopose_drake.visualization.picture_marks import certainty_surface, frames_surface, smooth, touch_surface
 from tactopose_drake.visualization.pose_marks import opacity_of
 from tactopose_drake.visualization.scene import Scene, scene_of
@@ -50,7 +51,6 @@ _HAND_OPACITY = 0.38
 _MARKER_THROUGH = 0.55  # opacity of a marker that lies behind something
 _FRAME_OPACITY = 0.9  # through whatever covers them
 _CERTAINTY_OPACITY = 0.75  # of ellipsoids and arrows
-_LINE = 13.0  # between numbers, one above the other, pixels
 _GHOSTS = 3  # hypotheses beside the best that are drawn at the most
 
 
@@ -121,7 +121,7 @@ def _draw(
         axes.imshow(_shrunk(image))
         axes.set_axis_off()
         axes.set_title(caption, fontsize=15, pad=7)
-        _write(axes, scene, camera, is_estimate)
+        _write(axes, scene, camera, is_estimate, dpi)
     handles = [_handle(look, scene, prior_label) for look in looks]
     figure.legend(handles=handles, loc="lower center", ncols=columns, frameon=False, fontsize=10)
     return figure
@@ -208,7 +208,7 @@ def _placed(surface: DrawnSurface, X_PO: RigidTransform) -> DrawnSurface:
     )
 
 
-def _write(axes: Axes, scene: Scene, camera: Camera, is_estimate: bool) -> None:
+def _write(axes: Axes, scene: Scene, camera: Camera, is_estimate: bool, dpi: int) -> None:
     """The contacts' numbers, and the names of what is not determined and of frames."""
     texts: list[tuple[FloatArray, str, Colour]] = [
         (point, str(row + 1), FALSE_CONTACT.colour if is_false else CONTACT.colour)
@@ -220,24 +220,17 @@ def _write(axes: Axes, scene: Scene, camera: Camera, is_estimate: bool) -> None:
         if scene.frames:
             origins = np.zeros(3), scene.hypotheses[0].X_PO.translation()
             texts += [(origin, name, FRAMES.colour) for origin, name in zip(origins, "PO", strict=True)]
-    placed: list[FloatArray] = []
-    for point, text, colour in texts:
-        p_C = camera.X_CP[:, :3] @ point + camera.X_CP[:, 3]
-        at = (camera.focal_length * p_C[:2] / p_C[2] + 0.5 * np.array([camera.width, camera.height])) / _OVERSAMPLING
-        # One above the other where contacts are too near each other for their numbers.
-        steps = next(
-            n for n in range(len(texts)) if not any(np.all(np.abs(at - [0, n * _LINE] - q) < _LINE) for q in placed)
-        )
-        at = at - [0.0, steps * _LINE]
-        placed.append(at)
-        is_right = at[0] > 0.6 * camera.width / _OVERSAMPLING
-        axes.annotate(
+    p_C = [camera.X_CP[:, :3] @ point + camera.X_CP[:, 3] for point, _, _ in texts]
+    middle = 0.5 * np.array([camera.width, camera.height])
+    anchors = [(camera.focal_length * p[:2] / p[2] + middle) / _OVERSAMPLING for p in p_C]
+    places = label_places(anchors, [text for _, text, _ in texts], camera.width / _OVERSAMPLING, dpi)
+    for (_, text, colour), place in zip(texts, places, strict=True):
+        axes.text(
+            place[0],
+            place[1],
             text,
-            at,
-            xytext=(-7 if is_right else 7, 7),
-            textcoords="offset points",
-            ha="right" if is_right else "left",
-            annotation_clip=True,
+            va="bottom",
+            clip_on=True,
             fontsize=10,
             fontweight="bold",
             color=tuple(0.75 * channel for channel in colour),

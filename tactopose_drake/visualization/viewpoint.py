@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.core.vision.rasterizer import Camera, DrawnSurface, render
 from tactopose_drake.visualization.scene import Scene, arrow_lengths
-from tactopose_drake.visualization.uncertainty import free_arrows
+from tactopose_drake.visualization.uncertainty import ellipsoids, free_arrows, shown_points
 
 # Of a hypothesis beside the best.
 _LEAST_FRAMED = 0.1
@@ -26,7 +26,8 @@ def points_of_interest(scene: Scene) -> FloatArray:
     poses = [pose for pose in (scene.prior, scene.estimate, scene.truth, *others) if pose is not None]
     arrows = free_arrows(scene.model, scene.hypotheses[0]) if scene.hypotheses else []
     thing = [pose.multiply(scene.model.vertices.T).T for pose in poses]
-    points = np.concatenate([scene.contacts.p_PC, _arrow_tips(scene), *thing, *(arrow.p_PQ for arrow in arrows)])
+    marks = [*(arrow.p_PQ for arrow in arrows), *_region_ends(scene)]
+    points = np.concatenate([scene.contacts.p_PC, _arrow_tips(scene), *thing, *marks])
     if scene.hand is None or not len(points):
         return points
     low, high = points.min(axis=0) - _SURROUNDINGS, points.max(axis=0) + _SURROUNDINGS
@@ -88,3 +89,14 @@ def _arrow_tips(scene: Scene) -> FloatArray:
     forces = np.linalg.norm(contacts.f_PC, axis=1, keepdims=True)
     tips: FloatArray = contacts.p_PC + arrow_lengths(contacts)[:, None] * contacts.f_PC / np.maximum(forces, 1e-12)
     return tips
+
+
+def _region_ends(scene: Scene) -> list[FloatArray]:
+    """The ends of the axes of each 95 % region of the best hypothesis, in P, shape (6, 3), m."""
+    if not scene.hypotheses:
+        return []
+    best = scene.hypotheses[0]
+    return [
+        (best.X_PO @ found.X_OE).multiply(np.hstack([np.diag(found.radii), -np.diag(found.radii)])).T
+        for found in ellipsoids(scene.model, best, shown_points(scene.model))
+    ]

@@ -28,7 +28,7 @@ from tactopose_drake.visualization.appearance import (
 from tactopose_drake.visualization.body_meshes import Triangles
 from tactopose_drake.visualization.picture import save_picture
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis
-from tactopose_drake.visualization.viewpoint import choose_view
+from tactopose_drake.visualization.viewpoint import choose_view, points_of_interest
 
 TOUCH = Contacts(
     [[0.03, 0, 0], [-0.03, 0, 0], [0, 0, 0.05]],
@@ -283,3 +283,11 @@ def test_numbers_of_near_contacts_do_not_cover_each_other(model: ObjectModel, tm
         # What is written is white around dark red letters.
         inks.append(np.count_nonzero(np.all(image[60:-90, 150:-150] > 0.995, axis=2)))
     assert inks[0] > 0.7 * inks[1] > 0
+
+
+def test_regions_are_in_the_picture_whole(model: ObjectModel) -> None:
+    wide = ShownHypothesis(RigidTransform(), covariance=np.diag(np.square([1e-4] * 3 + [1e-4, 1e-4, 0.01])))
+    points = points_of_interest(Scene(model=model, contacts=Contacts.empty(), hypotheses=(wide,)))
+    # Half of the box, and 2.8 standard deviations of its corners.
+    assert points.max(axis=0) == pytest.approx([0.03, 0.04, 0.05 + 2.796 * 0.01], abs=1e-3)
+    assert points.min(axis=0) == pytest.approx([-0.03, -0.04, -0.05 - 2.796 * 0.01], abs=1e-3)
