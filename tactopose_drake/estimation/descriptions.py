@@ -6,14 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.posterior.hypotheses import determined_part, determined_rows
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.results import PoseEstimate
 
 _LEAST_DETERMINED = 0.5  # of a direction, below which there is nothing whose standard deviation would say something
+_ANSWER_SHARE = DEFAULT_PARAMS.modes.answer_share
 _MEANINGS = {
     "ok": "the most probable pose carries most of the probability",
     "ambiguous": "several poses explain the touch; none carries most of the probability",
+    "unsure": "one pose carries most of the probability, but is not sure",
     "undetermined": "the touch says too little for a pose; whole families of poses explain it",
     "no_solution": "no pose explains the touch within its noise; the best one found is shown",
 }
@@ -21,8 +24,12 @@ _MEANINGS = {
 
 def meaning(estimate: PoseEstimate) -> str:
     """What the status means, and whether the search had time to look everywhere."""
-    undetermined = estimate.status == "ambiguous" and estimate.undetermined
-    said = _MEANINGS["undetermined" if undetermined else estimate.status]
+    key: str = estimate.status
+    if estimate.status == "ambiguous" and estimate.undetermined:
+        key = "undetermined"
+    elif estimate.status == "ambiguous" and estimate.best.probability * estimate.kept_share >= _ANSWER_SHARE:
+        key = "unsure"
+    said = _MEANINGS[key]
     return said if estimate.finished else f"{said}; the time limit ended the search, which may have missed others"
 
 

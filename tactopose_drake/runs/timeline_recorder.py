@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.descriptions import determined_sigmas
@@ -79,12 +80,8 @@ class TimelineRecorder:
         return Scene(model=self._model, contacts=touch_of(_now(view, "contacts"), patches), hypotheses=shown)
 
     def _forces(self, view: RunView) -> dict[str, float]:
-        contacts, names = _now(view, "contacts"), _now(view, "fingers_in_contact")
-        found = {f"force_{name}": 0.0 for name in self._fingers}
-        if contacts.f_PC is not None:
-            forces = np.linalg.norm(contacts.f_PC, axis=1)
-            found |= {f"force_{name}": float(force) for name, force in zip(names, forces, strict=True)}
-        return found
+        solutions = _now(view, "contact_solutions")
+        return {f"force_{name}": _force(solutions[name]) for name in self._fingers if name in solutions}
 
     def _pressures(self, view: RunView) -> dict[str, float]:
         if not self._pads or not view.diagram.HasOutputPort("patches"):
@@ -100,6 +97,11 @@ class TimelineRecorder:
         rotation, translation = determined_sigmas(about_middle(estimate.best, self._model), self._model.size)
         widths = {"width_position": 1e3 * translation, "width_angle": math.degrees(rotation)}
         return {name: width for name, width in widths.items() if not math.isnan(width)}
+
+
+def _force(solution: ContactSolution) -> float:
+    """Of a contact, N; NaN where the wrench tells of none and does not say either that nothing touches."""
+    return 0.0 if solution.is_untouched else float(np.linalg.norm(solution.normal_force + solution.friction_force))
 
 
 def _now(view: RunView, port: str) -> Any:

@@ -75,7 +75,7 @@ def page_of(
         title=title or f"{name[0].upper()}{name[1:]} in the hand: pose by touch",
         said=said._replace(sentences=(*said.sentences, *unknown)),
         tables=tables,
-        switches=scene_switches(scene),
+        switches=_switches(scene, is_over_time=timeline is not None),
         labels=_labels(scene),
         direction_W=X_WP.rotation() @ choose_view(scene),
         p_WQ=_outermost(X_WP.multiply(points_of_interest(scene).T).T),
@@ -117,14 +117,14 @@ def instant_of(scene: Scene, estimate: PoseEstimate | None, status: str = "") ->
     )
 
 
-def scene_switches(scene: Scene) -> tuple[Switch, ...]:
-    """The legend of a scene."""
+def _switches(scene: Scene, is_over_time: bool) -> tuple[Switch, ...]:
+    """The legend of a scene; of one that changes over time the longest force is another at each time."""
     forces = scene.contacts.f_PC
     details = {}
     if forces is not None and len(forces):
-        details[appearance.FORCE] = (
-            f"{appearance.FORCE.meaning}; the longest is {float(np.linalg.norm(forces, axis=1).max()):.1f} N"
-        )
+        largest = f"{float(np.linalg.norm(forces, axis=1).max()):.1f} N"
+        longest = "the largest of the contacts below" if is_over_time else largest
+        details[appearance.FORCE] = f"{appearance.FORCE.meaning}; the longest is {longest}"
     return tuple(
         hand_switch(look)
         if look is appearance.HAND
@@ -174,12 +174,7 @@ def _millimetres(point: FloatArray) -> str:
 
 def _labels(scene: Scene) -> tuple[Label, ...]:
     contacts = [
-        Label(
-            f"/tactopose/touch/{row}",
-            str(row + 1),
-            appearance.FALSE_CONTACT.colour if is_false else appearance.CONTACT.colour,
-        )
-        for row, is_false in enumerate(scene.is_false)
+        Label(f"/tactopose/touch/{row}", str(row + 1), appearance.CONTACT.colour) for row in range(len(scene.contacts))
     ]
     arrows = free_arrows(scene.model, scene.hypotheses[0]) if scene.hypotheses else []
     free = [

@@ -106,8 +106,8 @@ def set_stage(meshcat: Meshcat, target: FloatArray, size: float, direction: Floa
         direction: from the target to the camera, shape (3,); not vertical.
     """
     _look(meshcat, target, size, direction)
-    meshcat.SetProperty("/Background", "top_color", [0.97, 0.975, 0.985])
-    meshcat.SetProperty("/Background", "bottom_color", [0.82, 0.84, 0.87])
+    meshcat.SetProperty("/Background/<object>", "top_color", [0.97, 0.975, 0.985])
+    meshcat.SetProperty("/Background/<object>", "bottom_color", [0.82, 0.84, 0.87])
     for path in ("/Grid", "/Axes"):
         meshcat.SetProperty(path, "visible", False)
 

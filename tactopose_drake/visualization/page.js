@@ -93,8 +93,21 @@
     viewer.set_dirty();
   }
 
+  // Dark blue regions would not be seen on a dark ground.
+  function setRegions(isDark) {
+    for (const [path, object] of leaves(viewer.scene_tree, "", [])) {
+      if (!path.startsWith("/tactopose/estimate/uncertainty/")) continue;
+      object.traverse(({ material }) => {
+        if (!material) return;
+        material.userData.light ??= material.color.clone();
+        material.color.copy(material.userData.light);
+        if (isDark) material.color.lerp(material.color.clone().set("#ffffff"), 0.35);
+      });
+    }
+  }
   function setTheme(theme) {
     root.dataset.theme = theme;
+    setRegions(theme === "dark");
     const [top, bottom] = theme === "dark" ? [[0.13, 0.16, 0.2], [0.06, 0.08, 0.1]] : [[0.975, 0.98, 0.99], [0.87, 0.89, 0.92]];
     viewer.set_property(["Background", "<object>"], "top_color", top);
     viewer.set_property(["Background", "<object>"], "bottom_color", bottom);
@@ -105,7 +118,6 @@
     const element = document.createElement("div");
     element.className = "tp-label";
     element.textContent = label.text;
-    element.style.color = label.colour;
     document.body.appendChild(element);
     return { ...label, element };
   });
@@ -118,13 +130,14 @@
     viewer.camera.updateMatrixWorld();
     viewer.scene.updateMatrixWorld();
     const taken = [];
-    for (const { path, element, at: place } of labels) {
+    for (const { path, colour, element, at: place } of labels) {
       const node = viewer.scene_tree.find(path.split("/").filter(Boolean));
       const mesh = leaves(node, "", []).map(([, object]) => object).find(isShown);
       const at = node.object.localToWorld(vector().fromArray(place)).project(viewer.camera);
       const shown = mesh && Math.abs(at.z) < 1 && Math.abs(at.x) < 1 && Math.abs(at.y) < 1;
       element.style.display = shown ? "" : "none";
       if (!shown) continue;
+      element.style.color = node.children["false"]?.object.visible ? page.falseColour : colour;
       const wide = element.offsetWidth, high = element.offsetHeight;
       const x = Math.min((0.5 + 0.5 * at.x) * width + 7, width - wide - 4);
       const y = (0.5 - 0.5 * at.y) * height - 20;
@@ -148,14 +161,14 @@
     viewer.animator.mixer.update(0);
     slider.value = time;
     document.getElementById("tp-seconds").textContent = `${time.toFixed(2)} s`;
-    const said = page.timeline.said.findLast((instant) => instant.from <= time + 1e-9);
+    const said = page.timeline.said.findLast((instant) => instant.from <= time + 1e-9) ?? page.timeline.said[0];
     if (said && said !== lastSaid) {
       for (const part of ["said", "hypotheses", "contacts"]) document.getElementById(`tp-${part}`).innerHTML = said[part];
       lastSaid = said;
       readBoxes();
     }
-    const status = page.timeline.strip.findLast((piece) => piece.from <= time + 1e-9);
-    document.getElementById("tp-now").textContent = status ? status.text : "";
+    const status = page.timeline.strip.findLast((piece) => piece.from <= time + 1e-9) ?? page.timeline.strip[0];
+    document.getElementById("tp-now").textContent = status.text;
     for (const cursor of document.querySelectorAll(".tp-cursor")) cursor.style.left = `${(100 * time) / page.timeline.end}%`;
     viewer.set_dirty();
   }
@@ -183,7 +196,7 @@
 
   let resized = null;
   function start() {
-    viewer.gui.domElement.style.display = "none";
+    Object.assign(viewer.gui.domElement.style, { display: "none", right: "var(--side)" });
     viewer.set_property(["Grid"], "visible", false);
     viewer.set_property(["Axes"], "visible", false);
     setTheme(window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");

@@ -15,7 +15,7 @@ from pydrake.geometry import Meshcat
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.output_files import written_beside
-from tactopose_drake.visualization.appearance import AXIS_COLOURS, Colour, Look
+from tactopose_drake.visualization.appearance import AXIS_COLOURS, FALSE_CONTACT, Colour, Look
 from tactopose_drake.visualization.page_tables import Instant, PageTable, said_html, table_html
 from tactopose_drake.visualization.timeline import Timeline, timeline_html
 
@@ -54,7 +54,7 @@ class Label(NamedTuple):
     Attributes:
         path: of the part in Meshcat.
         text: what stands there.
-        colour: of the text.
+        colour: of the text; that of a false contact while the part shows one.
         at: where, in the part's frame, m.
     """
 
@@ -116,6 +116,7 @@ def with_panel(static: str, page: Page) -> str:
     data = {
         "commands": static.count(_COMMAND),
         "view": {"direction": page.direction_W.tolist(), "points": page.p_WQ.tolist()} if len(page.p_WQ) else None,
+        "falseColour": _css(FALSE_CONTACT.colour),
         "labels": [{**label._asdict(), "colour": _css(label.colour)} for label in page.labels],
         "timeline": None if page.timeline is None else page.timeline.data(),
     }
@@ -181,7 +182,7 @@ def _swatch(look: Look) -> str:
         f'<path d="M14 3L22 8L14 13Z" fill="{colour}"/>',
         "turn": f'<path d="M17 11A6 5 0 1 1 17 5" fill="none" stroke="{colour}" stroke-width="2"/>'
         f'<path d="M14 10L20 9L18 15Z" fill="{colour}"/>',
-        "ellipsoid": f'<ellipse cx="12" cy="8" rx="7" ry="4.5" fill="{colour}" stroke="#8fa3c8" stroke-width="0.8"/>',
+        "ellipsoid": '<ellipse class="tp-region" cx="12" cy="8" rx="7" ry="4.5" stroke="#8fa3c8" stroke-width="0.8"/>',
         "frame": "".join(
             f'<path d="M9 10{to}" stroke="{_css(axis)}" stroke-width="2"/>'
             for to, axis in zip(("H20", "L3 15", "V1"), AXIS_COLOURS, strict=True)

@@ -59,6 +59,12 @@ def state_name(word: str) -> str:
     return _STATE_NAMES.get(word, word.replace("_", " "))
 
 
+def state_text(text: str) -> str:
+    """What a page calls a status, with why: a word, and maybe ": " and why."""
+    word, colon, why = text.partition(": ")
+    return f"{state_name(word)}{colon}{why}"
+
+
 def said_html(said: Instant, when: str = "") -> str:
     """The status, at that time, and the sentences."""
     lines = []

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.visualization.page_tables import Instant, said_html, state_name, table_html
+from tactopose_drake.visualization.page_tables import Instant, said_html, state_name, state_text, table_html
 
 # Of states by their first word; colours that are told apart without red and green, and each piece says its name.
 _STATES = {
@@ -82,7 +82,7 @@ class Timeline:
         """What the page's script needs."""
         return {
             "end": self.end,
-            "strip": [{"from": start, "text": text.replace("_", " ")} for start, _, text in self.pieces()],
+            "strip": [{"from": start, "text": state_text(text)} for start, _, text in self.pieces()],
             "said": [
                 {"from": float(time), **_parts(said, float(time))}
                 for time, said in zip(self.times, self.said, strict=False)
@@ -100,7 +100,7 @@ def timeline_html(timeline: Timeline) -> str:
     end = timeline.end
     strip = "".join(
         f'<i style="left:{100 * start / end:.3f}%;width:{100 * (stop - start) / end:.3f}%;'
-        f'background:{state_colour(text)}" title="{html.escape(text)}"></i>'
+        f'background:{state_colour(text)}" title="{html.escape(state_text(text))}"></i>'
         for start, stop, text in timeline.pieces()
     )
     names = dict.fromkeys(_word(text) for _, _, text in timeline.pieces() if text)

@@ -11,7 +11,9 @@ import pytest
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solve_contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.surfaces import Sphere
 from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
@@ -71,17 +73,22 @@ def station(scenario: Scenario) -> Station:
     return Station(
         joint_positions=np.zeros(plant.num_positions()),
         contacts=Contacts.empty(),
-        fingers_in_contact=[],
+        contact_solutions={finger.name: pressed(0.0) for finger in load_hand_config(scenario.hand).fingers},
         prior=PosePrior(RigidTransform([0.0, 0.0, 0.1])),
         hypotheses=None,
         status="held: no contact",
     )
 
 
+def pressed(force: float) -> ContactSolution:
+    """A fingertip's contact of such a force, N."""
+    return solve_contacts([[0.0, 0.0, 0.0, 0.0, 0.0, -force]], Sphere(0.009))[0]
+
+
 def touch(station: Station, force: float, estimate: PoseEstimate) -> None:
     station.values |= {
-        "contacts": Contacts([[0.0, 0.0, 0.05]], [[0.0, 0.0, -1.0]], [[0.0, 0.0, -force]]),
-        "fingers_in_contact": ["thumb"],
+        "contacts": Contacts([[0.0, 0.0, 0.05]], [[0.0, 0.0, -1.0]], [[0.0, 0.0, -np.nan_to_num(force)]]),
+        "contact_solutions": station.values["contact_solutions"] | {"thumb": pressed(force)},
         "hypotheses": estimate,
         "status": "ok",
     }
@@ -91,7 +98,7 @@ def test_the_timeline_holds_states_forces_and_widths(scenario: Scenario, model: 
     recorder = TimelineRecorder(load_hand_config(scenario.hand), model)
     recorder.show(RunView(station, station))
     assert recorder.timeline() is None
-    for time, force, free in ((0.1, 2.0, 0), (0.2, 3.0, 6)):
+    for time, force, free in ((0.1, 2.0, 0), (0.2, np.nan, 6)):
         station.time = time
         touch(station, force, estimate_at(0.1, 0.001, free))
         recorder.show(RunView(station, station))
@@ -100,7 +107,8 @@ def test_the_timeline_holds_states_forces_and_widths(scenario: Scenario, model: 
     assert timeline.pieces() == [(0.0, 0.1, "held: no contact"), (0.1, 0.2, "ok")]
     forces, position, angle = timeline.plots
     curves = {curve.name: curve.values for curve in forces.curves}
-    np.testing.assert_allclose(curves["thumb"], [0.0, 2.0, 3.0])
+    # Where a reading is none, no force is known.
+    np.testing.assert_allclose(curves["thumb"], [0.0, 2.0, np.nan])
     np.testing.assert_allclose(curves["first"], 0.0)
     # Unknown before there is an estimate, and where nothing is determined.
     np.testing.assert_allclose(position.curves[0].values, [np.nan, np.sqrt(3.0), np.nan])
@@ -146,7 +154,7 @@ def test_a_long_run_makes_a_page_that_is_not_large(
     assert found is not None
     timeline = json.loads(found[1])["timeline"]
     assert 59.0 < timeline["end"] < 60.0
-    assert [piece["text"] for piece in timeline["strip"]] == ["held: no contact", "ok"]
+    assert [piece["text"] for piece in timeline["strip"]] == ["no new estimate: no contact", "ok"]
     points = re.search(r'<polyline points="([^"]*)"', page)
     assert points is not None
     assert 60 < len(points[1].split()) <= 130

@@ -51,6 +51,7 @@ def test_the_page_says_what_it_is_and_what_is_believed(browser: Browser, path: P
     browser.open(path)
     assert browser.evaluate("document.title") == "A <b>can</b> in the hand: pose by touch"
     text = browser.evaluate("document.getElementById('tp-side').innerText")
+    assert browser.evaluate("viewer.gui.domElement.style.right") == "var(--side)"  # beside the panel, not under it
     for said in (
         "A <b>can</b> in the hand",
         "ambiguous",
@@ -222,6 +223,13 @@ def test_there_is_light_and_dark(browser: Browser, path: Path) -> None:
         browser.evaluate("document.getElementById('tp-theme').click()")
         assert browser.evaluate("document.documentElement.dataset.theme") == other
         assert (browser.screenshot()[5:20, 5:20].mean() > 0.5) == (other == "light")
+
+
+def test_regions_stand_out_from_a_light_and_a_dark_ground(browser: Browser, path: Path) -> None:
+    region = "viewer.scene_tree.find(['tactopose', 'estimate', 'uncertainty', '0', 'ball', '<object>']).object"
+    for theme in ("light", "dark"):
+        browser.open(path, 900, 700, theme)
+        assert (browser.evaluate(f"{region}.material.color.g") > 0.3) == (theme == "dark")
 
 
 @pytest.mark.parametrize(("width", "height"), [(1400, 900), (800, 600)])
