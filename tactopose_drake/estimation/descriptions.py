@@ -1,6 +1,7 @@
 """Estimates in words: what is determined, what is not, and which contacts do not belong to the object."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,9 +39,15 @@ def status_line(estimate: PoseEstimate) -> str:
     return f"{estimate.status}: {meaning(estimate)} ({1e3 * estimate.duration:.1f} ms)"
 
 
-def false_contacts_line(is_false: NDArray[np.bool_]) -> str:
-    """Which contacts, counted from 1, are probably none of the object, shape (k,), in a sentence; empty for none."""
-    numbers = [str(row + 1) for row in np.flatnonzero(is_false)]
+def false_contacts_line(is_false: NDArray[np.bool_], names: Sequence[str] = ()) -> str:
+    """Which contacts are probably none of the object, in a sentence; empty for none.
+
+    Args:
+        is_false: which these are, shape (k,); they are counted from 1.
+        names: of the fingers and pads that feel the contacts; none where they are not known.
+    """
+    rows = np.flatnonzero(is_false).tolist()
+    numbers = [f"{row + 1} ({names[row]})" if names else str(row + 1) for row in rows]
     if not numbers:
         return ""
     which = f"contact {numbers[0]}" if len(numbers) == 1 else f"contacts {', '.join(numbers[:-1])} and {numbers[-1]}"

@@ -74,10 +74,17 @@ class TimelineRecorder:
 
     def _scene(self, view: RunView, estimate: PoseEstimate | None) -> Scene:
         """What is drawn of the present, but for the hand."""
-        patches = _now(view, "patches") if view.diagram.HasOutputPort("patches") else ()
+        has_pads = view.diagram.HasOutputPort("patches")
+        pads, patches = (_now(view, "pads"), _now(view, "patches")) if has_pads else ((), ())
+        felt = [name for name, patch in zip(pads, patches, strict=True) if patch.is_felt]
         hypotheses = () if estimate is None else estimate.hypotheses[: 1 + MOVING_ALTERNATIVES]
         shown = tuple(map(ShownHypothesis.of, hypotheses))
-        return Scene(model=self._model, contacts=touch_of(_now(view, "contacts"), patches), hypotheses=shown)
+        return Scene(
+            model=self._model,
+            contacts=touch_of(_now(view, "contacts"), patches),
+            touched_by=(*_now(view, "fingers_in_contact"), *felt),
+            hypotheses=shown,
+        )
 
     def _forces(self, view: RunView) -> dict[str, float]:
         solutions = _now(view, "contact_solutions")

@@ -79,7 +79,7 @@ class PoseDisplay(CollectableSystem):
 
     - contacts: `Contacts` in P.
     - patches: tuple of `Patch` in P; may stay unconnected. Their middles are shown as contacts, their pressed cells as
-      plates as large as the pressure, and their principal axes as bars.
+      plates as large as the pressure, their principal axes as bars.
     - prior: `PosePrior` X_PO or None; nothing is shown for it when it is not connected or None.
     - object_pose: `RigidTransform` X_PO, the estimate.
     - hypotheses: `PoseEstimate` or None; where it is connected, the estimate and all that is said of it, in place of

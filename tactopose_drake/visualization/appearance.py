@@ -42,6 +42,7 @@ FALSE_CONTACT = Look("false contact", (0.50, 0.51, 0.53), "cross", "probably not
 NORMAL = Look("contact normal", (0.36, 0.38, 0.43), "pin", "out of the object, as it was felt")
 FORCE = Look("contact force", (0.85, 0.10, 0.20), "arrow", "of the object on the finger")
 PRESSURE = Look("pressed cells", (0.98, 0.80, 0.08), "cell", "of a tactile pad; the larger, the more pressure")
+PATCH_AXES = Look("patch axes", (0.45, 0.24, 0.06), "pin", "principal axes of where the pressed cells are")
 CONE = Look("friction cones", (0.36, 0.38, 0.43), "cone", "in which the forces lie where nothing slips")
 FRAMES = Look("frames", (0.36, 0.38, 0.43), "frame", "of palm P and object O: x red, y green, z blue")
 HAND = Look("hand", (0.62, 0.64, 0.67), "solid", "at this instant")

@@ -40,7 +40,8 @@ _PARTS: dict[Look, str] = {
     appearance.CONE: r"^/tactopose/touch/\d+/normal/cone",
     appearance.FRAMES: r"^/tactopose/(palm|estimate/frame)/",
     appearance.FORCE: r"^/tactopose/touch/\d+/force",
-    appearance.PRESSURE: r"^/tactopose/patches/",
+    appearance.PRESSURE: r"^/tactopose/patches/\d+/cells/",
+    appearance.PATCH_AXES: r"^/tactopose/patches/\d+/axes/",
 }
 # Hypotheses beside the best that are shown at first: so many at the most, and so probable at the least.
 _SHOWN, _LEAST_SHOWN = 3, 0.1
@@ -107,7 +108,7 @@ def instant_of(scene: Scene, estimate: PoseEstimate | None, status: str = "") ->
             f"{believed[0].upper()}{believed[1:]}.",
             sigma_line(best, scene.model.size),
             free_line(best),
-            false_contacts_line(scene.is_false),
+            false_contacts_line(scene.is_false, scene.touched_by),
         ]
     return Instant(
         status=word,
@@ -155,10 +156,10 @@ def _hypotheses(estimate: PoseEstimate | None, model: ObjectModel, count: int) -
 
 def _contacts(scene: Scene) -> PageTable:
     contacts = scene.contacts
-    columns = [
-        ("contact", [str(row + 1) for row in range(len(contacts))]),
-        ("x y z, mm", [_millimetres(point) for point in contacts.p_PC]),
-    ]
+    columns = [("contact", [str(row + 1) for row in range(len(contacts))])]
+    if scene.touched_by:
+        columns.append(("by", list(scene.touched_by)))
+    columns.append(("x y z, mm", [_millimetres(point) for point in contacts.p_PC]))
     if contacts.f_PC is not None:
         columns.append(("force, N", [f"{force:.2f}" for force in np.linalg.norm(contacts.f_PC, axis=1)]))
     inlier = scene.hypotheses[0].inlier_probability if scene.hypotheses else None

@@ -13,7 +13,7 @@ from scipy.spatial.distance import pdist
 
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.visualization.appearance import AXIS_COLOURS, PRESSURE
+from tactopose_drake.visualization.appearance import PATCH_AXES, PRESSURE
 from tactopose_drake.visualization.frame_marks import shine_through
 from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
 
@@ -40,8 +40,8 @@ def add_patches(meshcat: Meshcat | RemoteMeshcat, path: str, patches: int, cells
             meshcat.SetObject(plate, Box(1.0, 1.0, _PLATE_HEIGHT), Rgba(*PRESSURE.colour, _OPACITY))
             # The object is pressed into the pad, and would hide the plates.
             shine_through(meshcat, plate)
-        for k, colour in enumerate(AXIS_COLOURS):
-            meshcat.SetObject(f"{at}/axes/{k}", Cylinder(_AXIS_RADIUS, 1.0), Rgba(*colour))
+        for k in range(3):
+            meshcat.SetObject(f"{at}/axes/{k}", Cylinder(_AXIS_RADIUS, 1.0), Rgba(*PATCH_AXES.colour))
         meshcat.SetProperty(at, "visible", False)
 
 

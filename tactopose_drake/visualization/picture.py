@@ -27,6 +27,7 @@ from tactopose_drake.visualization.appearance import (
     FRAMES,
     FREE,
     NORMAL,
+    PATCH_AXES,
     PRIOR,
     TRUTH,
     Colour,
@@ -104,7 +105,9 @@ def _draw(
     width, height = (int(side * dpi) * _OVERSAMPLING for side in _PANEL)
     camera = Camera.framing(points_of_interest(scene), choose_view(scene), scene.up_P, width, height)
     overlay = _Overlay(scene, camera)
-    looks = [look for look in scene.looks if look is not NORMAL and (colours is None or look is not ESTIMATE)]
+    looks = [
+        look for look in scene.looks if look not in (NORMAL, PATCH_AXES) and (colours is None or look is not ESTIMATE)
+    ]
     columns = _COLUMNS * max(len(panels), 1)
     foot = 0.3 + 0.24 * -(-len(looks) // columns)
     size = _PANEL[0] * max(len(panels), 1), _HEAD + _PANEL[1] + foot

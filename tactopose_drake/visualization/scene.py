@@ -69,6 +69,7 @@ class Scene:
         model: the object.
         contacts: the touch, in the palm frame P.
         patches: of it, what tactile pads feel; their pressed cells are drawn.
+        touched_by: names of the fingers and pads that feel the contacts, one for each; empty where they are not known.
         hypotheses: where the touch puts the object, the most probable first; empty where it was not asked.
         prior: pose X_PO that was known before the touch, if any.
         truth: true pose X_PO, if it is known.
@@ -81,6 +82,7 @@ class Scene:
     model: ObjectModel
     contacts: Contacts
     patches: tuple[Patch, ...] = ()
+    touched_by: tuple[str, ...] = ()
     hypotheses: tuple[ShownHypothesis, ...] = ()
     prior: RigidTransform | None = None
     truth: RigidTransform | None = None
@@ -121,6 +123,7 @@ class Scene:
             appearance.NORMAL: contacts.n_PC is not None and len(contacts) > 0,
             appearance.FORCE: contacts.f_PC is not None and len(contacts) > 0,
             appearance.PRESSURE: any(patch.is_felt for patch in self.patches),
+            appearance.PATCH_AXES: any(np.isfinite(patch.eigenvectors).any() for patch in self.patches),
             appearance.CONE: self.friction is not None and contacts.n_PC is not None and len(contacts) > 0,
             appearance.FRAMES: self.frames,
             appearance.HAND: self.hand is not None,

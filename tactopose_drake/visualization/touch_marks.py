@@ -5,7 +5,7 @@ The parts are made once and then only moved, shown and stretched, because that i
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, Sphere
+from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -40,7 +40,7 @@ def add_touch(meshcat: Meshcat | RemoteMeshcat, path: str, count: int, *, fricti
     meshcat.Delete(path)
     for row in range(count):
         at = f"{path}/{row}"
-        _add_ball(meshcat, f"{at}/point", CONTACT)
+        _add_both(meshcat, f"{at}/point/ball", Sphere(_CONTACT_RADIUS), CONTACT)
         _add_cross(meshcat, f"{at}/false")
         meshcat.SetObject(f"{at}/normal/line", Cylinder(_NORMAL_RADIUS, _NORMAL_LENGTH), Rgba(*NORMAL.colour))
         meshcat.SetTransform(f"{at}/normal/line", RigidTransform([0.0, 0.0, _NORMAL_LENGTH / 2]))
@@ -104,16 +104,15 @@ def along(direction: FloatArray) -> RigidTransform:
 
 def _add_cross(meshcat: Meshcat | RemoteMeshcat, path: str) -> None:
     """A grey ball with three bars across it, which look like a cross from every side."""
-    colour = Rgba(*FALSE_CONTACT.colour)
-    _add_ball(meshcat, path, FALSE_CONTACT)
+    _add_both(meshcat, f"{path}/ball", Sphere(_CONTACT_RADIUS), FALSE_CONTACT)
     for axis in range(3):
-        meshcat.SetObject(f"{path}/bar_{axis}", Cylinder(_CROSS_RADIUS, _CROSS_LENGTH), colour)
+        _add_both(meshcat, f"{path}/bar_{axis}", Cylinder(_CROSS_RADIUS, _CROSS_LENGTH), FALSE_CONTACT)
         meshcat.SetTransform(f"{path}/bar_{axis}", along(np.eye(3)[axis]))
     meshcat.SetProperty(path, "visible", False)
 
 
-def _add_ball(meshcat: Meshcat | RemoteMeshcat, path: str, look: Look) -> None:
-    """A ball that shines through what hides it."""
-    meshcat.SetObject(f"{path}/ball", Sphere(_CONTACT_RADIUS), Rgba(*look.colour))
-    meshcat.SetObject(f"{path}/through", Sphere(_CONTACT_RADIUS), Rgba(*look.colour, _HIDDEN_OPACITY))
+def _add_both(meshcat: Meshcat | RemoteMeshcat, path: str, shape: Shape, look: Look) -> None:
+    """A shape, and its translucent twin that shines through what hides it."""
+    meshcat.SetObject(path, shape, Rgba(*look.colour))
+    meshcat.SetObject(f"{path}/through", shape, Rgba(*look.colour, _HIDDEN_OPACITY))
     shine_through(meshcat, f"{path}/through")

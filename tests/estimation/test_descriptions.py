@@ -89,3 +89,8 @@ def test_a_free_direction_is_named_in_the_axes_of_the_object(direction: list[flo
 )
 def test_false_contacts_are_named_by_their_numbers(is_false: list[bool], line: str) -> None:
     assert false_contacts_line(np.array(is_false)) == line
+
+
+def test_a_false_contact_is_named_by_its_finger_where_that_is_known() -> None:
+    said = false_contacts_line(np.array([False, True]), ("first", "thumb"))
+    assert said == "Probably not of this object: contact 2 (thumb)."

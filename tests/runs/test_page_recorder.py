@@ -73,6 +73,7 @@ def station(scenario: Scenario) -> Station:
     return Station(
         joint_positions=np.zeros(plant.num_positions()),
         contacts=Contacts.empty(),
+        fingers_in_contact=[],
         contact_solutions={finger.name: pressed(0.0) for finger in load_hand_config(scenario.hand).fingers},
         prior=PosePrior(RigidTransform([0.0, 0.0, 0.1])),
         hypotheses=None,
@@ -88,6 +89,7 @@ def pressed(force: float) -> ContactSolution:
 def touch(station: Station, force: float, estimate: PoseEstimate) -> None:
     station.values |= {
         "contacts": Contacts([[0.0, 0.0, 0.05]], [[0.0, 0.0, -1.0]], [[0.0, 0.0, -np.nan_to_num(force)]]),
+        "fingers_in_contact": ["thumb"],
         "contact_solutions": station.values["contact_solutions"] | {"thumb": pressed(force)},
         "hypotheses": estimate,
         "status": "ok",
@@ -105,6 +107,8 @@ def test_the_timeline_holds_states_forces_and_widths(scenario: Scenario, model: 
     timeline = recorder.timeline()
     assert timeline is not None
     assert timeline.pieces() == [(0.0, 0.1, "held: no contact"), (0.1, 0.2, "ok")]
+    contacts = timeline.said[1].contacts
+    assert (contacts.headings[:2], contacts.rows[0].cells[:2]) == (("contact", "by"), ("1", "thumb"))
     forces, position, angle = timeline.plots
     curves = {curve.name: curve.values for curve in forces.curves}
     # Where a reading is none, no force is known.

@@ -201,7 +201,13 @@ def test_meshcat_itself_takes_and_records_all_of_it(model: ObjectModel) -> None:
     display = PoseDisplay(meshcat, model, params=PoseDisplayParams(frames=True, friction_coefficient=0.5))
     run(display, 0.1, contacts=TOUCH, patches=(patch,), object_pose=X_PO)
     meshcat.PublishRecording()
-    for part in ("patches/3/cells/23", "palm/x", "estimate/frame/z", "touch/0/normal/cone", "touch/0/point/through"):
+    for part in (
+        "patches/3/cells/23",
+        "palm/x",
+        "estimate/frame/z",
+        "touch/0/normal/cone",
+        "touch/0/point/ball/through",
+    ):
         assert meshcat.HasPath(f"/tactopose/{part}")
     assert "set_animation" in meshcat.StaticHtml()
 

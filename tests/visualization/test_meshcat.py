@@ -55,6 +55,14 @@ def test_an_arrow_is_as_long_as_its_force_is_large() -> None:
         np.testing.assert_allclose(middle - length / 2 * n_PC[row], TOUCH.p_PC[row], atol=1e-12)
 
 
+def test_a_cross_shines_through_what_hides_it() -> None:
+    meshcat = shown(TOUCH)
+    for part in ("ball", "bar_0", "bar_1", "bar_2"):
+        at = f"/touch/0/false/{part}/through"
+        assert at in meshcat.objects
+        assert meshcat.properties[f"{at}/<object>", "material.depthTest"] is False
+
+
 def test_a_force_too_small_for_an_arrow_has_none() -> None:
     meshcat = shown(TOUCH)
     assert meshcat.visible("/touch/1/force")

@@ -109,8 +109,8 @@ def test_a_contact_behind_the_object_shines_through_it(
 def test_pressed_cells_are_seen_within_the_object(
     browser: Browser, scene: Scene, estimate: PoseEstimate, tmp_path: Path
 ) -> None:
-    p_PT = [[0.027, y, z] for y in (-0.005, 0.005) for z in (-0.005, 0.005)]
-    patch = describe_patch(p_PT, np.full(4, 5e4), alpha=1e-8, n_PT=np.tile([-1.0, 0.0, 0.0], (4, 1)))
+    p_PT = [[0.027, y, z] for y in (-0.005, 0.005, 0.015) for z in (-0.005, 0.005)]
+    patch = describe_patch(p_PT, np.full(6, 5e4), alpha=1e-8, n_PT=np.tile([-1.0, 0.0, 0.0], (6, 1)))
     pressed = Scene(
         model=scene.model, contacts=Contacts.empty(), patches=(patch,), hypotheses=(ShownHypothesis(RigidTransform()),)
     )
@@ -119,6 +119,10 @@ def test_pressed_cells_are_seen_within_the_object(
     before = pane(browser)
     browser.evaluate(f"{switch(browser, 'pressed cells')}.click()")
     assert changed(before, pane(browser)) > 300
+    browser.evaluate(f"{switch(browser, 'estimate')}.click(); {switch(browser, 'patch axes')}.click()")
+    hidden = pane(browser)
+    browser.evaluate(f"{switch(browser, 'patch axes')}.click()")
+    assert changed(hidden, pane(browser)) > 20
 
 
 def test_the_legends_hypotheses_are_those_of_the_table(browser: Browser, path: Path) -> None:
