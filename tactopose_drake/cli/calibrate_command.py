@@ -11,6 +11,7 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from tactopose_drake.cli.calibration_page import save_calibration_page
+from tactopose_drake.cli.calibration_reports import HEADINGS, calibration_rows, remaining_line
 from tactopose_drake.cli.consoles import ERRORS, OUT, print_written
 from tactopose_drake.cli.hand_name import HAND, HAND_HELP
 from tactopose_drake.cli.path_type import PATH
@@ -99,35 +100,18 @@ def calibration_table(found: HandCalibration, sliding: Collection[str]) -> Table
         sliding: names of the joints that slide.
     """
     table = Table(title=f"The hand by {found.grasps} grasps", box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("off by")
-    for heading in ("found", "standard deviation", "unit"):
+    table.add_column(HEADINGS[0])
+    for heading in HEADINGS[1:]:
         table.add_column(heading, justify="right")
-    for joint, offset in found.joint_offsets.items():
-        scale, unit = (1e3, "mm") if joint in sliding else (1.0, "deg")
-        if offset.sigma:
-            table.add_row(f"{joint} offset", f"{scale * offset.value:z.2f}", f"{scale * offset.sigma:.2f}", unit)
-    for name, finger in found.fingers.items():
-        for what, vector, scale, unit in (
-            ("moment bias", finger.moment_bias, 1e3, "N mm"),
-            ("force bias", finger.force_bias, 1.0, "N"),
-            ("mounting rotation", finger.rotation_deg, 1.0, "deg"),
-            ("mounting translation", finger.translation, 1e3, "mm"),
-        ):
-            values, sigmas = ([f"{scale * x:z.2f}" for x in row] for row in (vector.value, vector.sigma))
-            if any(vector.sigma):
-                table.add_row(f"{name} {what}", " ".join(values), " ".join(sigmas), unit)
-        value, sigma = 1e3 * finger.radius.value, 1e3 * finger.radius.sigma
-        if sigma:
-            table.add_row(f"{name} radius", f"{value:.2f}", f"{sigma:.2f}", "mm")
+    for row in calibration_rows(found, sliding):
+        table.add_row(*row)
     return table
 
 
 def calibration_lines(result: CalibrationResult, names: list[str]) -> list[str]:
     """What else there is to say, a sentence each."""
     noise = result.calibration.noise
-    lines = [
-        f"What remains of a contact: {1e3 * noise.position:.2f} mm along its normal, {noise.normal_deg:.1f} deg of it."
-    ]
+    lines = [remaining_line(result)]
     if noise.position > _GOOD[0] or noise.normal_deg > _GOOD[1]:
         lines.append(
             f"That is much; with the right mesh, and errors as the hand's `uncertainty` says, it is below "

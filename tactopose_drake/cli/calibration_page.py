@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tactopose_drake.cli.calibration_reports import HEADINGS, calibration_rows, remaining_line
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.hand.hand_calibration import CalibrationResult
@@ -31,16 +32,21 @@ def save_calibration_page(path: Path, hand: str, result: CalibrationResult, name
         f"<tr><td>{html.escape(name)}</td><td>{_cell(weight)}</td><td>{_cell(probability)}</td></tr>"
         for name, weight, probability in zip(names, result.grasp_weights, result.pose_probability, strict=True)
     ]
+    title = html.escape(Path(hand).name)
     untold = "".join(f"<li>{html.escape(combination.text)}</li>" for combination in result.undetermined)
     text = (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Calibration of {html.escape(hand)}</title>'
-        f"<style>{_STYLE}</style></head><body><h1>Calibration of {html.escape(hand)}</h1>"
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Calibration of {title}</title>'
+        f"<style>{_STYLE}</style></head><body><h1>Calibration of {title}</h1>"
         "<p>Each dot is a contact: above, red, with the hand as its files have it, the object's pose in each grasp "
         "being the best for that; below, blue, with the calibrated hand.</p>"
-        f"{distances}{angles}{_table(result)}<h2>Grasps</h2><p>Weight 1 fits the others; 0 counted for nothing. "
+        f"{distances}{angles}{_table(result)}"
+        f"<p>{html.escape(remaining_line(result))} The residuals are smaller, because the fit has taken some up.</p>"
+        f"<h2>What was found</h2>{_found(result)}<h2>Grasps</h2><p>Weight 1 fits the others; 0 counted for nothing. "
         "Where the pose is not sure, another explains the grasp, too, and the standard deviations are the larger.</p>"
         f"<table><tr><th>grasp</th><th>weight</th><th>probability of its pose</th></tr>{''.join(rows)}</table>"
-        f"<h2>What these grasps do not tell</h2><ul>{untold or '<li>nothing</li>'}</ul></body></html>\n"
+        "<h2>What these grasps do not tell</h2>"
+        "<p>Nor how far all errors of a line are off together: \u201cwith\u201d in the same direction, "
+        f"\u201cagainst\u201d in the opposite one.</p><ul>{untold or '<li>nothing</li>'}</ul></body></html>\n"
     )
     with written_beside(path) as beside:
         beside.write_text(text, encoding="utf-8")
@@ -55,6 +61,12 @@ def _table(result: CalibrationResult) -> str:
         rows.append(f"<tr><td>{html.escape(finger)}</td>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
     heads = ("finger", "before, mm rms", "before, deg rms", "after, mm rms", "after, deg rms")
     return f"<table><tr>{''.join(f'<th>{head}</th>' for head in heads)}</tr>{''.join(rows)}</table>"
+
+
+def _found(result: CalibrationResult) -> str:
+    rows = calibration_rows(result.calibration, result.sliding)
+    cells = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    return f"<table><tr>{''.join(f'<th>{heading}</th>' for heading in HEADINGS)}</tr>{cells}</table>"
 
 
 def _cell(value: float) -> str:

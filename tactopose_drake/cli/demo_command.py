@@ -94,7 +94,7 @@ def demo(**given: Any) -> None:
         OUT.print(sentence, style="yellow")
     if result.pads:
         OUT.print(pads_table(result.pads))
-    OUT.print(poses_table((result.vision, result.touch)))
+    OUT.print(poses_table([pose for pose in (result.vision, result.touch, result.tracked) if pose is not None]))
     OUT.print(free_line(result.estimate.best))
     if widths := sigma_line(result.estimate.best, result.grasp.station.model.size):
         OUT.print(widths)

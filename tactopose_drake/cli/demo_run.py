@@ -14,20 +14,19 @@ from tactopose_drake.cli.demo_reports import (
     FingerReport,
     PadReport,
     PoseReport,
-    pad_force,
     report_finger,
     report_pad,
     report_pose,
 )
 from tactopose_drake.cli.titles import grasp_title
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidFileError, TactoposeError
 from tactopose_drake.estimation.files import save_result
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import load_hand_config
@@ -64,6 +63,7 @@ class DemoResult:
         disturbed: a sentence for each of their sensors that reads something else than the object's touch.
         pads: one report for each tactile pad.
         vision, touch: reports on the pose before and after the touch.
+        tracked: report on the pose of the belief over time, if there is one.
         hidden_share: how much of the object's camera side the hand hides, 0 to 1.
         estimate: the hypotheses.
         scene: what the pictures show.
@@ -76,6 +76,7 @@ class DemoResult:
     pads: tuple[PadReport, ...]
     vision: PoseReport
     touch: PoseReport
+    tracked: PoseReport | None
     hidden_share: float
     estimate: PoseEstimate
     scene: Scene
@@ -114,7 +115,8 @@ def run_demo(
     contacts: Contacts = diagram.GetOutputPort("contacts").Eval(context)
     names: list[str] = diagram.GetOutputPort("fingers_in_contact").Eval(context)
     pads = _read_pads(grasp)
-    touch = _join(contacts, list(pads.values()))
+    patches = tuple(patch for patch, _ in pads.values())
+    touch = touch_of(contacts, patches)
     prior: PosePrior = diagram.GetOutputPort("prior").Eval(context)
     estimate: PoseEstimate | None = diagram.GetOutputPort("hypotheses").Eval(context)
     if estimate is None:
@@ -122,21 +124,23 @@ def run_demo(
         raise GraspFailedError(
             f"the hand holds the {model.name.replace('_', ' ')} but feels too little of it: {status}."
         )
-    vision, touched = (
-        report_pose(name, X_PO, grasp.X_PO, grasp.station.model, touch, estimate.best.free_directions)
-        for name, X_PO in (("vision", prior.mean), ("touch", estimate.best.X_PO.GetAsMatrix34()))
-    )
+
+    def report(name: str, X_PO: FloatArray, best: PoseHypothesis) -> PoseReport:
+        return report_pose(name, X_PO, grasp.X_PO, grasp.station.model, touch, best.free_directions)
+
+    belief = _belief(grasp)
     truth = grasp.truth
     return DemoResult(
         grasp=grasp,
         fingers=tuple(report_finger(name, row, contacts, truth.tips.get(name)) for row, name in enumerate(names)),
         disturbed=disturbed_sensors(grasp.station, context),
         pads=tuple(report_pad(name, *pads[name], truth.pads.get(name)) for name in pads),
-        vision=vision,
-        touch=touched,
+        vision=report("vision", prior.mean, estimate.best),
+        touch=report("touch", estimate.best.X_PO.GetAsMatrix34(), estimate.best),
+        tracked=None if belief is None else report("belief", belief.best.X_PO.GetAsMatrix34(), belief.best),
         hidden_share=float(diagram.GetOutputPort("hidden_share").Eval(context)[0]),
         estimate=estimate,
-        scene=_scene(grasp, touch, tuple(patch for patch, _ in pads.values()), prior, estimate),
+        scene=_scene(grasp, touch, patches, prior, estimate),
         timeline=recorder.timeline(),
     )
 
@@ -192,13 +196,9 @@ def save_demo(
     save_picture(paths[1], result.scene, captions=("before: vision", "after: touch"))
     if meshcat is not None:
         paths.append(folder / _FILES[2])
-        contacts = result.grasp.station.diagram.GetOutputPort("contacts").Eval(result.grasp.context)
         # What the station's display shows of it.
-        shown = dataclasses.replace(
-            result.scene,
-            contacts=touch_of(contacts, result.scene.patches),
-            hypotheses=result.scene.hypotheses[: 1 + PoseDisplayParams().max_alternatives],
-        )
+        hypotheses = result.scene.hypotheses[: 1 + PoseDisplayParams().max_alternatives]
+        shown = dataclasses.replace(result.scene, hypotheses=hypotheses)
         add_frames(meshcat, PoseDisplayParams().path)
         page = page_of(
             shown,
@@ -213,16 +213,31 @@ def save_demo(
 
 
 def _errors_table(result: DemoResult) -> PageTable:
-    """How far the pose is off the truth, before and after the touch."""
-    both = (result.vision, result.touch)
+    """How far the pose is off the truth, before and after the touch, and by the belief over time."""
+    reports = [report for report in (result.vision, result.touch, result.tracked) if report is not None]
     values = [
-        ("position, mm", [1e3 * report.determined_translation for report in both]),
-        ("angle, deg", [np.degrees(report.determined_rotation) for report in both]),
+        ("position, mm", [1e3 * report.determined_translation for report in reports]),
+        ("angle, deg", [np.degrees(report.determined_rotation) for report in reports]),
     ]
-    rows = tuple(Row((name, *(f"{value:.1f}" for value in pair))) for name, pair in values)
-    tracked = result.grasp.station.scenario.tracking is not None
-    which = "Error of the last single estimate" if tracked else "Error at the end"
-    return PageTable(f"{which}, where determined", ("against the truth", "vision", "touch"), rows)
+    rows = tuple(Row((name, *(f"{value:.1f}" for value in row))) for name, row in values)
+    headings = ("against the truth", *(report.name for report in reports))
+    return PageTable(
+        "Error at the end, where determined",
+        headings,
+        rows,
+        ""
+        if result.tracked is None
+        else "Touch: of the last estimate by itself; what is drawn is the belief over time.",
+    )
+
+
+def _belief(grasp: GraspResult) -> PoseEstimate | None:
+    """What is believed over time at the end; None where that is nothing, or not followed."""
+    diagram = grasp.station.diagram
+    if not diagram.HasOutputPort("tracked_hypotheses"):
+        return None
+    belief: PoseEstimate | None = diagram.GetOutputPort("tracked_hypotheses").Eval(grasp.context)
+    return belief
 
 
 def _read_pads(grasp: GraspResult) -> dict[str, tuple[Patch, FloatArray]]:
@@ -233,14 +248,6 @@ def _read_pads(grasp: GraspResult) -> dict[str, tuple[Patch, FloatArray]]:
     names, patches = (grasp.station.diagram.GetOutputPort(port).Eval(grasp.context) for port in ("pads", "patches"))
     areas = (load_tactile_pad(arrays[name]).layout.areas for name in names)
     return dict(zip(names, zip(patches, areas, strict=True), strict=True))
-
-
-def _join(contacts: Contacts, pads: list[tuple[Patch, FloatArray]]) -> Contacts:
-    """Fingertips' contacts and pads' patches as contacts with normals and forces."""
-    assert contacts.f_PC is not None
-    forces = [pad_force(patch, areas) for patch, areas in pads if patch.is_felt]
-    touch = with_patches(contacts, [patch for patch, _ in pads])
-    return dataclasses.replace(touch, f_PC=np.concatenate([contacts.f_PC, np.reshape(forces, (-1, 3))]))
 
 
 def _scene(

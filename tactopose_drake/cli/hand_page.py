@@ -40,7 +40,7 @@ def save_hand_page(path: Path, name: str, check: HandCheck) -> None:
 
     Args:
         path: the file.
-        name: of the hand.
+        name: of the hand, or its file's path.
         check: what was found of it, with its parts.
 
     Raises:
@@ -68,7 +68,7 @@ def draw_hand(meshcat: Meshcat, name: str, checked: CheckedHand, findings: tuple
         switches.insert(0, Switch(_TIP, "^/tactopose/fingertips/"))
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     return Page(
-        title=f"The hand {name}: frames and fingertips",
+        title=f"The hand {Path(name).name.split('.')[0]}: frames and {'fingertips' if hand.surfaces else 'pads'}",
         said=_said(findings),
         switches=(*switches, hand_switch(HAND._replace(meaning="what collides, at zero joint positions"))),
         details=(_table(findings),),

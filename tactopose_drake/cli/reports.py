@@ -28,7 +28,7 @@ def hypotheses_table(estimate: PoseEstimate, model: ObjectModel) -> Table:
         pad_edge=False,
         collapse_padding=True,  # a terminal has 80 columns
     )
-    for heading in ("mass", "translation, mm", "quaternion wxyz", "\u00b1 mm", "\u00b1 deg", "cost"):
+    for heading in ("prob.", "translation, mm", "quaternion wxyz", "\u00b1 mm", "\u00b1 deg", "cost"):
         table.add_column(heading, justify="right", no_wrap=True)
     for hypothesis in estimate.hypotheses[:_MOST_ROWS]:
         table.add_row(

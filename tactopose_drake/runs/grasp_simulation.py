@@ -115,15 +115,16 @@ def run_grasp(
     simulator.Initialize()
     if meshcat is not None:
         meshcat.StartRecording()
+    display = None if meshcat is None else station.diagram.GetSubsystemByName("pose_display")
     watch, view, step = GraspWatch(station), RunView(station.diagram, context), 0.02
     while context.get_time() < station.scenario.duration - 1e-9 and not watch.is_over(context):
         simulator.AdvanceTo(context.get_time() + step)
         watch.see(context)
         observer(view)
+        if display is not None:
+            # The last estimate may be younger than what is shown.
+            display.ForcedPublish(display.GetMyContextFromRoot(context))
     if meshcat is not None:
-        # The last estimate may be younger than what is shown.
-        display = station.diagram.GetSubsystemByName("pose_display")
-        display.ForcedPublish(display.GetMyContextFromRoot(context))
         meshcat.StopRecording()
         meshcat.PublishRecording()
     truth, reason = watch.judge(context)

@@ -247,7 +247,7 @@ def _handle(look: Look, scene: Scene, prior_label: str) -> Patch | Line2D:
     if look is FORCE:
         assert scene.contacts.f_PC is not None
         largest = float(np.linalg.norm(scene.contacts.f_PC, axis=1).max())
-        label = f"force on the {'pad' if scene.patches else 'finger'} (longest {largest:.1f} N)"
+        label = f"force on the finger (longest {largest:.1f} N)"
     if look.mark == "line":
         return Line2D([], [], color=look.colour, linewidth=2.5, label=label)
     markers = {

@@ -67,7 +67,7 @@ def draw_improvement(
         f"{path}/surface",
         np.asfortranarray(model.vertices.T),
         np.asfortranarray(model.faces.T.astype(np.int32)),
-        np.asfortranarray(level_colours(vertex_levels(model, found)).T),
+        np.asfortranarray(_linear(level_colours(vertex_levels(model, found))).T),
     )
     if reachable is not None:
         for row in np.flatnonzero(reachable):
@@ -89,6 +89,12 @@ def vertex_levels(model: ObjectModel, found: ImprovementMap) -> FloatArray:
 def level_colours(level: FloatArray) -> FloatArray:
     """RGB from levels -1 to 1, shape (n, 3)."""
     return np.column_stack([np.interp(level, [-1.0, 0.0, 1.0], channel) for channel in _COLOURS.T])
+
+
+def _linear(colours: FloatArray) -> FloatArray:
+    """Amounts of light, as Meshcat takes vertices' colours to be, of sRGB's, as pictures have them."""
+    light: FloatArray = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    return light
 
 
 def _place(model: ObjectModel, points: FloatArray, normals: FloatArray) -> FloatArray:

@@ -83,6 +83,9 @@ def test_what_is_written_is_what_the_hand_then_knows(
     assert text.startswith("<!doctype html>")
     assert text.count('class="before"') == text.count('class="after"') >= 40
     assert "http" not in text
+    assert "<h1>Calibration of mine.hand.yaml</h1>" in text
+    assert "What remains of a contact: " in text
+    assert "thumb radius</td><td>" in text
 
     hand = tmp_path / "calibrated.hand.yaml"
     hand.write_text((folder / "mine.hand.yaml").read_text() + "calibration: calibration.yaml\n")

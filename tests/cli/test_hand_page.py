@@ -21,7 +21,7 @@ def test_a_hands_page_names_its_frames_and_says_what_was_found(tmp_path: Path) -
     check = check_hand("shadow_like")
     path_note = Finding("model", "Drake says: /a/long" + 20 * "/path" + ".urdf: a warning", "note")
     check = dataclasses.replace(check, findings=(*check.findings, path_note))
-    save_hand_page(tmp_path / "hand.html", "shadow_like", check)
+    save_hand_page(tmp_path / "hand.html", "models/shadow_like.hand.yaml", check)
     assert (tmp_path / "hand.html").stat().st_size < 6e6
     with Browser() as browser:
         browser.open(tmp_path / "hand.html")

@@ -14,6 +14,7 @@ from tactopose_drake.visualization.wrench_spaces import (
     level_colours,
     vertex_levels,
 )
+from tests.recording_meshcat import RecordingMeshcat
 
 BALL = 0.03
 P_OC = BALL * np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.33], [-0.5, -0.8, 0.33]])
@@ -30,6 +31,16 @@ def test_the_scale_goes_from_red_over_grey_to_blue() -> None:
     assert blue[2] > 2 * blue[0]
     assert np.ptp(grey) < 0.1
     assert np.all(np.diff(level_colours(np.linspace(-1, 0, 9))[:, 2]) > 0)
+
+
+def test_meshcat_is_given_amounts_of_light(ball: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[np.ndarray] = []
+    monkeypatch.setattr(RecordingMeshcat, "SetTriangleColorMesh", lambda *told: given.append(told[-1]), raising=False)
+    found = ImprovementMap(0.1, ball.samples.points, ball.samples.normals, np.full(len(ball.samples.points), 0.2))
+    draw_improvement(RecordingMeshcat(), "/map", ball, found)  # type: ignore[arg-type]
+    shown = level_colours(vertex_levels(ball, found))
+    # An sRGB channel is about the power 1/2.2 of its light.
+    np.testing.assert_allclose(given[0].T, shown**2.2, atol=0.01)
 
 
 def test_a_vertex_has_the_colour_of_the_points_on_its_own_side() -> None:
