@@ -112,6 +112,7 @@ def plot(quality: tp.GraspQuality, path: Path) -> None:
         reach = 1.0 if hull is None else float(np.abs(hull.vertices).max())
         axis.set(xlim=(-reach, reach), ylim=(-reach, reach), zlim=(-reach, reach))
         axis.set_box_aspect((1, 1, 1))
+        axis.locator_params(nbins=5)
     FigureCanvasAgg(figure).print_png(path)
 
 

@@ -125,7 +125,7 @@ def plot(finger: str, found: ImprovementMap, reachable: NDArray[np.bool_], path:
             angle[marked], z[marked], facecolors="none", edgecolors="k", s=30, label=f"{finger} finger reaches"
         )
         axis.set(title=f"{title}: red worse, blue better", xlabel="angle about the axis, deg", ylabel="height, mm")
-        axis.legend(loc="lower right")
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower right")
     FigureCanvasAgg(figure).print_png(path)
 
 

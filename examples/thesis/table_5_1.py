@@ -178,6 +178,7 @@ def plot(fit: AlphaFit, path: Path) -> None:
             axis.plot(*np.transpose([1e3 * patch.centroid, 1e3 * patch.centroid + reach]), color=color, linewidth=3)
         axis.set(title=f"Figure 5.3: cylinder, 5 deg, alpha = {factor * fit.alpha:.2g} m/Pa", xlabel="x, mm")
         axis.set_aspect("equal")
+        axis.locator_params(axis="z", nbins=3)
     profile, depths = figure.add_subplot(2, 2, 3), figure.add_subplot(2, 2, 4)
     for factor, color in ((0.5, "tab:orange"), (1.0, "tab:blue"), (2.0, "tab:green")):
         plot_profile(profile, fit, flat_press, factor * fit.alpha, color)

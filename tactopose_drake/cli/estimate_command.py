@@ -60,7 +60,7 @@ from tactopose_drake.estimation.search_methods import METHODS
 )
 @click.option("--out", type=PATH, help="Writes result.json here.")
 @click.option("--html", type=PATH, help="Writes the scene here, as a web page to turn and zoom.")
-@click.option("--meshcat-url", help="Draws the scene into the meshcat-server there, e.g. tcp://127.0.0.1:6000.")
+@click.option("--meshcat-url", help="Draws the scene into the meshcat-server there, e.g. `tcp://127.0.0.1:6000`.")
 def estimate(
     mesh: Path,
     scale: float,
