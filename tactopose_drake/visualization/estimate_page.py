@@ -156,10 +156,11 @@ def _hypotheses(estimate: PoseEstimate | None, model: ObjectModel, count: int) -
 
 def _contacts(scene: Scene) -> PageTable:
     contacts = scene.contacts
-    columns = [("contact", [str(row + 1) for row in range(len(contacts))])]
-    if scene.touched_by:
-        columns.append(("by", list(scene.touched_by)))
-    columns.append(("x y z, mm", [_millimetres(point) for point in contacts.p_PC]))
+    names = scene.touched_by or ("",) * len(contacts)
+    columns = [
+        ("contact", [f"{row + 1} {name}".rstrip() for row, name in enumerate(names)]),
+        ("x y z, mm", [_millimetres(point) for point in contacts.p_PC]),
+    ]
     if contacts.f_PC is not None:
         columns.append(("force, N", [f"{force:.2f}" for force in np.linalg.norm(contacts.f_PC, axis=1)]))
     inlier = scene.hypotheses[0].inlier_probability if scene.hypotheses else None
