@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.validation import MOST_ALPHA, finite_array, known_name, points_near, positive_number, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.calibration_file import load_calibration
@@ -30,7 +29,6 @@ class Coupling:
     offset: float = 0.0  # position of the joint where the one that it follows is at 0, rad or m
 
 
-_LARGEST_TIP = 1.0  # m, of a fingertip's surface in its sensor's frame: more must be in millimetres
 _MOST_UNCERTAIN = {  # more must be of another unit, such as millimetres
     "encoder_offset_deg": (45.0, "deg"),
     "mounting": (0.05, "m"),
@@ -154,7 +152,6 @@ class HandConfig:
                 )
             with told_of(f"HandConfig.fingers[{finger.name}].surface."):
                 surface = finger.surface.make()
-            _check_size(f"HandConfig.fingers[{finger.name}].surface", surface)
             if finger.layer is not None:
                 finger.layer.make(f"HandConfig.fingers[{finger.name}].layer", surface)
         self._check_sensors()
@@ -233,16 +230,6 @@ class HandConfig:
             if finger.name == name:
                 return finger
         raise UnknownNameError("finger", name, [finger.name for finger in self.fingers])
-
-
-def _check_size(name: str, surface: Surface) -> None:
-    """Raises InvalidInputError if a fingertip's surface is larger, or farther from its sensor, than any is."""
-    reach = float(np.linalg.norm(surface.X_SF[:, 3])) + surface.extent
-    if reach > _LARGEST_TIP:
-        raise InvalidInputError(
-            f"{name}: reaches {reach:g} m from its sensor; allowed are {_LARGEST_TIP:g} m at most. Multiply by 0.001 "
-            "what is in millimetres."
-        )
 
 
 def load_hand_config(name_or_path: str | Path, *, with_calibration: bool = True) -> HandConfig:

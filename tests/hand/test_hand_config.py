@@ -235,7 +235,7 @@ def test_bad_descriptors_are_refused(tmp_path):
         load_hand_config("no_such_hand")
     with pytest.raises(InvalidInputError, match=r"HandConfig\.fingers\[left\]\.surface\.radius: is -1"):
         load_hand_config(write_gripper(tmp_path, surface="!SphereSurface {radius: -1}"))
-    with pytest.raises(InvalidInputError, match=r"surface: reaches 11 m from its sensor; .* what is in millimetres"):
+    with pytest.raises(InvalidInputError, match=r"surface\.radius: is 11.*, in metres.* what is in millimetres"):
         load_hand_config(write_gripper(tmp_path, surface="!SphereSurface {radius: 11}"))
     path = write_gripper(tmp_path)
     path.write_text(path.read_text().replace("name: left,", "name: '',"))
