@@ -92,8 +92,7 @@ def identify(
         TooFewContactsError: no contact, and no patch that is felt.
         UnknownNameError: a likelihood that does not exist.
         InvalidInputError: no object, or one that is no `ObjectModel`; `candidates` or `max_hypotheses` below 1; a seed
-            below 0; a prior that is no probability below 1; patches that are none; a touch evidently not in metres; an
-            executor that is shut down.
+            below 0; a prior that is no probability; patches that are none; a touch not in metres; a shut executor.
     """
     started = time.perf_counter()
     likelihood = check_likelihood("likelihood", likelihood)
