@@ -14,9 +14,9 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs
-from tactopose_drake.core.plain_values import copied
+from tactopose_drake.core.plain_values import copied, numbers
 from tactopose_drake.core.posterior.moved_origin import move_origin, prior_of_middle
-from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, limited, points_near, pose_matrix
+from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, limited, pose_matrix, pose_near
 from tactopose_drake.errors import InvalidInputError
 
 FASTEST = 1e4  # of a fingertip, rad/s and m/s: beyond it is none
@@ -53,11 +53,13 @@ class PoseMeasurement:
             raise InvalidInputError(
                 f"covariance: is not positive definite with standard deviations of {_LEAST_SIGMA:g} or more."
             )
-        X_PO = pose_matrix("X_PO", self.X_PO)
-        points_near("X_PO", X_PO[None, :, 3], (1, 3))
+        X_PO = pose_near("X_PO", self.X_PO)
         for name, array in (("X_PO", X_PO), ("covariance", covariance)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+
+    def __repr__(self) -> str:
+        return f"<PoseMeasurement at {self.time:.3f} s: p_PO {numbers(1e3 * self.X_PO[:, 3], 1)} mm>"
 
     @classmethod
     def from_prior(cls, prior: GaussianPrior, time: float) -> PoseMeasurement:

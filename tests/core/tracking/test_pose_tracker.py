@@ -401,6 +401,16 @@ def test_a_frame_from_before_is_refused(tracker: PoseTracker) -> None:
         tracker.step(tracker.start(1.0), Frame(0.5, Evidence(Contacts.empty())))
 
 
+def test_a_measurement_is_in_metres_and_one_line_to_read() -> None:
+    measured = PoseMeasurement(1.25, X_PO, np.eye(6))
+    assert repr(measured) == "<PoseMeasurement at 1.250 s: p_PO [20.0, 0.0, 100.0] mm>"
+    far = X_PO * [[1.0, 1.0, 1.0, 1e3]]
+    with pytest.raises(
+        InvalidInputError, match=r"X_PO\.translation: is \[20\.0, 0\.0, 100\.0\], in metres; .* millimetres"
+    ):
+        PoseMeasurement(1.25, far, np.eye(6))
+
+
 def test_parameters_out_of_range_are_refused() -> None:
     with pytest.raises(InvalidInputError, match="slip_time"):
         PoseTracker(make_box(), PoseTrackerParams(slip_time=0.0))
