@@ -169,7 +169,8 @@ class PoseTracker:
     def _motion(self, belief: PoseBelief, frame: Frame, contacts: Contacts, *, slips: bool) -> Motion:
         """How the object moved since the belief's time."""
         duration, noise = frame.time - belief.time, self._params.noise
-        if not len(contacts) and self._holds(belief, frame):
+        # Where sensors say that nothing touches, and the palm is known, the object rests in the world at once.
+        if not len(contacts) and frame.X_WP is None and self._holds(belief, frame):
             return move_with_palm(noise, duration, slips=slips)
         if not len(contacts) or duration > noise.longest_gap:
             most = self._params.mixture.max_sigma_translation
