@@ -101,7 +101,7 @@ class PoseTracker:
     def _step(self, belief: PoseBelief, frame: Frame) -> PoseBelief:
         """The same for the object in a frame whose origin is near it; of the belief's mixture nothing is used."""
         duration, params = frame.time - belief.time, self._params
-        if belief.untouched is not None and not self._holds(belief, frame):
+        if belief.untouched is not None and self._is_over(belief, frame):
             # A touch that no pose has explained, or a first and short one, and that is gone was none: fingers that
             # start to move feel inertia.
             belief = belief.untouched
@@ -124,15 +124,16 @@ class PoseTracker:
         is_first = untouched is not None and untouched.touch_time == -np.inf
         return is_first and belief.time < belief.unsettled_time + self._params.settling_time
 
-    def _holds(self, belief: PoseBelief, frame: Frame) -> bool:
-        """Whether something is touched, or was a moment ago: single readings are lost, and light touches flicker."""
-        return len(frame.evidence.touch) > 0 or frame.time <= belief.touch_time + self._params.flicker_time
+    def _is_over(self, belief: PoseBelief, frame: Frame) -> bool:
+        """Whether the last touch has ended: single readings are lost, and light touches flicker."""
+        goes_on = belief.touch_time == belief.time and len(frame.evidence.touch) > 0
+        return not goes_on and frame.time > belief.touch_time + self._params.flicker_time
 
     def _untouched(self, belief: PoseBelief, frame: Frame) -> PoseBelief | None:
         """What would be believed now without a touch that begins, or that nothing has explained since it did."""
-        is_over = belief.touch_time < belief.time and frame.time > belief.touch_time + self._params.flicker_time
+        is_over = self._is_over(belief, frame)
         before = belief if is_over and belief.has_pose else belief.untouched
-        if before is None or not self._holds(belief, frame):
+        if before is None or (is_over and not len(frame.evidence.touch)):
             return None
         nothing = dataclasses.replace(frame.evidence, contacts=Contacts.empty(), patches=())
         return self._step(before, dataclasses.replace(frame, evidence=nothing, sources=()))
@@ -169,8 +170,8 @@ class PoseTracker:
     def _motion(self, belief: PoseBelief, frame: Frame, contacts: Contacts, *, slips: bool) -> Motion:
         """How the object moved since the belief's time."""
         duration, noise = frame.time - belief.time, self._params.noise
-        # Where sensors say that nothing touches, and the palm is known, the object rests in the world at once.
-        if not len(contacts) and frame.X_WP is None and self._holds(belief, frame):
+        # Where the palm is known, what does not touch rests in the world at once.
+        if not len(contacts) and frame.X_WP is None and not self._is_over(belief, frame):
             return move_with_palm(noise, duration, slips=slips)
         if not len(contacts) or duration > noise.longest_gap:
             most = self._params.mixture.max_sigma_translation
@@ -179,7 +180,9 @@ class PoseTracker:
             return move_with_palm(noise, duration, slips=slips)
         assert frame.sources is not None
         forces = frame.evidence.contacts if len(frame.evidence.contacts) == len(contacts) else contacts
-        settled = belief.time >= belief.unsettled_time + self._params.settling_time
+        felt = (belief.felt_time.get(name, -np.inf) for name in frame.sources)
+        settled = min(felt) >= belief.time - self._params.flicker_time
+        settled = settled and belief.time >= belief.unsettled_time + self._params.settling_time
         return move_with_fingertips(
             forces, frame.sources, frame.tip_velocity, noise, duration, slips=slips, settled=settled
         )

@@ -48,15 +48,14 @@ class ForceTest(NamedTuple):
     inside_time: float = -np.inf
 
     def change_since(self, time: float) -> float:
-        """By how much of their size forces have changed since that time, s, of what touched then and does now.
+        """By how much of the size of all forces those have changed since that time, s, of what touched then and now.
 
         What no longer touches may be a reading that was lost.
         """
         before, now = self.forces[bisect.bisect_left(self.times, time)], self.forces[-1]
         both = before.any(axis=1) & now.any(axis=1)
-        before, now = before[both], now[both]
         square = max(float(np.sum(before**2)), float(np.sum(now**2)), 1e-12)
-        return math.sqrt(float(np.sum((now - before) ** 2)) / square)
+        return math.sqrt(float(np.sum((now - before)[both] ** 2)) / square)
 
 
 def detect_by_forces(

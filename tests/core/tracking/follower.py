@@ -21,8 +21,8 @@ GUESS = GaussianPrior(retract(X_PO, np.array([0.1, -0.15, 0.1, 0.01, -0.02, 0.01
 class Follower:
     """A belief that is fed frame after frame, 10 ms apart."""
 
-    def __init__(self, tracker: PoseTracker, seed: int = 0) -> None:
-        self.tracker, self.generator = tracker, np.random.default_rng(seed)
+    def __init__(self, tracker: PoseTracker, seed: int = 0, period: float = 0.01) -> None:
+        self.tracker, self.generator, self.period = tracker, np.random.default_rng(seed), period
         self.belief: PoseBelief = tracker.start(0.0)
 
     def feel(
@@ -37,6 +37,6 @@ class Follower:
         for _ in range(count):
             contacts = Contacts.empty() if X is None else touch(X, self.generator, bias)[list(fingers)]
             names = None if X is None else tuple(NAMES[i] for i in fingers)
-            frame = Frame(self.belief.time + 0.01, Evidence(contacts, prior=GUESS), names, vision=vision)
+            frame = Frame(self.belief.time + self.period, Evidence(contacts, prior=GUESS), names, vision=vision)
             self.belief = self.tracker.step(self.belief, frame)
         return self.belief

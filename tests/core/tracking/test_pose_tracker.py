@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.posterior.moved_origin import arc_covariance, increments_of_origin, move_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking import pose_tracker
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
+from tactopose_drake.core.tracking.motion_prediction import move_with_fingertips
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.tracker_params import MixtureParams, MotionNoise, PoseTrackerParams, SlipParams
@@ -300,16 +303,38 @@ def test_readings_that_are_lost_end_no_touch(tracker: PoseTracker) -> None:
     assert error(follower.belief, X_PO)[0] < 0.004
 
 
-def test_a_new_touch_may_fail_to_be_read_for_a_moment_and_is_the_same(tracker: PoseTracker) -> None:
-    led, quiet = Follower(tracker), Follower(tracker)
+@pytest.mark.parametrize("period", [0.01, 0.03, 0.05])
+def test_a_new_touch_that_flickers_leaves_nothing_when_it_is_gone(tracker: PoseTracker, period: float) -> None:
+    """Whether its second part is the same touch or, after a pause, one of its own: that begins without the first."""
+    led, quiet = Follower(tracker, period=period), Follower(tracker, period=period)
     wrong = retract(X_PO, np.array([0.0, 0, 0, 0.03, 0.03, 0.0]))
     for follower, touched in ((led, wrong), (quiet, None)):
         follower.feel(None, 3)
-        for _ in range(2):  # The second part is no touch of its own, which would begin with what the first has made.
+        for _ in range(2):
             follower.feel(touched, 1, fingers=(0,))
-            follower.feel(None, 2)
+            follower.feel(None, 2 if period < 0.02 else 1)
         follower.feel(None, FLICKER + 1)
     np.testing.assert_array_equal(led.belief.X_PO, quiet.belief.X_PO)
+
+
+def test_what_has_just_come_to_touch_holds_nothing_yet(tracker: PoseTracker, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An object may lie on a table until other fingers come."""
+    said, tips = list[bool](), dict.fromkeys(NAMES, np.zeros(6))
+
+    def spy(*args: Any, settled: bool, **options: Any) -> Any:
+        said.append(settled)
+        return move_with_fingertips(*args, settled=settled, **options)
+
+    monkeypatch.setattr(pose_tracker, "move_with_fingertips", spy)
+    belief, generator = tracker.start(0.0), np.random.default_rng(0)
+    for i, count in enumerate([1] * 15 + [6] * 25):
+        contacts = touch(X_PO, generator)[:count]
+        frame = Frame(0.01 * (i + 1), Evidence(contacts, prior=GUESS), NAMES[:count], tips)
+        belief = tracker.step(belief, frame)
+    assert not any(said[:8])
+    assert all(said[10:15])
+    assert not any(said[15:23])
+    assert all(said[35:])
 
 
 def test_vision_that_is_late_counts_as_of_its_time(tracker: PoseTracker) -> None:

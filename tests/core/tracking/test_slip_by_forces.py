@@ -66,6 +66,17 @@ def test_a_finger_whose_reading_is_lost_has_not_let_go() -> None:
     assert not any(feel([at_limit] * 50 + [without, *[at_limit] * 4] * 10))
 
 
+def test_where_the_fingers_that_bear_the_load_are_lost_the_noise_of_the_others_is_no_slip() -> None:
+    generator, others = np.random.default_rng(0), np.array([2, 3, 4, 5])
+    said = []
+    for i in range(600):
+        reading = press(np.array([0.9, 0.3, 0.6, 0.2, 0.4, 0.5]), np.array([6.0, 6.0, 0.3, 0.3, 0.3, 0.3]))
+        forces = reading.contacts.f_PC + 0.03 * generator.normal(size=(6, 3))
+        contacts = dataclasses.replace(reading.contacts, f_PC=forces)
+        said.append(read(contacts) if i % 20 else read(contacts[others], others))
+    assert not any(feel(said)[60:])
+
+
 def test_where_all_fingers_come_to_the_limit_the_object_slides_as_a_whole() -> None:
     reach = [press(np.minimum(HELD + 0.01 * i, 0.8)) for i in range(100)]
     said = feel(reach)
