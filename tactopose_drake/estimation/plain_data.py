@@ -94,9 +94,10 @@ def read_covariance(name: str, value: Any) -> FloatArray:
     if variance.min() < 0.0:
         raise InvalidInputError(f"{name}: has the variance {variance.min():g}; allowed are variances >= 0.")
     sigma = np.sqrt(np.where(variance > 0.0, variance, 1.0))
-    correlation = covariance / sigma[:, None] / sigma
-    off = np.abs(correlation - correlation.T).max()
-    if off > _ROUNDING:
+    with np.errstate(over="ignore", invalid="ignore"):  # No correlation is beyond numbers.
+        correlation = covariance / sigma[:, None] / sigma
+        off = np.abs(correlation - correlation.T).max()
+    if not off <= _ROUNDING:
         raise InvalidInputError(f"{name}: is not symmetric; allowed are symmetric matrices.")
     if np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:
         raise InvalidInputError(

@@ -89,6 +89,8 @@ def fit_fingertip(
         return None
     if len(shapes) == 1 and isinstance(shapes[0][1], Sphere):
         ((X_SG, shape, outline),) = outlines
+        if np.linalg.norm(outline, axis=1).max() > _FARTHEST:
+            return None
         ball = SphereTip(shape.radius(), X_SF=RigidTransform(X_SG.translation()))
         return FittedSurface(ball, residual(ball, outline), residual(hand.surfaces[finger], outline))
     p_SJ = X_STip.translation()

@@ -28,7 +28,7 @@ class Ros2Inbox:
     Attributes:
         received: joint states so far.
         lost: 0; messages of ROS 2 are not counted by who sends them.
-        passed_over: how many were received and not taken, since a newer one of the same joints was there or had been.
+        passed_over: how many were received and not taken, since a newer one of all their joints was there or had been.
     """
 
     def __init__(self, link: Ros2Link, senses: Ros2Senses, joints: Collection[str] | None = None) -> None:
@@ -37,16 +37,17 @@ class Ros2Inbox:
         Args:
             link: a participant.
             senses: the topics, and how old a wrench, a pad's frame, or another joint state's joints may be.
-            joints: the hand's; a joint state of none of them, such as an arm's, is no message. None: any may be.
+            joints: the hand's; others of a joint state, such as an arm's, count for nothing. None: any may be.
         """
         self._joints = joints
         self.received = self.lost = self.passed_over = 0
         self._link, self._max_age = link, senses.max_age
         self._remarks: list[str] = []
-        self._untaken: set[str] = set()  # joints
+        self._untaken: list[frozenset[str]] = []  # the joints of each joint state since the last that was taken
         self._pictures = WaitingPictures[Any]()
         self._time = -math.inf  # of the newest joint state, s
-        self._positions: dict[str, tuple[float, float]] = {}
+        self._positions: dict[str, float] = {}
+        self._stamps: dict[str, float] = {}  # of each joint's newest position, kept where that is too old, s
         self._wrenches: dict[str, tuple[float, FloatArray]] = {}
         self._pressures: dict[str, tuple[float, FloatArray]] = {}
         link.subscribe(senses.joints, "sensor_msgs/JointState", self._on_joints)
@@ -72,11 +73,13 @@ class Ros2Inbox:
         if not self._untaken:
             return None
         self._untaken.clear()
-        ages = {name: self._time - then for name, (then, _) in self._positions.items()}
-        late = {name: self._positions.pop(name) for name, age in ages.items() if age > self._max_age}
+        late = {name: age for name in self._positions if (age := self._time - self._stamps[name]) > self._max_age}
+        for name in late:
+            del self._positions[name]
         if late:
-            oldest = max(ages[name] for name in late)
-            self._remarks.append(f"{', '.join(late)}: of a joint state {oldest:.2f} s older than the newest")
+            self._remarks.append(
+                f"{', '.join(late)}: of a joint state {max(late.values()):.2f} s older than the newest"
+            )
 
         def fresh(what: str, values: dict[str, tuple[float, FloatArray]]) -> dict[str, FloatArray]:
             ages = {name: self._time - then for name, (then, _) in values.items()}
@@ -91,7 +94,7 @@ class Ros2Inbox:
         return HandSensesMessage(
             utime=round(1e6 * self._time),
             sequence=self.received - 1,
-            joints={name: position for name, (_, position) in self._positions.items()},
+            joints=dict(self._positions),
             wrenches=fresh("the wrench is", self._wrenches),
             pressures=fresh("the pressures are", self._pressures),
         )
@@ -126,23 +129,30 @@ class Ros2Inbox:
         if len(said.name) != len(said.position):
             self._remarks.append(f"a joint state has {len(said.name)} names and {len(said.position)} positions")
             return
-        if self._joints is not None and not any(name in self._joints for name in said.name):
+        ours = {
+            name: float(position)
+            for name, position in zip(said.name, said.position, strict=True)
+            if self._joints is None or name in self._joints
+        }
+        if not ours:
             return  # It is of another part of the robot.
-        before = max((self._positions[name][0] for name in said.name if name in self._positions), default=-math.inf)
+        before = max((self._stamps[name] for name in ours if name in self._stamps), default=-math.inf)
         if before - _BACK <= time < before:  # It was overtaken.
             self.received += 1
             self.passed_over += 1
             return
         if time < before:
             self._remarks.append("the senses' sender began anew")
-            for values in (self._positions, self._wrenches, self._pressures):
+            for values in (self._positions, self._stamps, self._wrenches, self._pressures):
                 values.clear()
             self._time = -math.inf
         self.received += 1
-        self.passed_over += not self._untaken.isdisjoint(said.name)
-        self._untaken.update(said.name)
+        waiting = [names for names in self._untaken if not names <= ours.keys()]
+        self.passed_over += len(self._untaken) - len(waiting)
+        self._untaken = [*waiting, frozenset(ours)]
         self._time = max(self._time, time)
-        self._positions |= {name: (time, at) for name, at in zip(said.name, said.position, strict=True)}
+        self._positions |= ours
+        self._stamps |= dict.fromkeys(ours, time)
 
     def _on_wrench(self, finger: str, said: Any) -> None:
         torque, force = said.wrench.torque, said.wrench.force

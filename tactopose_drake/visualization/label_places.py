@@ -8,7 +8,7 @@ import numpy as np
 from tactopose_drake.core.validation import FloatArray
 
 # Of bold letters of 10 points at 100 dots an inch, pixels.
-_LETTER, _MARGIN, _LINE = 7.9, 3.0, 13.0
+_LETTER, _MARGIN, _LINE = 9.1, 3.0, 14.0
 _BESIDE = 10.0  # of a text from what it names, pixels
 _TO_THE_LEFT = 0.6  # of a picture's width, beyond which a text stands to the left
 _EDGE = 4.0  # pixels

@@ -144,6 +144,7 @@ def test_plain_data_that_is_no_value_is_refused(cls, data: dict, message: str) -
         ({"covariance": np.full((6, 6), np.nan)}, r"covariance\[0, 0\]: is nan"),
         ({"covariance": (-np.eye(6)).tolist()}, "covariance: has the variance -1; allowed are variances >= 0"),
         ({"covariance": np.triu(np.ones((6, 6))).tolist()}, "covariance: is not symmetric; allowed are symmetric"),
+        ({"covariance": (1e-300 * np.eye(6) + 1e10 * np.eye(6)[::-1]).tolist()}, "covariance: is not symmetric"),
         (
             {"covariance": (1e-8 * (3.0 * np.ones((6, 6)) - 2.0 * np.eye(6))).tolist()},
             "covariance: says that some combination of errors has a variance below 0",

@@ -77,6 +77,14 @@ def test_a_model_in_other_units_is_told(tmp_path: Path) -> None:
     assert any("'f0_near' reach" in fault and "allowed are up to 1 m" in fault for fault in faults)
 
 
+def test_a_fingertip_that_is_one_sphere_in_millimetres_is_told(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace('sphere radius="0.012"', 'sphere radius="12"'))
+    faults = check_hand(path).faults
+    assert any(found.part == "model" and "allowed are up to 1 m" in found.text for found in faults)
+
+
 def test_couplings_are_compared_with_the_model(tmp_path: Path) -> None:
     mimic = '<mimic joint="left_slide" multiplier="0.5" offset="0.01"/>'
     check = check_hand(write_gripper(tmp_path, mimic=mimic))
