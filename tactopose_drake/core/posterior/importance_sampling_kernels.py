@@ -82,13 +82,14 @@ def weigh(
     cost, density = draws.cost, draws.density
     for b in range(cost.shape[0]):
         lowest = min(lowest, cost[b])
-    each, every, total = np.zeros(cost.shape[0]), np.empty(cost.shape[0]), 0.0
+    each, every, total, mass = np.zeros(cost.shape[0]), np.empty(cost.shape[0]), 0.0, 0.0
     for b in range(cost.shape[0]):
         whole = 1e-300
         for g in range(family.shape[0]):
             whole += density[b, g]
         weight = np.exp(lowest - cost[b]) / whole
         every[b] = weight
+        mass += weight
         for g in range(family.shape[0]):
             weights[b, g] = weight * (density[b, g] / whole) if cost[b] < lowest + depth else 0.0
             each[b] += weights[b, g]
@@ -96,7 +97,7 @@ def weigh(
     for g in range(family.shape[0]):
         variance[g] = 0.0
     if not total > 0.0:
-        return Weighed(lowest, 0.5, 0.0, every.sum())
+        return Weighed(lowest, 0.5, 0.0, mass)
     most, squares = total * cost.shape[0] ** (power - 1.0), 0.0
     for b in range(cost.shape[0]):
         squares += (each[b] / total) ** 2  # Are numbers, however far below the best known pose all samples lie.
