@@ -30,6 +30,6 @@ def test_a_few_motions_are_followed_and_drawn(
 
 def test_a_calibration_that_is_worse_than_told_leaves_the_belief_less_often_right() -> None:
     run_motion = load_script("motion_trial.py").run_motion
-    right = {scale: np.mean([i.right for s in range(3) for i in run_motion("roll", s, 40, scale)]) for scale in (1, 12)}
+    right = {scale: np.mean([i.right for s in range(3) for i in run_motion("roll", s, 40, scale)]) for scale in (1, 24)}
     assert right[1] > 0.95
-    assert right[12] < right[1]
+    assert right[24] < right[1]
