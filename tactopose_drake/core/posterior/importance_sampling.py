@@ -143,7 +143,8 @@ def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples
         return modes  # One sample outweighs all others: they say less than Laplace's approximation.
     every = np.exp(cover.laplace + weighed.lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
     # Of a mode that costs so much more than the best no sample counts: Laplace's approximation has to do.
-    counts = modes.cost[close[worthy]] < weighed.lowest + posterior.params.sampling.depth
+    cost = modes.cost[close[worthy]]
+    counts = cost < cost.min() + posterior.params.sampling.depth
     every[worthy[counts]] = weights[:, counts].sum(axis=0)
     masses = modes.mixture.weights * (every.sum() / modes.mixture.weights[close].sum())
     masses[close] = every
