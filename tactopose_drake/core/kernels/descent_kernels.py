@@ -60,7 +60,7 @@ def descend(
     The cost is of the contacts' residuals, the prior's and the hand's volume; there is no prior where its weights are
     zero, and the hand may be without spheres. Where doubts
     say how much the noise may be larger, it is the mixture's. Where they do not, each pose is spared the contact whose
-    number stands in spared (B,); all count where there is no such contact. The exact gradient and the Gauss-Newton
+    number stands in spared (B,), or none where that is empty. The exact gradient and the Gauss-Newton
     Hessian are those at the poses where the descents end.
     The Hessian is of the contacts' rows that carry information, see `surface_contact_kernels.contact_rows`.
 
@@ -85,7 +85,7 @@ def descend(
             add_up_doubted(grid, touch, doubts, there, under_way, w, work)
         else:
             for lane in range(under_way):
-                left_out[lane] = spared[index[lane]]
+                left_out[lane] = spared[index[lane]] if len(spared) > 0 else -1
             add_up(grid, touch, left_out, there, under_way, w)
         going = 0
         for lane in range(under_way):

@@ -17,10 +17,10 @@ from tactopose_drake.core.objectives.objective import Descent, NormalEquations
 from tactopose_drake.core.objectives.pose_prior import NO_PRIOR
 from tactopose_drake.core.validation import FloatArray
 
-_NO_POWERS, _NO_NUMBERS, _NO_ODDS = map(read_only, (np.empty(0, dtype=np.int64), np.empty(0), np.empty((2, 0))))
+_NO_INTEGERS, _NO_NUMBERS, _NO_ODDS = map(read_only, (np.empty(0, dtype=np.int64), np.empty(0), np.empty((2, 0))))
 NO_DOUBTS = Doubts(
-    _NO_POWERS,
-    _NO_POWERS,
+    _NO_INTEGERS,
+    _NO_INTEGERS,
     _NO_NUMBERS,
     _NO_NUMBERS,
     _NO_NUMBERS,
@@ -66,6 +66,6 @@ class CompiledDescent(NamedTuple):
             np.empty(count, dtype=np.int64),
             np.empty(count, dtype=np.bool_),
         )
-        spared = np.full(count, -1) if spared is None else spared
+        spared = _NO_INTEGERS if spared is None else spared
         descend(self.grid, self.touch, self.doubts, self.prior, self.hand, rule, spared, X_PO, ends)
         return ends

@@ -28,11 +28,10 @@ from tactopose_drake.core.kernels import contact_alternatives_kernels
 from tactopose_drake.core.kernels.contact_judgement_kernels import Exact, Judged, judge
 from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts
 from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
-from tactopose_drake.core.kernels.penetration_kernels import NO_SPHERES
 from tactopose_drake.core.objectives.compiled_descent import CompiledDescent
 from tactopose_drake.core.objectives.objective import Descent, NormalEquations, SmoothObjective
 from tactopose_drake.core.objectives.penetration import Penetration
-from tactopose_drake.core.objectives.pose_prior import NO_PRIOR, PriorObjective
+from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -69,16 +68,17 @@ class ContactMixture(SmoothObjective):
         self.touch = SurfaceContact(model.grid, contacts)
         self.density = SurfaceDensity(model, contacts)
         self._doubts = _doubts(model, contacts, outlier_probability, doubt)
-        self._reached, self._prior = doubt.reached, NO_PRIOR
+        self._reached = doubt.reached
         self._hand: Penetration | None = None
+        self._compiled = CompiledDescent(self.touch.grid, self.touch.touch, doubts=self._doubts)
 
     def with_prior(self, prior: PriorObjective) -> "ContactMixture":
         """The sum of both, in the same compiled loops."""
-        return self._with(_prior=prior.kernel_view)
+        return self._with(_compiled=self._compiled._replace(prior=prior.kernel_view))
 
     def with_hand(self, hand: Penetration) -> "ContactMixture":
         """Likewise with the hand's volume: costs and descents are of both, what `judge` says of the contacts alone."""
-        return self._with(_hand=hand)
+        return self._with(_hand=hand, _compiled=self._compiled._replace(hand=hand.spheres))
 
     def _with(self, **parts: Any) -> "ContactMixture":
         both = object.__new__(ContactMixture)
@@ -101,11 +101,6 @@ class ContactMixture(SmoothObjective):
     def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
         """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
         return self._compiled.descend
-
-    @property
-    def _compiled(self) -> CompiledDescent:
-        hand = NO_SPHERES if self._hand is None else self._hand.spheres
-        return CompiledDescent(self.touch.grid, self.touch.touch, self._prior, self._doubts, hand)
 
     def alternatives(self, X_PO: FloatArray, hessian: FloatArray) -> FloatArray:
         """What is left of a cost's Hessians (B, 6, 6) at poses (B, 3, 4) with one contact false, (B, 2 k, 6, 6)."""
@@ -131,7 +126,7 @@ class ContactMixture(SmoothObjective):
         count = len(X_PO)
         judged = Judged(np.empty(count), np.empty(density.shape), np.empty(count), np.empty(count))
         touch, X_PO, exact = self.touch, np.ascontiguousarray(X_PO), Exact(density, reached)
-        judge(touch.grid, touch.touch, self._doubts, self._prior, exact, X_PO, judged, whole)
+        judge(touch.grid, touch.touch, self._doubts, self._compiled.prior, exact, X_PO, judged, whole)
         return judged
 
 

@@ -4,6 +4,7 @@ Source: [B16] J. Bimbo, thesis, 2016, section 2.6.2.2, eqs. 2.30 and 2.31, and i
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterator
 from typing import cast
 
@@ -122,7 +123,7 @@ class LevenbergMarquardt(Search):
         X_PO, known = self.parameters.poses(state, X_start), hessian if by_increments else None
         return SearchResult(X_PO, cost, iterations, converged, known).ranked()
 
-    @property
+    @functools.cached_property
     def _rule(self) -> DescentRule:
         numbers = self.tolerance, self.initial_damping, self.max_damping, self.least_refused
         return DescentRule(self.max_iterations, *map(float, numbers))

@@ -73,4 +73,4 @@ class PairProposals:
     def distinct(self, X_PO: FloatArray) -> FloatArray:
         """Of poses (n, 3, 4) the first in each cell."""
         bend, offset = self.apart
-        return X_PO[distinct_poses(X_PO, offset, bend)]
+        return X_PO.compress(distinct_poses(X_PO, offset, bend), axis=0)

@@ -219,7 +219,7 @@ class PairSearch(Search):
             if not believed.is_touch:
                 quick = SurfaceContact(self.model.grid, self.contacts)
         if start.kept is not None and len(X_PO) > start.kept:
-            X_PO = X_PO[believed.cost(X_PO).argsort(kind="stable")[: start.kept]]
+            X_PO = X_PO.take(believed.cost(X_PO).argsort(kind="stable")[: start.kept], axis=0)
         for stage, following in zip(stages, (*stages[1:], None), strict=True):
             found = stage.refinement.refine(quick, X_PO, should_stop)
             if quick is not believed:
@@ -272,4 +272,4 @@ class PairSearch(Search):
         count = int(found.cost.searchsorted(found.cost[0] + stage.worth, side="right"))
         X_PO = found.X_PO[:count]
         hessian = believed.normal_equations(X_PO).hessian if found.hessian is None else found.hessian[:count]
-        return X_PO[one_of_each(X_PO, hessian + space.information, _NO_SYMMETRY, stage.apart, stage.kept)]
+        return X_PO.take(one_of_each(X_PO, hessian + space.information, _NO_SYMMETRY, stage.apart, stage.kept), axis=0)

@@ -43,7 +43,7 @@ class SearchResult(NamedTuple):
     def ranked(self) -> "SearchResult":
         """The poses by rising cost."""
         order = self.cost.argsort(kind="stable")
-        return SearchResult(*(None if column is None else column[order] for column in self))  # type: ignore[arg-type]
+        return SearchResult(*(None if column is None else column.take(order, axis=0) for column in self))  # type: ignore[arg-type]
 
 
 def join_results(*results: SearchResult) -> SearchResult:
