@@ -20,12 +20,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventSta
 from tactopose_drake.core.grasping.grasp_plan import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.contact_properties import (
-    let_overlap,
-    make_compliant,
-    make_meshes_rigid,
-    rigid_shapes,
-)
+from tactopose_drake.hand.contact_properties import let_overlap, make_compliant, make_meshes_rigid, rigid_shapes
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import add_model, fixed_pose, make_parser, passing_builder
@@ -156,8 +151,6 @@ def make_station(
     if meshcat is not None:
         _add_display(builder, plant, scene_graph, hand, object_body, model, meshcat)
     diagram = finish_station("station", builder, scenario, plant, scene_graph, hand)
-    posture = plant.GetMyContextFromRoot(diagram.CreateDefaultContext())
-    let_overlap(plant, scene_graph, posture, hand.model_instance)
     return Station(diagram, plant, scene_graph, hand, object_body, object_joint, model, start, plan, scenario)
 
 
@@ -261,13 +254,15 @@ def finish_station(
     scene_graph: SceneGraph,
     hand: Hand,
 ) -> Diagram:
-    """The diagram, when it has its noise and the ports that tell the truth."""
+    """The diagram, when it has its noise and the ports that tell the truth; what overlaps at rest does not collide."""
     for port in ("contact_results", "body_poses"):
         builder.ExportOutput(plant.GetOutputPort(port), port)
     builder.ExportOutput(scene_graph.get_query_output_port(), "query")
     add_noise(builder, scenario, hand)
     diagram = builder.Build()
     diagram.set_name(name)
+    posture = plant.GetMyContextFromRoot(diagram.CreateDefaultContext())
+    let_overlap(plant, scene_graph, posture, hand.model_instance)
     return diagram
 
 

@@ -10,10 +10,15 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
+from tactopose_drake.core.grasping.grasp_plan import GraspPlan
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.prior import PosePrior
-from tactopose_drake.station.arms.station import ArmParts, ArmSetup, make_arm_station
+from tactopose_drake.hand.contact_properties import self_collisions
+from tactopose_drake.station.arms.station import ArmParts, ArmSetup, ArmStation, make_arm_station
 from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.own_hand import scenario_for
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.simulated import make_station
 from tests.hand.grippers import write_gripper
 
 
@@ -24,11 +29,15 @@ def stay(builder: DiagramBuilder, parts: ArmParts) -> OutputPort:
     return builder.AddSystem(ConstantVectorSource(np.concatenate([q, 0.0 * q]))).get_output_port()
 
 
+def on_arm(scenario: Scenario, plan: GraspPlan, model: ObjectModel) -> ArmStation:
+    return make_arm_station(scenario, plan, ArmSetup(X_FBase=Transform()), stay, model=model)
+
+
 def test_a_gripper_whose_file_says_nothing_of_contact_holds_an_object(tmp_path: Path) -> None:
     scenario = scenario_for(str(write_gripper(tmp_path)), "cube")
     model = scenario.object_model()
     plan = plan_scenario(scenario, model)[0]
-    station = make_arm_station(scenario, plan, ArmSetup(X_FBase=Transform()), stay, model=model)
+    station = on_arm(scenario, plan, model)
     simulator = Simulator(station.diagram)
     context = simulator.get_mutable_context()
     station.start(context)
@@ -36,3 +45,16 @@ def test_a_gripper_whose_file_says_nothing_of_contact_holds_an_object(tmp_path: 
     simulator.Initialize()
     simulator.AdvanceTo(1.5)
     assert station.diagram.GetOutputPort("holding").Eval(context)[0] == pytest.approx(1.0)
+
+
+def test_links_that_overlap_at_rest_pass_through_each_other_with_an_arm_and_without(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    urdf = tmp_path / "two_finger.urdf"
+    pin = '<collision><origin xyz="-0.06 0 0.1"/><geometry><sphere radius="0.004"/></geometry></collision>'
+    urdf.write_text(urdf.read_text().replace('<link name="base">', f'<link name="base">{pin}'))
+    scenario = scenario_for(str(path), "cube")
+    model = scenario.object_model()
+    plan = plan_scenario(scenario, model)[0]
+    for station in (make_station(scenario, plan, model=model), on_arm(scenario, plan, model)):
+        context = station.plant.GetMyContextFromRoot(station.diagram.CreateDefaultContext())
+        assert self_collisions(station.plant, context, station.hand.model_instance) == []
