@@ -4,11 +4,14 @@ What counts as a number is told in `number_kinds`.
 """
 
 import contextlib
+import dataclasses
+import math
 import numbers
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from operator import mul
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -275,6 +278,37 @@ def check_parts(params: object, **kinds: type[Checked]) -> None:
         part = getattr(params, name)
         instance_of(f"{type(params).__name__}.{name}", part, kind)
         part.validate()
+
+
+def check_numbers(
+    name: str,
+    params: Any,
+    *,
+    may_be_zero: Collection[str] = (),
+    most: Mapping[str, float] = MappingProxyType({}),
+    units: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """Checks the numbers of a dataclass by their defaults: integers from 1 on, and other numbers above 0.
+
+    A field that is None by default is a number where it is not.
+
+    Args:
+        name: of the dataclass, for messages.
+        params: the dataclass; fields with another default are left aside.
+        may_be_zero: names of fields that may be 0, too.
+        most: the largest value of a field, by its name.
+        units: of such values, where a number may be one of another unit.
+
+    Raises:
+        InvalidInputError: a number that is out of its range, or a value that is none.
+    """
+    for field in dataclasses.fields(params):
+        place, value, zero = f"{name}.{field.name}", getattr(params, field.name), field.name in may_be_zero
+        if isinstance(field.default, int) and not isinstance(field.default, bool):
+            whole_number(place, value, least=0 if zero else 1)
+        elif isinstance(field.default, float) or (field.default is None and value is not None):
+            largest, unit = most.get(field.name, math.inf), units.get(field.name, "")
+            positive_number(place, value, allow_zero=zero, most=largest, unit=unit)
 
 
 def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:

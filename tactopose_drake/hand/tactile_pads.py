@@ -10,7 +10,7 @@ from tactopose_drake.core.sensing.cell_patterns import CornerPattern, PointPatte
 from tactopose_drake.core.sensing.tactile_array import TactileModel
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.core.sensing.tactile_patterns import CapsulePattern, RowPattern
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, positive_number, told_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import load_typed_yaml, sensor_file
 
@@ -68,13 +68,11 @@ def load_tactile_pad(name_or_path: str | Path) -> TactilePad:
     """
     path = sensor_file(name_or_path, "pattern")
     file = load_typed_yaml(TactilePadFile, path)
-    try:
+    with told_of(f"{path}: "):
         layout = file.pattern.make()
         _check_metres(layout)
         file.model.validate(len(layout))
         positive_number("period", file.period)
-    except InvalidInputError as error:
-        raise type(error)(f"{path}: {error}") from error
     return TactilePad(layout, file.model, file.period)
 
 

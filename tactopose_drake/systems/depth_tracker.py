@@ -17,7 +17,6 @@ from tactopose_drake.core.validation import FloatArray, params_of, positive_numb
 from tactopose_drake.core.vision.depth_hypotheses import TrackedPoses, track_poses
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, take_picture
 from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel
-from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.collectable_system import CollectableSystem
@@ -46,11 +45,11 @@ class DepthTrackerParams:
         self.camera.validate()
         self.model.validate()
         positive_number("DepthTrackerParams.period", self.period)
-        for name in ("latency", "wrong_share", "missing_share"):
-            positive_number(f"DepthTrackerParams.{name}", getattr(self, name), allow_zero=True)
+        positive_number("DepthTrackerParams.latency", self.latency, allow_zero=True)
         for name in ("wrong_share", "missing_share"):
-            if getattr(self, name) > 1.0:
-                raise InvalidInputError(f"DepthTrackerParams.{name}: is {getattr(self, name):g}; allowed is up to 1.")
+            positive_number(f"DepthTrackerParams.{name}", getattr(self, name), allow_zero=True, most=1.0)
+        if self.frozen_from is not None:
+            positive_number("DepthTrackerParams.frozen_from", self.frozen_from, allow_zero=True)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from tactopose_drake.core.grasping.grasp_law import (
     update_push,
 )
 from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
-from tactopose_drake.core.validation import FloatArray, params_of, positive_number
+from tactopose_drake.core.validation import FloatArray, check_numbers, params_of
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.hand_joints import HandJoints
@@ -39,8 +39,7 @@ class GraspControllerParams:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is not positive."""
-        for field in dataclasses.fields(self):
-            positive_number(f"GraspControllerParams.{field.name}", getattr(self, field.name))
+        check_numbers("GraspControllerParams", self)
 
 
 class GraspController(CollectableSystem):

@@ -55,7 +55,7 @@ class NextTouchParams:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range, or there is no such rule."""
-        for name in ("period", "same_translation", "same_rotation_deg", "enough"):
+        for name in ("period", "same_translation", "same_rotation_deg"):
             positive_number(f"NextTouchParams.{name}", getattr(self, name))
         positive_number("NextTouchParams.enough", self.enough, most=1.0)
         positive_number("NextTouchParams.friction", self.friction, allow_zero=True)

@@ -12,8 +12,7 @@ from pydrake.systems.framework import Context, EventStatus
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import instance_of, params_of, positive_number
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import instance_of, params_of, positive_number, whole_number
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem
@@ -47,17 +46,10 @@ class PoseDisplayParams:
         """Raises InvalidInputError if a value is out of its range."""
         positive_number("PoseDisplayParams.period", self.period)
         for name in ("max_contacts", "max_pads", "max_cells"):
-            if getattr(self, name) < 0:
-                raise InvalidInputError(
-                    f"PoseDisplayParams.{name}: is {getattr(self, name)}; allowed are numbers >= 0."
-                )
+            whole_number(f"PoseDisplayParams.{name}", getattr(self, name), least=0)
         if self.friction_coefficient is not None:
             positive_number("PoseDisplayParams.friction_coefficient", self.friction_coefficient)
-        if not 0 <= self.max_alternatives <= MOST_ALTERNATIVES:
-            raise InvalidInputError(
-                f"PoseDisplayParams.max_alternatives: is {self.max_alternatives}; "
-                f"allowed are numbers from 0 to {MOST_ALTERNATIVES}."
-            )
+        whole_number("PoseDisplayParams.max_alternatives", self.max_alternatives, least=0, most=MOST_ALTERNATIVES)
 
 
 class PoseDisplay(CollectableSystem):

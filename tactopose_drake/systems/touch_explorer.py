@@ -9,7 +9,7 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.grasping.finger_reach import ReachParams
-from tactopose_drake.core.validation import FloatArray, instance_of, params_of, positive_number, whole_number
+from tactopose_drake.core.validation import FloatArray, check_numbers, instance_of, params_of
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_joints import HandJoints
@@ -36,9 +36,7 @@ class TouchExplorerParams:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is not positive."""
-        for field in dataclasses.fields(self):
-            positive_number(f"TouchExplorerParams.{field.name}", getattr(self, field.name))
-        whole_number("TouchExplorerParams.most_touches", self.most_touches, least=1)
+        check_numbers("TouchExplorerParams", self)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -1,5 +1,6 @@
 """What is taken for a number, and in which form it is passed on."""
 
+import dataclasses
 import datetime
 import decimal
 import fractions
@@ -18,6 +19,7 @@ from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.poses import exp_so3, make_poses
 from tactopose_drake.core.validation import (
+    check_numbers,
     finite_array,
     flag,
     known_name,
@@ -165,6 +167,33 @@ def test_numbers_have_bounds() -> None:
         positive_number("x", 0.05, allow_zero=True, least=0.1, most=1.0)
     with pytest.raises(InvalidInputError, match="x: is 2; allowed are numbers from 0 to 1"):
         positive_number("x", 2.0, most=1.0)
+
+
+@dataclasses.dataclass(kw_only=True)
+class Numbers:
+    count: int = 3
+    seed: int = 0
+    share: float = 0.5
+    width: float | None = None
+    name: str = "any"
+
+
+def test_a_dataclass_s_numbers_are_of_their_defaults_kinds() -> None:
+    def check(**values: Any) -> None:
+        check_numbers("Numbers", Numbers(**values), may_be_zero=("seed",), most={"share": 1.0})
+
+    check()
+    check(count=np.int64(1), seed=0, share=1, width=2.0)
+    for values, message in (
+        ({"count": 2.5}, r"Numbers\.count: is 2\.5; allowed are integers >= 1"),
+        ({"count": 0}, r"Numbers\.count: is 0; allowed are integers >= 1"),
+        ({"seed": -1}, r"Numbers\.seed: is -1; allowed are integers >= 0"),
+        ({"share": 1.5}, r"Numbers\.share: is 1\.5; allowed are numbers from 0 to 1"),
+        ({"share": "half"}, r"Numbers\.share: "),
+        ({"width": 0.0}, r"Numbers\.width: is 0; allowed are numbers > 0"),
+    ):
+        with pytest.raises(InvalidInputError, match=message):
+            check(**values)
 
 
 def test_a_transposed_matrix_is_no_pose() -> None:

@@ -248,7 +248,15 @@ def test_the_camera_looks_at_a_simulated_object_of_which_nothing_is_known_yet(mo
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("period", 0.0), ("max_contacts", -1), ("friction_coefficient", 0.0), ("max_alternatives", 9), ("max_cells", -2)],
+    [
+        ("period", 0.0),
+        ("max_contacts", -1),
+        ("max_pads", 2.5),
+        ("max_alternatives", 1.5),
+        ("friction_coefficient", 0.0),
+        ("max_alternatives", 9),
+        ("max_cells", -2),
+    ],
 )
 def test_a_bad_parameter_is_named(name: str, value: float) -> None:
     with pytest.raises(InvalidInputError, match=f"{name}: is {value:g}"):

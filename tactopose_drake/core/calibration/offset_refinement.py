@@ -20,7 +20,7 @@ from tactopose_drake.core.objectives.surface_contact import SurfaceContact, alon
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.posterior.chi_square import chi_square_limit
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, positive_number, whole_number
+from tactopose_drake.core.validation import FloatArray, check_numbers
 
 # Nothing is known of the pose, rad and m.
 _ANY_POSE = np.repeat([3.0, 0.3], 3)
@@ -42,11 +42,8 @@ class OffsetRefinementParams:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range."""
-        whole_number("OffsetRefinementParams.least_frames", self.least_frames, least=1)
-        for field in dataclasses.fields(self):
-            if field.name != "least_frames":
-                most = 1.0 if field.name in ("least_probability", "least_noise_share", "chance") else math.inf
-                positive_number(f"OffsetRefinementParams.{field.name}", getattr(self, field.name), most=most)
+        shares = dict.fromkeys(("least_probability", "least_noise_share", "chance"), 1.0)
+        check_numbers("OffsetRefinementParams", self, most=shares)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

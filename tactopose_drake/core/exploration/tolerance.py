@@ -11,7 +11,7 @@ from tactopose_drake.core.poses import compose, increments_between, inverse, ske
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
 from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, check_numbers
 
 # Of a Gaussian in three dimensions 95 % lies within so many standard deviations: the root of chi-square's quantile.
 _SIGMAS = 2.795
@@ -35,8 +35,7 @@ class Tolerance:
     rotation: float = math.radians(15.0)
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            positive_number(f"Tolerance.{field.name}", getattr(self, field.name))
+        check_numbers("Tolerance", self)
 
     @property
     def sigmas(self) -> FloatArray:

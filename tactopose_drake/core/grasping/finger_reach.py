@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
 from tactopose_drake.core.grasping.finger_touches import FingerTouches
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, check_numbers
 
 # The cosine between a finger's axis and the direction to the contact that is best: at the fingertip's shoulder.
 _BEST_FACING = 0.6
@@ -44,8 +44,7 @@ class ReachParams:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is not positive."""
-        for parameter in fields(self):
-            positive_number(f"ReachParams.{parameter.name}", getattr(self, parameter.name))
+        check_numbers("ReachParams", self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,9 +286,10 @@ def _gap(grid: DistanceGrid, X_PO: FloatArray, p_PQ: FloatArray) -> FloatArray:
 
 
 def alignment(compliance: FloatArray, normal: FloatArray) -> FloatArray:
-    """Cosine between the normal and the motion that a push along it causes, shape (n,)."""
+    """Cosine between the normal and the motion that a push along it causes, shape (n,); 0 where it causes none."""
     motion = np.einsum("nij,nj->ni", compliance, normal)
-    cosine: FloatArray = np.einsum("ni,ni->n", motion, normal) / np.linalg.norm(motion, axis=1)
+    moved = np.maximum(np.linalg.norm(motion, axis=1), 1e-12)
+    cosine: FloatArray = np.einsum("ni,ni->n", motion, normal) / moved
     return cosine
 
 

@@ -19,8 +19,7 @@ from tactopose_drake.core.grasping.grasp_score import ContactTerms, GraspScore, 
 from tactopose_drake.core.grasping.held_pose import least_distance, sample_held_pose, shifted_off
 from tactopose_drake.core.grasping.refusals import Refusals
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, known_name, positive_number
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import FloatArray, check_numbers, known_name, whole_number
 
 _GAP = 0.0005  # between the sides of two fingers, m
 _IN_THE_PALM = "the object would be in the palm"
@@ -53,13 +52,8 @@ class PlannerParams:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
-        for name in PlannerParams.__dataclass_fields__:
-            if name == "fingers":
-                continue
-            if name != "finger_distance" or self.finger_distance is not None:
-                positive_number(f"PlannerParams.{name}", getattr(self, name), allow_zero=name == "tilt_deg")
-        if self.least_fingers < 2:
-            raise InvalidInputError(f"PlannerParams.least_fingers: is {self.least_fingers}; allowed are numbers >= 2.")
+        check_numbers("PlannerParams", self, may_be_zero=("tilt_deg",))
+        whole_number("PlannerParams.least_fingers", self.least_fingers, least=2)
 
 
 @dataclass(frozen=True, eq=False)

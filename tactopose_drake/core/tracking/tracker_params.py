@@ -6,8 +6,7 @@ from typing import Any
 
 from tactopose_drake.core.evidence.contacts import MOST_SIGMA_POSITION
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PlausibilityParams, PosteriorParams
-from tactopose_drake.core.validation import instance_of, positive_number, whole_number
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import check_numbers, instance_of
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -250,14 +249,10 @@ _POSITIONS = ("calibration_position", "frame_position", "surface_position")
 
 def _check_numbers(params: Any) -> None:
     """Raises InvalidInputError unless all floats are positive, and all integers at least one; some may be zero."""
-    for field in dataclasses.fields(params):
-        name, value = f"{type(params).__name__}.{field.name}", getattr(params, field.name)
-        if isinstance(field.default, int):
-            whole_number(name, value, least=0 if field.name in _MAY_BE_ZERO else 1)
-        elif isinstance(field.default, float) or (value is not None and field.default is None):
-            most = MOST_SIGMA_POSITION if field.name in _POSITIONS else math.inf
-            positive_number(name, value, most=most, unit="m")
-            if name.endswith(_PARTS_OF_ONE) and field.name not in _NOT_PARTS and value > 1.0:
-                raise InvalidInputError(f"{name}: is {value:g}; allowed are numbers up to 1.")
-        elif isinstance(field.default_factory, type):
-            instance_of(name, value, field.default_factory)
+    name, fields = type(params).__name__, dataclasses.fields(params)
+    parts = [field.name for field in fields if field.name.endswith(_PARTS_OF_ONE) and field.name not in _NOT_PARTS]
+    most = dict.fromkeys(parts, 1.0) | dict.fromkeys(_POSITIONS, MOST_SIGMA_POSITION)
+    check_numbers(name, params, may_be_zero=_MAY_BE_ZERO, most=most, units=dict.fromkeys(_POSITIONS, "m"))
+    for field in fields:
+        if isinstance(field.default_factory, type):
+            instance_of(f"{name}.{field.name}", getattr(params, field.name), field.default_factory)

@@ -23,7 +23,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
 from tactopose_drake.core.poses import transform_points
-from tactopose_drake.core.validation import FloatArray, params_of, positive_number
+from tactopose_drake.core.validation import FloatArray, check_numbers, params_of
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, rays
 from tactopose_drake.core.vision.level_set_kernels import depth_inside
 from tactopose_drake.errors import InvalidInputError
@@ -45,8 +45,7 @@ class FusionParams:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
-        for field in dataclasses.fields(self):
-            positive_number(f"FusionParams.{field.name}", getattr(self, field.name))
+        check_numbers("FusionParams", self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,7 @@ from scipy.special import gammaincinv, ndtr
 
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.poses import retract
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import FloatArray, check_numbers, finite_array
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -24,10 +23,7 @@ class VisionModel:
 
     def validate(self) -> None:
         """Raises InvalidInputError if an error is not positive; a prior needs a sigma."""
-        for field in dataclasses.fields(self):
-            positive_number(f"VisionModel.{field.name}", getattr(self, field.name))
-        if self.lost_share > 1.0:
-            raise InvalidInputError(f"VisionModel.lost_share: is {self.lost_share:g}; allowed are numbers up to 1.")
+        check_numbers("VisionModel", self, most={"lost_share": 1.0})
 
 
 def measure_pose(

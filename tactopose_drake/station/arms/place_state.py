@@ -6,7 +6,7 @@ from typing import Any
 from pydrake.trajectories import PiecewisePolynomial
 
 from tactopose_drake.core.grasping.held_axis import HeldAxis
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, check_numbers
 from tactopose_drake.station.arms.table_touch import TableTouch
 
 
@@ -41,9 +41,8 @@ class PlaceTaskParams:
     open_time: float = 1.5  # for the fingers to open, s
 
     def validate(self) -> None:
-        """Raises InvalidInputError if a value is not positive."""
-        for field in dataclasses.fields(self):
-            positive_number(f"PlaceTaskParams.{field.name}", getattr(self, field.name))
+        """Raises InvalidInputError if a value is not positive, or the probability above 1."""
+        check_numbers("PlaceTaskParams", self, most={"sure": 1.0})
 
     def is_known(self, held: HeldAxis) -> bool:
         """Whether the table need not be asked any more about a rod's lower end."""

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
-from tactopose_drake.core.grasping.finger_reach import FingerReach, ReachParams
+from tactopose_drake.core.grasping.finger_reach import FingerReach, ReachParams, alignment
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tests.core.grasping.fingers import RADIUS, make_finger, translation
@@ -135,6 +135,12 @@ def test_a_finger_waits_clear_of_the_object_farthest_first(reach, ball):
     assert gaps.min() > 0.004 - 5e-4
     assert gaps[0] == pytest.approx(gaps.max(), abs=5e-4)
     assert len(reach.waiting(ball.grid, translation(0.0, 0.0, 0.0), 0.004)) == 0
+
+
+def test_a_fingertip_that_a_push_does_not_move_is_not_aligned():
+    slides_along_x = np.diag([0.001, 0.0, 0.0])
+    cosine = alignment(np.stack([slides_along_x, slides_along_x]), np.eye(3)[:2])
+    np.testing.assert_array_equal(cosine, [1.0, 0.0])
 
 
 def test_bad_parameter_is_named():
