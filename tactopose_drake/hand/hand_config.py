@@ -1,7 +1,6 @@
 """What the package needs to know of a hand, as a file says it."""
 
 import dataclasses
-import os
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from tactopose_drake.hand.fingertip_surfaces import (
     SphereSurface,
     SuperquadricSurface,
 )
-from tactopose_drake.resources import ModelPackage, load_typed_yaml, model_path
+from tactopose_drake.resources import ModelPackage, load_typed_yaml, model_path, named_file
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -244,14 +243,7 @@ def load_hand_config(name_or_path: str | Path, *, with_calibration: bool = True)
     Raises:
         InvalidFileError: if the file cannot be read or does not fit `HandConfig`, or a value is out of its range.
     """
-    shipped = model_path("hands", str(name_or_path), f"{name_or_path}.hand.yaml")
-    path = shipped if os.path.isfile(shipped) else Path(name_or_path)
-    if not os.path.isfile(path):
-        known = ", ".join(
-            sorted(file.name.removesuffix(".hand.yaml") for file in model_path("hands").glob("*/*.hand.yaml"))
-        )
-        missing = "is a folder; allowed is a hand's YAML file" if os.path.isdir(path) else "there is no such file"
-        raise InvalidFileError(f"{path}: {missing}; the package's hands are {known}.")
+    path = named_file(name_or_path, "hands", model_path("hands").glob("*/*.hand.yaml"), ".hand.yaml")
     config = load_typed_yaml(HandConfig, path)
     try:
         config.validate()

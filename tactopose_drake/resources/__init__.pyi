@@ -5,6 +5,7 @@ from .model_files import drawn_pose as drawn_pose
 from .model_files import fixed_pose as fixed_pose
 from .model_files import make_parser as make_parser
 from .model_files import model_path as model_path
+from .model_files import named_file as named_file
 from .model_files import passing_builder as passing_builder
 from .model_files import resource_root as resource_root
 from .model_files import sensor_file as sensor_file

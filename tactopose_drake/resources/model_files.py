@@ -3,7 +3,7 @@
 import contextlib
 import dataclasses
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
@@ -32,6 +32,26 @@ def model_path(*parts: str) -> Path:
     return resource_root().joinpath("models", *parts)
 
 
+def named_file(name_or_path: str | Path, files: str, shipped: Iterable[Path], ending: str) -> Path:
+    """A YAML file: one of the package's by its name, or any by its path.
+
+    Args:
+        name_or_path: of the file.
+        files: what such files are of, for messages.
+        shipped: those of the package.
+        ending: theirs, which follows the name.
+
+    Raises:
+        InvalidFileError: if there is no such file, or it is a folder; the message has the package's names.
+    """
+    known = {path.name.removesuffix(ending): path for path in shipped}
+    path = known.get(str(name_or_path), Path(name_or_path))
+    if os.path.isdir(path) or not os.path.exists(path):
+        missing = "is a folder; allowed is a YAML file" if os.path.isdir(path) else "there is no such file"
+        raise InvalidFileError(f"{path}: {missing}; the package's {files} are {', '.join(sorted(known))}.")
+    return path
+
+
 def sensor_file(name_or_path: str | Path, key: str) -> Path:
     """The file of a sensor: of one of the package's by name, or any by path.
 
@@ -42,13 +62,9 @@ def sensor_file(name_or_path: str | Path, key: str) -> Path:
     Raises:
         InvalidFileError: if there is no such file; the message has the package's sensors of that kind.
     """
-    shipped = model_path("sensors", f"{name_or_path}.yaml")
-    path = shipped if os.path.isfile(shipped) else Path(name_or_path)
-    if not os.path.exists(path):
-        files = sorted(model_path("sensors").glob("*.yaml"))
-        known = ", ".join(file.stem for file in files if f"\n{key}:" in file.read_text(encoding="utf-8"))
-        raise InvalidFileError(f"{path}: there is no such file; the package's sensors of this kind are {known}.")
-    return path
+    files = model_path("sensors").glob("*.yaml")
+    of_kind = (file for file in files if f"\n{key}:" in file.read_text(encoding="utf-8"))
+    return named_file(name_or_path, "sensors of this kind", of_kind, ".yaml")
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

@@ -12,12 +12,12 @@ from tactopose_drake.core.grasping.grasp_planner import PlannerParams
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
 from tactopose_drake.core.shape.model_options import NUMBERS
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import positive_number, told_of
+from tactopose_drake.core.validation import check_numbers, positive_number, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.simulated_body import read_mass
 from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
-from tactopose_drake.resources import drawn_pose, fixed_pose, load_typed_yaml, model_path, resource_root
+from tactopose_drake.resources import drawn_pose, fixed_pose, load_typed_yaml, model_path, named_file, resource_root
 from tactopose_drake.station.scenario_limits import check_limits, check_plant
 from tactopose_drake.station.scenario_paths import count_paths_from
 from tactopose_drake.station.senses import (
@@ -160,8 +160,7 @@ class Scenario:
         check_plant("Scenario.plant", self.plant)
         fixed_pose("Scenario.X_WBase", self.X_WBase)
         fixed_pose("Scenario.X_WC", self.X_WC)
-        for field in dataclasses.fields(self.check):
-            positive_number(f"Scenario.check.{field.name}", getattr(self.check, field.name))
+        check_numbers("Scenario.check", self.check)
         parts = (self.reach, self.planner, self.controller, self.vision, self.estimation, self.tracking)
         for part in (*parts, self.exploration):
             if part is not None:
@@ -250,13 +249,8 @@ def scenario_file(name_or_path: str | Path) -> Path:
     Raises:
         InvalidFileError: if there is no such file.
     """
-    diagrams, ending = resource_root() / "diagrams", ".scenario.yaml"
-    shipped = diagrams / f"{name_or_path}{ending}"
-    path = shipped if os.path.isfile(shipped) else Path(name_or_path)
-    if not os.path.exists(path):
-        known = ", ".join(sorted(file.name.removesuffix(ending) for file in diagrams.glob(f"*{ending}")))
-        raise InvalidFileError(f"{path}: there is no such file; the package's scenarios are {known}.")
-    return path
+    ending = ".scenario.yaml"
+    return named_file(name_or_path, "scenarios", (resource_root() / "diagrams").glob(f"*{ending}"), ending)
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:

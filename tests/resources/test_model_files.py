@@ -1,4 +1,5 @@
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -8,8 +9,11 @@ from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.resources import load_typed_yaml
 from tactopose_drake.resources.model_files import add_model, make_parser
+from tactopose_drake.station.arms.arm import load_arm_config
+from tactopose_drake.station.scenario import scenario_file
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -121,3 +125,20 @@ def test_an_unknown_package_is_told_with_those_that_are_known(tmp_path: Path, mo
         InvalidFileError, match=r"'stones'\)\. Known are drake, .*stone_models, tactopose_drake: of fold"
     ):
         add_model(parser, "package://stones/stone.urdf")
+
+
+@pytest.mark.parametrize(
+    ("read", "known"),
+    [
+        (load_hand_config, "hands are allegro"),
+        (load_arm_config, "arms are seven_axis"),
+        (scenario_file, "scenarios are "),
+    ],
+)
+def test_a_file_of_the_package_that_is_not_there_is_told_with_those_that_are(
+    read: Callable[[str], object], known: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InvalidFileError, match=f"^nope: there is no such file; the package's {known}"):
+        read("nope")
+    with pytest.raises(InvalidFileError, match=f"is a folder; allowed is a YAML file; the package's {known}"):
+        read(str(tmp_path))

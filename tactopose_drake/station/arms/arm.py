@@ -1,7 +1,6 @@
 """What the package needs to know of an arm, how it gets into a plant, and how it gets a hand."""
 
 import dataclasses
-import os
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from pydrake.multibody.tree import Frame, ModelInstanceIndex, SpatialInertia
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.hand_in_plant import Hand, joint_to_world
-from tactopose_drake.resources import add_model, load_typed_yaml, make_parser, model_path
+from tactopose_drake.resources import add_model, load_typed_yaml, make_parser, model_path, named_file
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -51,8 +50,7 @@ def load_arm_config(name_or_path: str | Path) -> ArmConfig:
     Raises:
         InvalidFileError: if the file cannot be read or does not fit `ArmConfig`, or a name is missing.
     """
-    shipped = model_path("arms", str(name_or_path), f"{name_or_path}.arm.yaml")
-    path = shipped if os.path.isfile(shipped) else Path(name_or_path)
+    path = named_file(name_or_path, "arms", model_path("arms").glob("*/*.arm.yaml"), ".arm.yaml")
     config = load_typed_yaml(ArmConfig, path)
     try:
         config.validate()
