@@ -14,7 +14,7 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.station.arms.carried_hand import ArmSpeeds, CarriedHand, PlacedHand, StraightDescent
 from tactopose_drake.station.arms.motion import AxisGoal
-from tactopose_drake.station.arms.table_leans import Lean, choose_lean, lean_ways
+from tactopose_drake.station.arms.table_leans import LEAST_LEAN_DEG, Lean, choose_lean, lean_ways
 
 # Standard deviations of the rod's end by which the arm keeps away from what it may meet.
 _SIGMAS = 3.0
@@ -56,7 +56,7 @@ class PlaceParams:
             positive_number(f"PlaceParams.{name}", getattr(self, name), most=1.0)
         for name in ("box_width", "touch_speed", "most_acceleration"):
             positive_number(f"PlaceParams.{name}", getattr(self, name))
-        positive_number("PlaceParams.most_lean_deg", self.most_lean_deg, allow_zero=True, most=90.0, unit="deg")
+        positive_number("PlaceParams.most_lean_deg", self.most_lean_deg, least=LEAST_LEAN_DEG, most=90.0, unit="deg")
         whole_number("PlaceParams.seed", self.seed, least=0)
 
 

@@ -13,8 +13,9 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.station.arms.carried_hand import PlacedHand
 
-# Leans that are looked at: sides about the rod, and angles, the least and the step of the others, rad.
-_SIDES, _LEAST, _STEP = 12, np.radians(15.0), np.radians(7.5)
+LEAST_LEAN_DEG = 15.0
+"""The least lean of a rod on the table that is looked at."""
+_SIDES, _STEP = 12, np.radians(7.5)  # leans that are looked at: about the rod, and the step of their angles, rad
 # Standard deviation of a touch by which leans are compared, m.
 _SIGMA = 0.0005
 
@@ -37,7 +38,7 @@ def lean_ways(held: HeldAxis, hand: PlacedHand, clearance: float, most: float) -
     side = np.cross(held.direction, np.eye(3)[np.argmin(np.abs(held.direction))])
     side /= np.linalg.norm(side)
     other = np.cross(held.direction, side)
-    angles, leans = np.arange(_LEAST, most + 1e-9, _STEP), []
+    angles, leans = np.arange(np.radians(LEAST_LEAN_DEG), most + 1e-9, _STEP), []
     for turn in np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False):
         for angle in angles:
             across = np.cos(turn) * side + np.sin(turn) * other
