@@ -101,6 +101,11 @@ def numbers(values: Any, digits: int) -> str:
     return "[" + ", ".join(f"{value + 0.0:.{digits}f}" for value in np.round(values, digits)) + "]"
 
 
+def counted(count: int, singular: str, plural: str) -> str:
+    """A number of things, with their name."""
+    return f"{count} {singular if count == 1 else plural}"
+
+
 def _fields(value: Any) -> dict[str, Any]:
     return {field.name: getattr(value, field.name) for field in dataclasses.fields(value) if field.repr}
 

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 
+from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.hand.hand_config import Coupling
 from tactopose_drake.hand.hand_in_plant import Hand
 
 
@@ -43,6 +45,13 @@ class HandJoints:
     def positions(self, joints: Iterable[str]) -> NDArray[np.int64]:
         """The places of some joints' positions, shape (k,)."""
         return np.array([self.position[name] for name in joints], dtype=np.int64)
+
+    def with_followers(self, q: FloatArray, couplings: Mapping[str, Coupling]) -> FloatArray:
+        """The hand's positions (nq,), with each coupled joint where its leader has it."""
+        followed = q.copy()
+        for joint, coupling in couplings.items():
+            followed[self.position[joint]] = coupling.ratio * q[self.position[coupling.follows]] + coupling.offset
+        return followed
 
     def velocities(self, joints: Iterable[str]) -> NDArray[np.int64]:
         """The places of some joints' velocities, shape (k,)."""

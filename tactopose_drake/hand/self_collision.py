@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 
-import numpy as np
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
@@ -31,7 +30,7 @@ class SelfCollision:
         posture = self._plant.GetMyContextFromRoot(self._diagram.CreateDefaultContext())
         let_overlap(self._plant, scene_graph, posture, self._hand.model_instance)
         self._context = self._plant.GetMyContextFromRoot(self._diagram.CreateDefaultContext())
-        self._place = HandJoints.of(self._plant, self._hand).position
+        self._joints = HandJoints.of(self._plant, self._hand)
 
     def __call__(self, positions: Mapping[str, FloatArray]) -> bool:
         """Whether links are in each other.
@@ -40,8 +39,6 @@ class SelfCollision:
             positions: of some fingers' actuated joints, shape (m,), rad or m, by finger; the others wait where they
                 usually do, and coupled joints follow.
         """
-        q = rest_posture(self._plant, self._hand, positions)
-        for joint, coupling in self._hand.config.couplings.items():
-            q[self._place[joint]] = coupling.ratio * q[self._place[coupling.follows]] + coupling.offset
-        self._plant.SetPositions(self._context, self._hand.model_instance, np.asarray(q))
+        q = self._joints.with_followers(rest_posture(self._plant, self._hand, positions), self._hand.config.couplings)
+        self._plant.SetPositions(self._context, self._hand.model_instance, q)
         return bool(self_collisions(self._plant, self._context, self._hand.model_instance))

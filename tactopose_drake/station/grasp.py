@@ -55,7 +55,8 @@ def add_planned_grasp(
     builder.ExportOutput(controller.GetOutputPort("actuation"), "actuation")
     _connect_controller(builder, plant, hand, controller)
     q = controller.commanded(np.full(len(motions), _OPEN))
-    return GraspStart(_followed(plant, hand, q), planned_pose(plan))
+    q = HandJoints.of(plant, hand).with_followers(q, hand.config.couplings)
+    return GraspStart(q, planned_pose(plan))
 
 
 def add_grip(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, hand: Hand) -> GraspStart:
@@ -65,11 +66,11 @@ def add_grip(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant,
     controller = builder.AddNamedSystem("grip_controller", GripController(plant, hand, params))
     builder.Connect(controller.GetOutputPort("desired_state"), plant.get_desired_state_input_port(hand.model_instance))
     _connect_controller(builder, plant, hand, controller)
-    q, places = rest_posture(plant, hand), HandJoints.of(plant, hand).position
+    q, joints = rest_posture(plant, hand), HandJoints.of(plant, hand)
     for joint, position in params.fixed.items():
-        q[places[joint]] = position
+        q[joints.position[joint]] = position
     X_PO = drawn_pose(f"Grip.X_PO[{scenario.object}]", scenario.grip.X_PO[scenario.object], scenario.seed)
-    return GraspStart(_followed(plant, hand, q), X_PO)
+    return GraspStart(joints.with_followers(q, hand.config.couplings), X_PO)
 
 
 def planned_pose(plan: GraspPlan) -> RigidTransform:
@@ -86,11 +87,3 @@ def _connect_controller(
     builder.ExportOutput(state, "hand_state")
     builder.ExportOutput(controller.GetOutputPort("holding"), "holding")
     builder.ExportOutput(controller.GetOutputPort("status"), "grasp_status")
-
-
-def _followed(plant: MultibodyPlant, hand: Hand, q: FloatArray) -> FloatArray:
-    """The positions (nq,), with each coupled joint where its leader has it."""
-    places, q = HandJoints.of(plant, hand).position, q.copy()
-    for joint, coupling in hand.config.couplings.items():
-        q[places[joint]] = coupling.ratio * q[places[coupling.follows]] + coupling.offset
-    return q

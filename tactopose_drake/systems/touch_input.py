@@ -3,7 +3,7 @@
 from pydrake.systems.framework import Context, InputPort
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.mesh.bodies import counted
+from tactopose_drake.core.plain_values import counted
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.systems.ports import eval_input, eval_items
 

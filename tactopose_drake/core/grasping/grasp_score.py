@@ -11,6 +11,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from tactopose_drake.core import poses
+from tactopose_drake.core.grasping.wrench_space import cone_wrenches
 from tactopose_drake.core.validation import FloatArray
 
 
@@ -74,14 +75,7 @@ class ContactTerms(NamedTuple):
             n: the object's outward normals, shape (k, 3).
             params: friction, and how well a touch is known.
         """
-        helper = np.eye(3)[np.argmin(np.abs(n), axis=1)]
-        t1 = np.cross(n, helper)
-        t1 /= np.linalg.norm(t1, axis=1, keepdims=True)
-        t2 = np.cross(n, t1)
-        angle = np.arange(params.cone_edges) * (2 * math.pi / params.cone_edges)
-        around = np.cos(angle)[None, :, None] * t1[:, None] + np.sin(angle)[None, :, None] * t2[:, None]
-        edges = params.friction * around - n[:, None]
-        wrench = np.concatenate([np.cross(p_GC[:, None], edges) / params.arm, edges], axis=2)
+        wrench = cone_wrenches(p_GC, n, params.friction, params.cone_edges, params.arm)
         distance = np.concatenate([np.cross(p_GC, n), n], axis=1) / params.touch_position
         normal = np.concatenate([poses.skew(n), np.zeros((len(n), 3, 3))], axis=2) / params.touch_normal
         return cls(wrench, distance, normal)
@@ -127,7 +121,7 @@ def balance(contacts: ContactTerms, load: FloatArray, params: ScoreParams) -> tu
     count = len(contacts.wrench)
     wrench = contacts.wrench.reshape(-1, 6).T
     target = np.concatenate([np.zeros(3), -load])
-    sums = np.repeat(np.eye(count), params.cone_edges, axis=1)
+    sums = np.repeat(np.eye(count), contacts.wrench.shape[1], axis=1)
     A = np.vstack([params.balance_weight * wrench, sums])
     b = np.concatenate([params.balance_weight * target, np.full(count, params.normal_force)])
     x, _ = nnls(A, b)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.mesh import topology as mesh_topology
 from tactopose_drake.core.mesh.topology import AnyIntArray, IntArray
+from tactopose_drake.core.plain_values import counted
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 
@@ -26,11 +27,6 @@ class DebrisParams:
 
     share: float = 1e-3  # of the largest piece's volume, below which another is debris
     total_share: float = 1e-2  # of the volume, above which such pieces together are what the object is made of
-
-
-def counted(count: int, singular: str, plural: str) -> str:
-    """A number of things, with their name."""
-    return f"{count} {singular if count == 1 else plural}"
 
 
 def cross_products(vertices: FloatArray, faces: AnyIntArray) -> FloatArray:

@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.mesh.bodies import counted, cross_products
+from tactopose_drake.core.mesh.bodies import cross_products
 from tactopose_drake.core.mesh.topology import IntArray, half_edges
+from tactopose_drake.core.plain_values import counted
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 

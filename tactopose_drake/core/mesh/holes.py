@@ -8,9 +8,10 @@ import numpy as np
 
 from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.mesh import topology as mesh_topology
-from tactopose_drake.core.mesh.bodies import DebrisParams, counted
+from tactopose_drake.core.mesh.bodies import DebrisParams
 from tactopose_drake.core.mesh.topology import IntArray
 from tactopose_drake.core.mesh.winding_kernels import winding_numbers
+from tactopose_drake.core.plain_values import counted
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.mesh import bodies as mesh_bodies
 from tactopose_drake.core.mesh import topology as mesh_topology
-from tactopose_drake.core.mesh.bodies import counted
 from tactopose_drake.core.mesh.flat_faces import without_flat_faces
 from tactopose_drake.core.mesh.holes import close_holes
 from tactopose_drake.core.mesh.loading import RawMesh
 from tactopose_drake.core.mesh.solid import SolidProperties, solid_properties
 from tactopose_drake.core.mesh.topology import IntArray
+from tactopose_drake.core.plain_values import counted
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError, MeshUnitsError
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactopose_drake.core.mesh.bodies import counted, cross_products, volumes
+from tactopose_drake.core.mesh.bodies import cross_products, volumes
 from tactopose_drake.core.mesh.topology import AnyIntArray, half_edges
+from tactopose_drake.core.plain_values import counted
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 

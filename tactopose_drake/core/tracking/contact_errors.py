@@ -163,11 +163,10 @@ def read_contacts(
         params: what is assumed of them.
     """
     contacts = frame.evidence.touch
-    assert frame.sources is not None
-    sources += tuple(name for name in frame.sources if name not in sources)
-    source = np.array([sources.index(name) for name in frame.sources], dtype=np.intp)
+    sources += tuple(name for name in frame.names if name not in sources)
+    source = np.array([sources.index(name) for name in frame.names], dtype=np.intp)
     is_new = len(contacts) > 0 and not _is_repeated(contacts, before)
-    parts = split_errors(contacts, errors.doubts_of(frame.sources), errors.calibration, params)
+    parts = split_errors(contacts, errors.doubts_of(frame.names), errors.calibration, params)
     return ContactReading(contacts, source, sources, is_new, errors, frame.evidence, parts)
 
 

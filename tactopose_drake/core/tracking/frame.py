@@ -150,6 +150,12 @@ class Frame:
             }
             object.__setattr__(self, "tip_velocity", velocities)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The sources, which are there once the frame is made."""
+        assert self.sources is not None
+        return self.sources
+
     def of_middle(self, p_OC: FloatArray) -> Frame:
         """The same of the pose of C, which is at p_OC, shape (3,), m, with O's axes, in place of that of O.
 

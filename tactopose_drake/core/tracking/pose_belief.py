@@ -15,7 +15,7 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.plain_values import copied, numbers, seal
+from tactopose_drake.core.plain_values import copied, counted, numbers, seal
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import determined_rows, determined_variance, free_directions
 from tactopose_drake.core.posterior.plausibility import explain_touch
@@ -199,7 +199,7 @@ def _left_open(model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief
     is_seen = belief.vision.accepted_time >= max(belief.unsettled_time, belief.slip_time)
     count, fewest = len(belief.contacts), DEFAULT_PARAMS.modes.fewest_contacts
     if count < fewest and not is_seen:
-        return f"{count} contact{'s' * (count > 1)}; {fewest} are needed, or vision since then"
+        return f"{counted(count, 'contact', 'contacts')}; {fewest} are needed, or vision since then"
     X_PO, covariance = belief.X_PO[:1], belief.covariance[0]
     turns = continuous_turns(model.symmetries, X_PO[0])
     most_turn, most_free = math.radians(params.answer_turn_deg), DEFAULT_PARAMS.modes.free_share * model.size

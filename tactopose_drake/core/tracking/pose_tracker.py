@@ -37,7 +37,7 @@ from tactopose_drake.core.tracking.relocalisation import relocalise
 from tactopose_drake.core.tracking.sliced_search import SearchState, search_on
 from tactopose_drake.core.tracking.slip_by_forces import BY_FORCES, detect_by_forces
 from tactopose_drake.core.tracking.slip_by_motion import BY_MOTION, detect_by_motion
-from tactopose_drake.core.tracking.slip_by_surface import BY_SURFACE, PoseChange, SlipTest, detect_slip
+from tactopose_drake.core.tracking.slip_by_surface import BY_SURFACE, PoseChange, SlipTest, detect_by_surface
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_update import move_standing, see
 from tactopose_drake.core.validation import FloatArray, instance_of
@@ -178,13 +178,12 @@ class PoseTracker:
             return move_freely(noise, duration, most, belief.X_WP, frame.X_WP)
         if frame.tip_velocity is None:
             return move_with_palm(noise, duration, slips=slips)
-        assert frame.sources is not None
         forces = frame.evidence.contacts if len(frame.evidence.contacts) == len(contacts) else contacts
-        felt = (belief.felt_time.get(name, -np.inf) for name in frame.sources)
+        felt = (belief.felt_time.get(name, -np.inf) for name in frame.names)
         settled = min(felt) >= belief.time - self._params.flicker_time
         settled = settled and belief.time >= belief.unsettled_time + self._params.settling_time
         return move_with_fingertips(
-            forces, frame.sources, frame.tip_velocity, noise, duration, slips=slips, settled=settled
+            forces, frame.names, frame.tip_velocity, noise, duration, slips=slips, settled=settled
         )
 
     def _update_with_touch(
@@ -203,16 +202,15 @@ class PoseTracker:
             modes = update_modes(self._model, params, reading, modes)
             motion = belief.history.motions[-1] if duration > 0.0 else Motion(np.zeros(6), np.zeros((6, 6)))
             change = PoseChange(modes.X_PO[0], modes.roughness[0], motion)
-            test, slips = detect_slip(self._model, params.slip, belief.slip_test, reading, change)
-        assert frame.sources is not None
+            test, slips = detect_by_surface(self._model, params.slip, belief.slip_test, reading, change)
         # What touched at the last frame has touched since, however long that is, if the object is held as long.
         held = duration if duration <= params.noise.longest_gap else 0.0
         least_gap = max(params.lost_time, held) + 1e-9
-        is_new = any(time > belief.felt_time.get(name, -np.inf) + least_gap for name in frame.sources)
+        is_new = any(time > belief.felt_time.get(name, -np.inf) + least_gap for name in frame.names)
         force_test, gives_way = detect_by_forces(params.force_test, belief.force_test, reading, time, is_new=is_new)
         slip_sign = BY_FORCES if gives_way else BY_SURFACE if slips else belief.slip_sign
         slips = slips or gives_way or belief.slip_time == time
-        now = Keyframe.of_now(reading, frame.sources)
+        now = Keyframe.of_now(reading, frame.names)
         belief = copied(
             belief,
             modes=modes,
@@ -259,7 +257,6 @@ class PoseTracker:
             if frame.time < search.time + self._search_period(search, is_urgent) - 1e-9:
                 return belief
             search = search._replace(time=frame.time)
-        assert frame.sources is not None
         touch = Touch(frame.evidence, reading, belief.keyframes, belief.standing, frame.depth_in_hand)
         step = search_on(self._model, params, touch, belief.modes, search, slices=slices, thorough=thorough)
         belief, weighed = copied(belief, search=step.state), step.weighed
@@ -304,8 +301,7 @@ class PoseTracker:
 
 def _felt(belief: PoseBelief, frame: Frame) -> dict[str, float]:
     """When each source last touched, s, of those that do now, now."""
-    assert frame.sources is not None
-    return {**belief.felt_time, **dict.fromkeys(frame.sources, frame.time)}
+    return {**belief.felt_time, **dict.fromkeys(frame.names, frame.time)}
 
 
 def _finished(belief: PoseBelief) -> PoseBelief:

@@ -76,7 +76,7 @@ class PoseChange(NamedTuple):
     motion: Motion
 
 
-def detect_slip(
+def detect_by_surface(
     model: ObjectModel, params: SlipParams, test: SlipTest, reading: ContactReading, change: PoseChange
 ) -> tuple[SlipTest, bool]:
     """The test after a frame, and whether the object slips.

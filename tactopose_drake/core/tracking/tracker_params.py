@@ -60,7 +60,7 @@ class CalibrationScaleParams:
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class SlipParams:
-    """When the object slips."""
+    """When the object's surface moves under the fingertips, so that it slips."""
 
     max_frames: int = 30  # that are remembered
     few_frames: int = 2  # that are compared, so many each, with those before as many others: of a quick slide

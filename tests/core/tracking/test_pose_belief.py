@@ -58,7 +58,7 @@ def test_two_contacts_are_no_answer_without_what_is_seen_since_then(tracker: Pos
     [
         ("detect_by_forces", "friction gives way, as the forces show"),
         ("detect_by_motion", "the fingertips move otherwise than on one rigid object"),
-        ("detect_slip", "the surface moves under the fingertips"),
+        ("detect_by_surface", "the surface moves under the fingertips"),
     ],
 )
 def test_a_slip_says_by_what_it_was_found(

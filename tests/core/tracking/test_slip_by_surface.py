@@ -4,7 +4,7 @@ import pytest
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.motion_prediction import Motion, move_with_palm
-from tactopose_drake.core.tracking.slip_by_surface import PoseChange, SlipTest, _between, detect_slip
+from tactopose_drake.core.tracking.slip_by_surface import PoseChange, SlipTest, _between, detect_by_surface
 from tactopose_drake.core.tracking.tracker_params import MotionNoise, SlipParams
 from tests.core.tracking.boxes import draw_biases, make_box, read, touch
 
@@ -29,7 +29,7 @@ def first_slip(box: ObjectModel, seed: int, step: np.ndarray, frames: int, begin
     bias = draw_biases(generator, 0.002, 0.1)  # errors of the hand, larger than told
     for i in range(begin + frames):
         X = retract(X, step) if i >= begin else X
-        test, slips = detect_slip(box, PARAMS, test, read(touch(X, generator, bias)), change(X_PO))
+        test, slips = detect_by_surface(box, PARAMS, test, read(touch(X, generator, bias)), change(X_PO))
         if slips:
             return i - begin
     return None
@@ -61,7 +61,7 @@ def test_a_correction_of_the_pose_is_no_slip(box: ObjectModel) -> None:
     for i in range(60):
         # The estimate creeps to where the object is.
         X_after = X_PO if i > 30 else retract(X, -0.0001 * WAY)
-        test, slips = detect_slip(box, PARAMS, test, read(touch(X_PO, generator)), change(X_after))
+        test, slips = detect_by_surface(box, PARAMS, test, read(touch(X_PO, generator)), change(X_after))
         assert not slips
         X = X_after
 
@@ -72,7 +72,7 @@ def test_what_the_fingertips_may_have_done_themselves_is_no_slip(box: ObjectMode
         generator, test, called = np.random.default_rng(2), SlipTest(), False
         for i in range(45):
             X = retract(X_PO, max(0, i - 30) * 0.0005 * WAY)
-            test, slips = detect_slip(box, PARAMS, test, read(touch(X, generator)), change(X_PO, motion))
+            test, slips = detect_by_surface(box, PARAMS, test, read(touch(X, generator)), change(X_PO, motion))
             called = called or slips
         assert called == expected
 
@@ -84,7 +84,7 @@ def test_nor_is_it_one_when_they_have_just_stopped(box: ObjectModel) -> None:
         for i in range(60):
             X = retract(X_PO, 0.001 * np.clip(i - 30, 0, 4) * WAY)
             motion = while_moving if 30 < i <= 34 else REST
-            test, slips = detect_slip(box, PARAMS, test, read(touch(X, generator)), change(X_PO, motion))
+            test, slips = detect_by_surface(box, PARAMS, test, read(touch(X, generator)), change(X_PO, motion))
             called = called or slips
         assert called == expected
 
@@ -92,9 +92,9 @@ def test_nor_is_it_one_when_they_have_just_stopped(box: ObjectModel) -> None:
 def test_the_noise_is_learnt_from_single_frames(box: ObjectModel) -> None:
     generator, test, exact = np.random.default_rng(3), SlipTest(), touch(X_PO, np.random.default_rng(0))
     for _ in range(60):
-        test, _ = detect_slip(box, PARAMS, test, read(exact), change(X_PO))
+        test, _ = detect_by_surface(box, PARAMS, test, read(exact), change(X_PO))
     assert max(test.noise) < 0.05
     for _ in range(60):
-        test, _ = detect_slip(box, PARAMS, test, read(touch(X_PO, generator)), change(X_PO))
+        test, _ = detect_by_surface(box, PARAMS, test, read(touch(X_PO, generator)), change(X_PO))
     assert min(test.noise) > 0.7
     assert max(test.noise) < 1.4
