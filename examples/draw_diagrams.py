@@ -153,7 +153,7 @@ def any_grasp(scenario: Scenario) -> Scenario:
 
 def make_control_stack(plan: GraspPlan) -> ArmStation:
     """A hand on an arm that puts a handed-over pencil into a hole, by its belief; closed as anyhow planned."""
-    setup = ArmSetup(tracking=PoseTrackingParams())
+    setup = ArmSetup()
 
     def add_decision(builder: DiagramBuilder, parts: ArmParts) -> OutputPort:
         vision = builder.AddNamedSystem(
@@ -176,7 +176,7 @@ def make_control_stack(plan: GraspPlan) -> ArmStation:
         task = AddPlaceTask(builder, parts, setup, grip, PlaceParams())
         return task.GetOutputPort("arm_reference")
 
-    return make_arm_station(Scenario(object="pencil"), plan, setup, add_decision)
+    return make_arm_station(Scenario(object="pencil", tracking=PoseTrackingParams()), plan, setup, add_decision)
 
 
 def draw_control_stack(plan: GraspPlan) -> str:

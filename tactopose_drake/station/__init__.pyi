@@ -4,6 +4,11 @@ from .arms.arm import add_arm as add_arm
 from .arms.arm import load_arm_config as load_arm_config
 from .arms.arm import make_arm_plant as make_arm_plant
 from .arms.arm import mount_hand as mount_hand
+from .arms.arm_station import ArmParts as ArmParts
+from .arms.arm_station import ArmSetup as ArmSetup
+from .arms.arm_station import ArmStation as ArmStation
+from .arms.arm_station import SceneModel as SceneModel
+from .arms.arm_station import make_arm_station as make_arm_station
 from .arms.motion import AxisGoal as AxisGoal
 from .arms.motion import reach_axis as reach_axis
 from .arms.motion import smooth_motion as smooth_motion
@@ -11,11 +16,6 @@ from .arms.place_decision import AddPlaceTask as AddPlaceTask
 from .arms.place_planning import PlaceParams as PlaceParams
 from .arms.place_state import PlaceTaskParams as PlaceTaskParams
 from .arms.place_task import PlaceTask as PlaceTask
-from .arms.station import ArmParts as ArmParts
-from .arms.station import ArmSetup as ArmSetup
-from .arms.station import ArmStation as ArmStation
-from .arms.station import SceneModel as SceneModel
-from .arms.station import make_arm_station as make_arm_station
 from .can_devices import CanDevices as CanDevices
 from .can_devices import live_buses as live_buses
 from .can_devices import logged_buses as logged_buses

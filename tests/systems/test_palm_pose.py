@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.station.arms.arm import add_arm, load_arm_config, mount_hand
-from tactopose_drake.station.arms.station import ArmSetup
+from tactopose_drake.station.arms.arm_station import ArmSetup
 from tactopose_drake.station.scenario import load_scenario
 from tactopose_drake.station.simulated import make_station
 from tactopose_drake.systems.palm_pose import PalmPose

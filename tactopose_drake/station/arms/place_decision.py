@@ -5,10 +5,10 @@ from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.grasping.held_axis import HeldAxis
 from tactopose_drake.resources import fixed_pose
+from tactopose_drake.station.arms.arm_station import ArmParts, ArmSetup
 from tactopose_drake.station.arms.carried_hand import CarriedHand
 from tactopose_drake.station.arms.place_planning import PlaceParams, PlacePlanner
 from tactopose_drake.station.arms.place_task import PlaceTask
-from tactopose_drake.station.arms.station import ArmParts, ArmSetup
 
 
 def AddPlaceTask(

@@ -12,13 +12,16 @@ from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
 from tactopose_drake.core.grasping.grasp_plan import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.contact_properties import self_collisions
-from tactopose_drake.station.arms.station import ArmParts, ArmSetup, ArmStation, make_arm_station
+from tactopose_drake.station.arms.arm_station import ArmParts, ArmSetup, ArmStation, make_arm_station
 from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.own_hand import scenario_for
-from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.scenario import Grip, Scenario
 from tactopose_drake.station.simulated import make_station
+from tactopose_drake.systems.pose_tracking import PoseTrackingParams
+from tactopose_drake.systems.touch_exploration import TouchExplorationParams
 from tests.hand.grippers import write_gripper
 
 
@@ -45,6 +48,22 @@ def test_a_gripper_whose_file_says_nothing_of_contact_holds_an_object(tmp_path: 
     simulator.Initialize()
     simulator.AdvanceTo(1.5)
     assert station.diagram.GetOutputPort("holding").Eval(context)[0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "part"), [("grip", Grip(X_PO={"cube": Transform()})), ("exploration", TouchExplorationParams())]
+)
+def test_what_an_arm_s_station_does_not_do_is_refused(name: str, part: object) -> None:
+    scenario = Scenario(object="cube", **{name: part})
+    with pytest.raises(InvalidInputError, match=rf"^Scenario\.{name}: is given; allowed on an arm is None"):
+        make_arm_station(scenario, GraspPlan(np.eye(3, 4), {}, 0.0), ArmSetup(), stay)
+
+
+def test_a_scenario_s_belief_over_time_is_kept_on_an_arm_too() -> None:
+    scenario = Scenario(object="cube", tracking=PoseTrackingParams())
+    station = make_arm_station(scenario, GraspPlan(np.eye(3, 4), {}, 0.0), ArmSetup(), stay)
+    assert station.diagram.HasSubsystemNamed("pose_tracking")
+    assert not station.diagram.HasSubsystemNamed("pose_estimation")
 
 
 def test_links_that_overlap_at_rest_pass_through_each_other_with_an_arm_and_without(tmp_path: Path) -> None:

@@ -17,9 +17,9 @@ from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.resources import model_path
 from tactopose_drake.station.arms.arm import Arm, add_arm, load_arm_config, make_arm_plant, mount_hand
+from tactopose_drake.station.arms.arm_station import ArmSetup
 from tactopose_drake.station.arms.carried_hand import CarriedHand
 from tactopose_drake.station.arms.place_planning import PlaceParams, PlacePlanner
-from tactopose_drake.station.arms.station import ArmSetup
 from tactopose_drake.station.arms.table_leans import lean_ways
 
 Q = np.array(ArmSetup().q_start)

@@ -10,7 +10,7 @@ from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.station.arms.arm import add_arm, load_arm_config, mount_hand
-from tactopose_drake.station.arms.station import ArmSetup
+from tactopose_drake.station.arms.arm_station import ArmSetup
 from tactopose_drake.systems.plant_senses import add_touch_sensors
 
 

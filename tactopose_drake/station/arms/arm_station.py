@@ -14,6 +14,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 from tactopose_drake.core.grasping.grasp_plan import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import finite_array, positive_number
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.resources import add_model, fixed_pose, make_parser
 from tactopose_drake.station.arms.arm import Arm, add_arm, hand_inertia, load_arm_config, make_arm_plant, mount_hand
@@ -21,8 +22,8 @@ from tactopose_drake.station.grasp import add_planned_grasp
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated import Station, add_plant, feed_estimation, finish_plant, finish_station
 from tactopose_drake.station.simulated_senses import add_palm_pose, add_senses
-from tactopose_drake.systems.pose_estimation import AddPoseEstimation, PoseEstimationParams
-from tactopose_drake.systems.pose_tracking import AddPoseTracking, PoseTrackingParams
+from tactopose_drake.systems.pose_estimation import AddPoseEstimation
+from tactopose_drake.systems.pose_tracking import AddPoseTracking
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -50,16 +51,12 @@ class ArmSetup:
     stiffness: float = 400.0  # of the controller: acceleration for an error, 1/s^2
     damping: float = 40.0  # 1/s
     scene: list[SceneModel] = dataclasses.field(default_factory=list)
-    # Keeps a belief over time; None: the scenario's estimation, which begins anew each time.
-    tracking: PoseTrackingParams | None = None
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         finite_array("ArmSetup.q_start", self.q_start, (len(self.q_start),))
         positive_number("ArmSetup.stiffness", self.stiffness)
         positive_number("ArmSetup.damping", self.damping)
-        if self.tracking is not None:
-            self.tracking.validate()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -130,7 +127,8 @@ def make_arm_station(
     Its ports are those of `make_station`, but for those of vision, and those that `add_decision` exports.
 
     Args:
-        scenario: hand, object, senses and estimation; its `X_WBase`, `vision` and `X_WC` are not looked at.
+        scenario: hand, object, senses, and how the pose is known: with `tracking` by a belief over time, without by
+            `estimation`, which begins anew each time. Its `X_WBase`, `vision` and `X_WC` are not looked at.
         plan: how the fingers close.
         setup: the arm.
         add_decision: adds whatever decides; if there is vision, it adds that too.
@@ -138,10 +136,13 @@ def make_arm_station(
         meshcat: where to show it all; nothing is shown without.
 
     Raises:
-        InvalidInputError: if scenario or setup cannot be built.
+        InvalidInputError: if scenario or setup cannot be built, or the scenario grips without a plan, or explores.
     """
     scenario.validate()
     setup.validate()
+    for name in ("grip", "exploration"):
+        if getattr(scenario, name) is not None:
+            raise InvalidInputError(f"Scenario.{name}: is given; allowed on an arm is None.")
     model = scenario.object_model() if model is None else model
     builder = DiagramBuilder()
     plant, scene_graph = add_plant(builder, scenario)
@@ -159,7 +160,7 @@ def make_arm_station(
         builder.ExportOutput(port, name)
     start = add_planned_grasp(builder, scenario, plant, hand, senses, plan)
     palm_pose = add_palm_pose(builder, plant, hand)
-    estimation = _add_estimation(builder, hand, model, setup.tracking, scenario.estimation, palm_pose)
+    estimation = _add_estimation(builder, scenario, hand, model, palm_pose)
     feed_estimation(builder, estimation, senses)
 
     arm_plant, arm_alone = make_arm_plant(config, X_WBase, hand_inertia(plant, arm, hand, start.q))
@@ -176,16 +177,12 @@ def make_arm_station(
 
 
 def _add_estimation(
-    builder: DiagramBuilder,
-    hand: Hand,
-    model: ObjectModel,
-    tracked: PoseTrackingParams | None,
-    params: PoseEstimationParams,
-    palm_pose: OutputPort,
+    builder: DiagramBuilder, scenario: Scenario, hand: Hand, model: ObjectModel, palm_pose: OutputPort
 ) -> Diagram:
     """The belief over time, where it is asked for, or each instant's estimate, with what it takes beyond the senses."""
+    tracked = scenario.tracking
     if tracked is None:
-        estimation = AddPoseEstimation(builder, hand.config, model, params)
+        estimation = AddPoseEstimation(builder, hand.config, model, scenario.estimation)
     else:
         estimation = AddPoseTracking(builder, hand.config, model, tracked)
     if estimation.HasInputPort("palm_pose"):
