@@ -3,12 +3,6 @@
 What lasts is of the hand's calibration and of the model's surface, as the parameters say; of what a hand declares of
 its errors; and what the one-shot estimate finds of noise that is larger than told, and of contacts that are false. That
 is of the fingers: each source's contacts are doubted by it at the frames to come.
-
-How large the errors of the calibration are beside what is told of them, is estimated. What a calibration is off by
-stays. The mean of contacts' residuals over some frames is therefore mostly that, and what of it no pose explains tells
-how large it is: of five contacts with normals nine numbers. The scale has a prior over doublings of the variances, of
-points and of normals, and is summed over as the one-shot estimate does it with the noise; the pose is integrated out of
-each. A wrong pose leaves over more than the hand errs by: all modes are asked, and count by their probability.
 """
 
 from __future__ import annotations
@@ -17,29 +11,18 @@ import dataclasses
 import functools
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.objectives.surface_contact import SurfaceContact, along_normals
-from tactopose_drake.core.posterior.hypotheses import Modes
-from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import ContactReading, ErrorParts, Frame, SeemingErrors, told_variances
-from tactopose_drake.core.tracking.tracker_params import CalibrationScaleParams, PoseTrackerParams
+from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 
 # So little doubt changes nothing.
 _NOTICED_DOUBT = 1.1
 LEAST_INLIER = 0.001
 """However false a contact seems, it counts by this share."""
-# A contact that is as told with less than this probability tells nothing of the calibration.
-_LEAST_BELIEVED = 0.25
-# A mode of less probability has no part in it.
-_LEAST_WEIGHT = 0.01
-# Nothing is known of the pose, rad and m.
-_ANY_POSE = np.repeat([3.0, 0.3], 3)
-_LEAST_CONTACTS = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -217,83 +200,3 @@ def follow_doubt(
         now = noise_scale**2 / max(float(inlier), LEAST_INLIER)
         after[name] = math.exp((1.0 - share) * math.log(doubt.get(name, 1.0)) + share * math.log(max(now, 1.0)))
     return after
-
-
-class _Scales(NamedTuple):
-    """Factors of the variances of points and of normals, shape (g, 2), and logarithms of their prior, shape (g,)."""
-
-    factors: FloatArray
-    log_prior: FloatArray
-
-
-@functools.cache
-def _scales(halvings: int, doublings: int, more: float, apart: float) -> _Scales:
-    """All pairs of so many doublings: each is less probable by a factor, and so is a difference."""
-    points, normals = (k.ravel() for k in np.meshgrid(*2 * [np.arange(-halvings, doublings + 1)], indexing="ij"))
-    larger = np.maximum(np.abs(points), np.abs(normals))
-    log_prior = larger * math.log(more) + np.abs(points - normals) * math.log(apart)
-    factors = np.exp2(np.stack([points, normals], axis=1), dtype=np.float64)
-    return _Scales(factors, log_prior - np.logaddexp.reduce(log_prior))
-
-
-def estimate_scale(
-    model: ObjectModel,
-    params: PoseTrackerParams,
-    reading: ContactReading,
-    mean: Contacts,
-    frames: int,
-    modes: Modes,
-    inlier_probability: FloatArray,
-) -> FloatArray | None:
-    """Factors of the variances of points and of normals, shape (2,); None where too little tells.
-
-    They are the geometric mean, over the modes, of the factors that each expects.
-
-    Args:
-        model: the object.
-        params: what is told of the calibration.
-        reading: the contacts of now.
-        mean: of the same contacts, k of them, over frames in which they stayed.
-        frames: how many these are.
-        modes: of the pose, n of them.
-        inlier_probability: that the contacts are as told, if the object is there, shape (n, k).
-    """
-    settings = params.calibration_scale
-    if mean.n_PC is None or frames < settings.least_frames:
-        return None
-    scales = _scales(settings.halvings, settings.doublings, settings.doubling_share, settings.apart_share)
-    bias, parts = BiasModel.from_params(params), reading.parts
-    lasting = scales.factors[:, None] * (bias.of_calibration + parts.declared)
-    variances = ((lasting + np.square(bias.surface) + parts.new / frames) / parts.told)[..., [0, 1, 1]]
-    X_PO, weights = modes.mixture.X_PO, modes.mixture.weights
-    residuals, jacobian = SurfaceContact(model.grid, mean).rows_of_contacts(X_PO)
-    log_factors, total = np.zeros(2), 0.0
-    for j in np.flatnonzero(weights > _LEAST_WEIGHT):
-        felt = np.flatnonzero(inlier_probability[j] > _LEAST_BELIEVED)
-        if len(felt) < _LEAST_CONTACTS:
-            continue
-        r, J = along_normals(mean.n_PC[felt] @ X_PO[j, :, :3], residuals[j, felt, :4], jacobian[j, felt, :4])
-        log_weight = scales.log_prior + _log_evidence(r, J, variances[:, felt])
-        expected = np.exp(log_weight - np.logaddexp.reduce(log_weight)) @ scales.factors
-        log_factors += weights[j] * np.log(expected)
-        total += weights[j]
-    return np.exp(log_factors / total) if total > 0.0 else None
-
-
-def follow_scale(errors: SeemingErrors, now: FloatArray, params: CalibrationScaleParams) -> SeemingErrors:
-    """The errors whose factors are a geometric mean over estimates, with another one, shape (2,)."""
-    share = max(1.0 / (1.0 + errors.estimates), params.least_share)
-    mean = np.exp((1.0 - share) * np.log(errors.calibration) + share * np.log(now))
-    return errors._replace(calibration=mean, estimates=errors.estimates + 1)
-
-
-def _log_evidence(residuals: FloatArray, jacobian: FloatArray, variances: FloatArray) -> FloatArray:
-    """Of residuals (k, 3) with variances (g, k, 3), whatever the pose is, shape (g,)."""
-    J, r = jacobian.reshape(-1, 6), residuals.reshape(-1)
-    flat = variances.reshape(len(variances), -1)
-    weighted = J.T / flat[:, None]
-    information = weighted @ J + np.diag(_ANY_POSE**-2)
-    slope = weighted @ r
-    explained = np.einsum("gi,gi->g", slope, np.linalg.solve(information, slope[..., None])[..., 0])
-    spread = np.log(flat).sum(axis=1) + np.linalg.slogdet(information)[1]
-    return np.asarray(-0.5 * (spread + (r**2 / flat).sum(axis=1) - explained))

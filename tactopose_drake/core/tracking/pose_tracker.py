@@ -13,10 +13,10 @@ from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior.moved_origin import has_far_origin, mixture_of_origin
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.calibration_scale import follow_scale
 from tactopose_drake.core.tracking.contact_errors import (
     as_doubted,
     follow_doubt,
-    follow_scale,
     read_contacts,
     surest_position,
     with_errors,

@@ -26,7 +26,8 @@ from tactopose_drake.core.searches.patch_searches import patch_search
 from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.contact_errors import LEAST_INLIER, estimate_scale, follow_scale
+from tactopose_drake.core.tracking.calibration_scale import estimate_scale, follow_scale
+from tactopose_drake.core.tracking.contact_errors import LEAST_INLIER
 from tactopose_drake.core.tracking.keyframes import Touch
 from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes

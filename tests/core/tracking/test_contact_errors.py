@@ -1,78 +1,27 @@
-import dataclasses
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.poses import make_poses, random_rotations, retract
-from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.hypotheses import Modes
-from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.poses import make_poses, random_rotations
 from tactopose_drake.core.tracking.contact_errors import (
     as_doubted,
     averaged_variances,
     calibration_excess,
-    estimate_scale,
     follow_doubt,
-    follow_scale,
     read_contacts,
     surest_position,
     with_errors,
 )
-from tactopose_drake.core.tracking.frame import ContactReading, Frame, SeemingErrors
+from tactopose_drake.core.tracking.frame import Frame, SeemingErrors
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
-from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases, make_box, n_OC, p_OC, read, touch
+from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, n_OC, p_OC, read, touch
 
 PARAMS = PoseTrackerParams()
 TOLD = PARAMS.calibration_position, math.radians(PARAMS.calibration_normal_deg)
 X_PO = make_poses(random_rotations(np.random.default_rng(0), 1), np.array([[0.02, 0.0, 0.1]]))[0]
-
-
-@pytest.fixture(scope="module")
-def box() -> ObjectModel:
-    return make_box()
-
-
-class Felt(NamedTuple):
-    """The last reading of a box that is held still, and the mean of so many frames' contacts."""
-
-    reading: ContactReading
-    mean: Contacts
-    frames: int
-
-    def estimate(self, box: ObjectModel, modes: Modes, inlier: np.ndarray | None = None) -> np.ndarray | None:
-        """The scale by modes at which contacts are as told with some probabilities, shape (n, 6)."""
-        inlier = np.ones((len(modes.mixture), len(self.mean))) if inlier is None else inlier
-        return estimate_scale(box, PARAMS, *self, modes, inlier)
-
-
-def feel(seed: int, scale: float, frames: int = 8, beside: np.ndarray | None = None) -> Felt:
-    """What a hand feels that errs by the scale, and whose contacts are beside the box by so much more, shape (6, 3)."""
-    generator = np.random.default_rng(seed)
-    bias = scale * draw_biases(generator, *TOLD)
-    if beside is not None:
-        bias[:, :3] += beside
-    felt = [touch(X_PO, generator, bias, TOLD) for _ in range(frames)]
-    n_PC = np.mean([contacts.n_PC for contacts in felt], axis=0)
-    n_PC /= np.linalg.norm(n_PC, axis=1, keepdims=True)
-    return Felt(read(felt[-1]), felt[-1].with_arrays(p_PC=np.mean([c.p_PC for c in felt], axis=0), n_PC=n_PC), frames)
-
-
-def modes_at(*X_PO: np.ndarray, weights: Sequence[float] = (1.0,)) -> Modes:
-    """Modes of so much weight."""
-    n = len(X_PO)
-    mixture = GaussianMixture(np.stack(X_PO), np.array(weights), np.repeat(1e-6 * np.eye(6)[None], n, axis=0))
-    return Modes(mixture, np.zeros(n), (np.zeros((0, 6)),) * n, 0.0)
-
-
-def scales(box: ObjectModel, scale: float) -> np.ndarray:
-    """Of some hands, the root of the factors' geometric mean."""
-    found = [feel(seed, scale).estimate(box, modes_at(X_PO)) for seed in range(8)]
-    return np.array([math.sqrt(math.sqrt(factors[0] * factors[1])) for factors in found if factors is not None])
 
 
 def test_of_a_mean_of_frames_only_what_is_new_averages_out() -> None:
@@ -135,71 +84,3 @@ def test_a_reading_is_repeated_where_points_and_normals_are() -> None:
         names = tuple("abcdef")[: len(contacts)]
         frame = Frame(0.0, Evidence(contacts), names)
         assert read_contacts(frame, (), before, SeemingErrors(), PARAMS).is_new == is_new
-
-
-@pytest.mark.parametrize("scale", [1.0, 2.0, 4.0])
-def test_the_scale_is_found_up_to_a_factor(box: ObjectModel, scale: float) -> None:
-    found = scales(box, scale)
-    assert len(found) == 8
-    assert 0.75 * scale < np.median(found) < 1.5 * scale
-    assert np.all((found > 0.4 * scale) & (found < 2.5 * scale))
-
-
-def test_where_the_pose_is_believed_to_be_has_no_part_in_it(box: ObjectModel) -> None:
-    X_near = retract(X_PO, np.array([0.02, -0.01, 0.02, 0.002, -0.002, 0.001]))
-    at_truth, beside = (feel(3, 2.0).estimate(box, modes_at(X)) for X in (X_PO, X_near))
-    assert at_truth is not None
-    np.testing.assert_allclose(beside, at_truth, rtol=0.1)
-
-
-def test_a_wrong_mode_makes_the_calibration_as_bad_as_that_mode_is_probable(box: ObjectModel) -> None:
-    X_wrong = retract(X_PO, np.array([0.0, 0.0, 0.8, 0.02, 0.0, 0.0]))
-    felt = feel(3, 1.0)
-    right, wrong, most, least, hardly = (
-        felt.estimate(box, modes)
-        for modes in (
-            modes_at(X_PO),
-            modes_at(X_wrong),
-            modes_at(X_wrong, X_PO, weights=(0.7, 0.3)),
-            modes_at(X_PO, X_wrong, weights=(0.7, 0.3)),
-            modes_at(X_PO, X_wrong, weights=(0.995, 0.005)),
-        )
-    )
-    assert right is not None
-    assert wrong is not None
-    assert wrong.min() > 8.0 * right.max()
-    np.testing.assert_allclose(most, wrong**0.7 * right**0.3)
-    np.testing.assert_allclose(least, wrong**0.3 * right**0.7)
-    np.testing.assert_array_equal(hardly, right)
-
-
-def test_a_contact_that_seems_false_tells_nothing_of_the_calibration(box: ObjectModel) -> None:
-    beside = np.zeros((6, 3))
-    beside[2], beside[3] = [0.0, 0.0, 0.02], -0.02 * X_PO[:, 1]
-    felt, inlier = feel(1, 1.0, beside=beside), np.array([[0.9, 0.8, 0.01, 0.02, 0.9, 0.9]])
-    believed, without = felt.estimate(box, modes_at(X_PO)), felt.estimate(box, modes_at(X_PO), inlier)
-    assert believed is not None
-    assert without is not None
-    assert believed[0] > 10.0
-    assert without[0] < 3.0
-    # A mode to which too few contacts are none leaves it to the others.
-    X_near, inlier = retract(X_PO, np.full(6, 0.002)), np.concatenate([inlier, np.full((1, 6), 0.01)])
-    by_both = felt.estimate(box, modes_at(X_PO, X_near, weights=(0.5, 0.5)), inlier)
-    np.testing.assert_allclose(by_both, without)
-
-
-def test_too_few_contacts_or_frames_and_touch_without_normals_tell_nothing(box: ObjectModel) -> None:
-    felt = feel(0, 4.0)
-    two = felt._replace(reading=read(felt.reading.contacts[:2], np.arange(2)), mean=felt.mean[:2])
-    bare = felt._replace(mean=Contacts(felt.mean.p_PC, None, sigma_position=felt.mean.sigma_position))
-    for little in (two, bare, feel(0, 4.0, frames=1)):
-        assert little.estimate(box, modes_at(X_PO)) is None
-
-
-def test_the_factors_are_a_mean_in_which_later_estimates_count_at_least_as_told(box: ObjectModel) -> None:
-    settings = dataclasses.replace(PARAMS.calibration_scale, least_share=0.5)
-    errors = SeemingErrors()
-    for now, expected in ((4.0, 4.0), (16.0, 8.0), (0.5, 2.0)):
-        errors = follow_scale(errors, np.full(2, now), settings)
-        np.testing.assert_allclose(errors.calibration, expected)
-    assert errors.estimates == 3

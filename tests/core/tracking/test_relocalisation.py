@@ -17,12 +17,12 @@ from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking import sliced_search
+from tactopose_drake.core.tracking.calibration_scale import follow_scale
 from tactopose_drake.core.tracking.contact_errors import (
     BiasModel,
     averaged_variances,
     calibration_excess,
     follow_doubt,
-    follow_scale,
     with_errors,
 )
 from tactopose_drake.core.tracking.contact_update import begin_modes
