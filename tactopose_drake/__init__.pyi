@@ -27,9 +27,9 @@ from .estimation.object_library import ObjectLibrary as ObjectLibrary
 from .estimation.pose_hypothesis import PoseHypothesis as PoseHypothesis
 from .estimation.prior import PosePrior as PosePrior
 from .estimation.results import PoseEstimate as PoseEstimate
-from .hand.felt_grasps import RecordedGrasp as RecordedGrasp
 from .hand.geometry import HandGeometry as HandGeometry
 from .hand.hand_calibration import CalibrationParams as CalibrationParams
 from .hand.hand_calibration import CalibrationResult as CalibrationResult
 from .hand.hand_calibration import calibrate_hand as calibrate_hand
+from .hand.recorded_grasps import RecordedGrasp as RecordedGrasp
 from .visualization.picture import save_picture as save_picture

@@ -16,7 +16,6 @@ from .contact_uncertainty import ContactUncertainty as ContactUncertainty
 from .encoder_offsets import EncoderGains as EncoderGains
 from .encoder_offsets import encoder_gains as encoder_gains
 from .felt_grasps import FeltGrasps as FeltGrasps
-from .felt_grasps import RecordedGrasp as RecordedGrasp
 from .findings import Finding as Finding
 from .fingertip_surfaces import CapsuleSurface as CapsuleSurface
 from .fingertip_surfaces import EllipsoidSurface as EllipsoidSurface
@@ -67,6 +66,7 @@ from .pad_calibration import patch_of as patch_of
 from .pad_calibration import simulate_presses as simulate_presses
 from .pad_calibration import tilt_errors as tilt_errors
 from .pad_uncertainty import PadUncertainty as PadUncertainty
+from .recorded_grasps import RecordedGrasp as RecordedGrasp
 from .tactile_pads import TactilePad as TactilePad
 from .tactile_pads import load_tactile_pad as load_tactile_pad
 from .touch_file import LoadedTouch as LoadedTouch

@@ -17,11 +17,11 @@ from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_gains import thicker
-from tactopose_drake.hand.felt_grasps import RecordedGrasp
 from tactopose_drake.hand.hand_errors import FingertipErrors, HandErrors
 from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
 from tactopose_drake.hand.joint_matrices import joint_offsets
 from tactopose_drake.hand.kinematics import HandKinematics
+from tactopose_drake.hand.recorded_grasps import RecordedGrasp
 from tactopose_drake.hand.shared_joints import shared_joints
 
 _POSTURES = 400  # of a finger, of which those near the object are taken

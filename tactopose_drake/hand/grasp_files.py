@@ -6,7 +6,7 @@ from pathlib import Path
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import finite_array
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
-from tactopose_drake.hand.felt_grasps import RecordedGrasp
+from tactopose_drake.hand.recorded_grasps import RecordedGrasp
 from tactopose_drake.resources import load_typed_yaml
 
 GRASP_ENDINGS = (".json", ".yaml", ".yml")

@@ -23,11 +23,12 @@ from tactopose_drake.core.validation import FloatArray, instance_of, params_of, 
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.calibration_file import HandCalibration, save_calibration
 from tactopose_drake.hand.calibration_report import calibration_of
-from tactopose_drake.hand.felt_grasps import FeltGrasps, RecordedGrasp, check_grasps, check_silence
+from tactopose_drake.hand.felt_grasps import FeltGrasps
 from tactopose_drake.hand.grasp_poses import PoseFit, PoseHunt, fit_poses
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_errors import HandErrors
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
+from tactopose_drake.hand.recorded_grasps import RecordedGrasp, check_grasps, check_silence
 
 _FEWEST = 3
 USED = 0.5

@@ -7,7 +7,7 @@ import numpy as np
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidFileError
-from tactopose_drake.hand.felt_grasps import RecordedGrasp
+from tactopose_drake.hand.recorded_grasps import RecordedGrasp
 from tactopose_drake.runs.recorded_senses import RecordedRun
 from tactopose_drake.systems.signals import Signal
 

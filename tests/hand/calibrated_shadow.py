@@ -6,11 +6,11 @@ import numpy as np
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.hand.closed_grasps import ClosedGrasp, ClosedGraspParams, GraspCloser
-from tactopose_drake.hand.felt_grasps import RecordedGrasp
 from tactopose_drake.hand.fingertip_surfaces import SkinLayer
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_errors import HandErrors
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
+from tactopose_drake.hand.recorded_grasps import RecordedGrasp
 
 SOFT = SkinLayer(thickness=0.002, stiffness=4000.0)
 UNCERTAINTY = HandUncertainty(

@@ -16,9 +16,10 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.calibration_file import load_calibration
 from tactopose_drake.hand.closed_grasps import ClosedGrasp, ClosedGraspParams
-from tactopose_drake.hand.felt_grasps import FeltGrasps, RecordedGrasp
+from tactopose_drake.hand.felt_grasps import FeltGrasps
 from tactopose_drake.hand.hand_calibration import CalibrationParams, CalibrationResult, calibrate_hand
 from tactopose_drake.hand.hand_config import HandUncertainty
+from tactopose_drake.hand.recorded_grasps import RecordedGrasp
 from tests.hand.calibrated_shadow import SOFT, UNCERTAINTY, WrongHand, shifted
 
 NOISE = ClosedGraspParams(noise_surface=0.0003, noise_normal_deg=1.5, noise_moment=0.00002, noise_force=0.004)
