@@ -7,8 +7,8 @@ simulation.
 import numpy as np
 
 from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.station.can_senses import CanBus
 from tactopose_drake.station.scenario import Scenario, load_scenario
-from tactopose_drake.station.senses import CanBus
 
 JOINT_POSITIONS = np.array([1.63849, 1.7677, 1.66046, 0.54615, 0.58922, 0.55347, 0.0007])  # as `barrett_joints.JOINTS`
 PRESSURES = 100.0 * np.array([

@@ -8,8 +8,8 @@ import numpy as np
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.prior import PosePrior
+from tactopose_drake.station.can_senses import CanBus, CanSenses, ForceTorqueBoard
 from tactopose_drake.station.scenario import Scenario, load_scenario
-from tactopose_drake.station.senses import CanBus, CanSenses, ForceTorqueBoard
 
 Q = np.array([
     -0.00335, -0.0, -0.18387, -0.20276, 0.83899, 0.83899, 0.23615, -0.17099, 0.84764, 0.84763, -0.23259, -0.21845,

@@ -17,8 +17,8 @@ from tactopose_drake.runs.monitor import Monitor, estimate_line, explained_estim
 from tactopose_drake.runs.page_recorder import PageRecorder
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.runs.stepping import Observer, Progress, RunView
+from tactopose_drake.station.message_channels import LcmSenses, Ros2Senses
 from tactopose_drake.station.scenario import Scenario, load_scenario, scenario_file
-from tactopose_drake.station.senses import LcmSenses, Ros2Senses
 
 _seconds = click.FloatRange(min=0.0, min_open=True)
 

@@ -21,9 +21,9 @@ from tactopose_drake.runs.simulated_devices import SimulatedRig, loads_of_files,
 from tactopose_drake.runs.simulation import BESIDE_DEVICES, TRUE_POSE, sense_ports
 from tactopose_drake.runs.stepping import Observer, Progress, RunView, advance
 from tactopose_drake.station.can_devices import CanDevices, check_drivers, live_buses
+from tactopose_drake.station.can_senses import CanSenses, SimulatedDevices
 from tactopose_drake.station.hardware import HardwareStation, check_barrett_pads, make_hardware_station
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses, SimulatedDevices
 from tactopose_drake.systems.signals import Signal
 
 _MOST_LATE = 0.25  # s, by which a run may fall behind the devices before that is said

@@ -15,8 +15,8 @@ from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix, joint_offsets
 from tactopose_drake.hand.named_joints import check_near_limits
+from tactopose_drake.station.can_senses import CanSenses, FixedJoints, JointFile
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses, FixedJoints, JointFile
 from tactopose_drake.systems.signals import Signal
 
 # A gap between two rows of joints is longer than this, s, and than so many of the file's usual steps.

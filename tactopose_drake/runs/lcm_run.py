@@ -6,8 +6,8 @@ from tactopose_drake.drivers.lcm_inbox import LcmInbox, open_lcm
 from tactopose_drake.runs.message_run import run_messages
 from tactopose_drake.runs.publishing import open_publisher
 from tactopose_drake.runs.stepping import Observer, Progress, RunView
+from tactopose_drake.station.message_channels import LcmSenses
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import LcmSenses
 
 
 def run_lcm(scenario: Scenario, duration: float | None, observer: Observer, tell: Progress) -> RunView:

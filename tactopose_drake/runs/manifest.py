@@ -15,8 +15,9 @@ from tactopose_drake.core.validation import FloatArray, finite_array, positive_n
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.resources import load_typed_yaml, read_yaml
 from tactopose_drake.resources.yaml_files import bare
+from tactopose_drake.station.can_senses import CanSenses
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses, RecordedSenses
+from tactopose_drake.station.senses import RecordedSenses
 
 MANIFEST, SIGNALS, ESTIMATES = "manifest.yaml", "signals.jsonl", "estimates.jsonl"
 _FORMAT = 1

@@ -7,8 +7,8 @@ from tactopose_drake.drivers.lcm_messages import ObjectBeliefMessage
 from tactopose_drake.runs.message_run import Publisher
 from tactopose_drake.runs.ros2_publisher import Ros2Publisher
 from tactopose_drake.runs.stepping import Observer, RunView
+from tactopose_drake.station.message_channels import LcmPublishing, Ros2Publishing
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import LcmPublishing, Ros2Publishing
 from tactopose_drake.systems.lcm_belief import belief_message
 
 

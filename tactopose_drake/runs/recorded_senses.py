@@ -19,8 +19,8 @@ from tactopose_drake.runs.manifest import ESTIMATES, MANIFEST, SIGNALS, Manifest
 from tactopose_drake.runs.scenario_replay import as_recorded, have_ended, logged_devices, missing_signals
 from tactopose_drake.runs.simulation import BESIDE_DEVICES, sense_ports
 from tactopose_drake.runs.stepping import advance
+from tactopose_drake.station.can_senses import CanSenses
 from tactopose_drake.station.hardware import make_hardware_station
-from tactopose_drake.station.senses import CanSenses
 from tactopose_drake.systems.signals import Signal, SignalRecorder, read_signals
 
 _STEP = 0.1  # s, after which a log is asked whether it has ended

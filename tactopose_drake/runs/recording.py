@@ -12,8 +12,8 @@ from tactopose_drake.drivers.can_recorder import CanRecorder
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.runs.estimate_writer import EstimateWriter
 from tactopose_drake.runs.manifest import ESTIMATES, MANIFEST, SIGNALS, prepare_folder, save_manifest
+from tactopose_drake.station.can_senses import CanSenses
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses
 from tactopose_drake.systems.signals import SignalRecorder, Value
 
 

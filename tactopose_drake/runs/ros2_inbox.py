@@ -17,7 +17,7 @@ from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectPoseMe
 from tactopose_drake.drivers.ros2_link import Ros2Link, seconds_of
 from tactopose_drake.drivers.waiting_pictures import WaitingPictures
 from tactopose_drake.runs.ros2_poses import increment_covariance
-from tactopose_drake.station.senses import Ros2Senses
+from tactopose_drake.station.message_channels import Ros2Senses
 
 _BACK = 1.0  # s that a stamp may be older than the one before; beyond, the sender's clock began anew
 

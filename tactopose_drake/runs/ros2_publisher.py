@@ -10,7 +10,7 @@ from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
 from tactopose_drake.drivers.lcm_messages import ObjectBeliefMessage
 from tactopose_drake.drivers.ros2_link import Ros2Link, stamp_of
 from tactopose_drake.runs.ros2_poses import ros_covariance, ros_pose, ros_xyz
-from tactopose_drake.station.senses import Ros2Publishing
+from tactopose_drake.station.message_channels import Ros2Publishing
 
 _MESH_RESOURCE, _ADD, _DELETE = 10, 0, 2  # of visualization_msgs/Marker
 _COLOUR = {"r": 0.85, "g": 0.55, "b": 0.25}

@@ -5,8 +5,8 @@ from tactopose_drake.runs.message_run import run_messages
 from tactopose_drake.runs.publishing import open_publisher
 from tactopose_drake.runs.ros2_inbox import Ros2Inbox
 from tactopose_drake.runs.stepping import Observer, Progress, RunView
+from tactopose_drake.station.message_channels import Ros2Senses
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import Ros2Senses
 
 
 def run_ros2(scenario: Scenario, duration: float | None, observer: Observer, tell: Progress) -> RunView:

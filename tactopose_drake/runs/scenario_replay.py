@@ -21,9 +21,9 @@ from tactopose_drake.runs.replay_comparison import ReplayComparison
 from tactopose_drake.runs.simulation import TRUE_POSE
 from tactopose_drake.runs.stepping import Observer, Progress, RunView, advance
 from tactopose_drake.station.can_devices import CanDevices, logged_buses
+from tactopose_drake.station.can_senses import CanSenses, JointPort, SimulatedDevices
 from tactopose_drake.station.hardware import HardwareStation, make_hardware_station
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses, JointPort, SimulatedDevices
 from tactopose_drake.systems.signals import Signal, read_signals
 
 _LONGEST_SILENCE = 60.0  # s, from the beginning of a run to the first frame

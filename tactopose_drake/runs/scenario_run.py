@@ -16,14 +16,10 @@ from tactopose_drake.runs.ros2_run import run_ros2
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.simulation import start_simulation
 from tactopose_drake.runs.stepping import Observer, Progress, RunView, advance
+from tactopose_drake.station.can_senses import CanSenses, SimulatedDevices
+from tactopose_drake.station.message_channels import LcmSenses, Ros2Senses
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import (
-    CanSenses,
-    LcmSenses,
-    RecordedSenses,
-    Ros2Senses,
-    SimulatedDevices,
-)
+from tactopose_drake.station.senses import RecordedSenses
 from tactopose_drake.station.simulated import check_bodies, make_station
 
 # Senses that are messages: what runs them, over what, and what records them.

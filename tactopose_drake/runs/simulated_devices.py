@@ -19,8 +19,8 @@ from tactopose_drake.errors import BusError
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.resources import fixed_pose
+from tactopose_drake.station.can_senses import CanSenses
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses
 from tactopose_drake.systems.can_barrett_hand import PADS
 from tactopose_drake.systems.signals import Signal
 

@@ -18,7 +18,7 @@ from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.drivers.netcanoem_protocol import CALIBRATIONS, ForceUnit, TorqueUnit
 from tactopose_drake.drivers.replay_bus import open_log
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.station.senses import BarrettPucks, CanSenses, ForceTorqueBoard
+from tactopose_drake.station.can_senses import BarrettPucks, CanSenses, ForceTorqueBoard
 
 # What python-can's buses are opened with in any case, by its new names and old; a filter would hide drivers' frames.
 _NO_OPTIONS = (

@@ -19,8 +19,8 @@ from tactopose_drake.hand.joint_matrices import joint_matrix, joint_offsets
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.can_devices import CanDevices
+from tactopose_drake.station.can_senses import CanSenses
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanSenses
 from tactopose_drake.station.tracking import add_tracking
 from tactopose_drake.systems.can_barrett_hand import PADS, CanBarrettHand
 from tactopose_drake.systems.can_force_torque import CanForceTorque

@@ -18,19 +18,11 @@ from tactopose_drake.estimation.simulated_body import read_mass
 from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import drawn_pose, fixed_pose, load_typed_yaml, model_path, named_file, resource_root
+from tactopose_drake.station.can_senses import CanSenses, SimulatedDevices
+from tactopose_drake.station.message_channels import LcmPublishing, LcmSenses, Ros2Publishing, Ros2Senses, check_apart
 from tactopose_drake.station.scenario_limits import check_limits, check_plant
 from tactopose_drake.station.scenario_paths import count_paths_from
-from tactopose_drake.station.senses import (
-    CanSenses,
-    LcmPublishing,
-    LcmSenses,
-    RecordedSenses,
-    Ros2Publishing,
-    Ros2Senses,
-    SimulatedDevices,
-    SimulatedSenses,
-    check_apart,
-)
+from tactopose_drake.station.senses import RecordedSenses, SimulatedSenses
 from tactopose_drake.station.simulated_errors import SimulatedErrors
 from tactopose_drake.systems.depth_tracker import DepthTrackerParams
 from tactopose_drake.systems.force_torque_sensor import load_force_torque_model

@@ -4,7 +4,9 @@ import os
 from pathlib import Path
 from typing import Any
 
-from tactopose_drake.station.senses import CanSenses, JointFile, RecordedSenses, Ros2Publishing, Ros2Senses
+from tactopose_drake.station.can_senses import CanSenses, JointFile
+from tactopose_drake.station.message_channels import Ros2Publishing, Ros2Senses
+from tactopose_drake.station.senses import RecordedSenses
 
 
 def count_paths_from(folder: Path, scenario: Any) -> None:

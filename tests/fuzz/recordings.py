@@ -20,8 +20,8 @@ from tactopose_drake.runs import scenario_replay
 from tactopose_drake.runs.manifest import MANIFEST, SIGNALS
 from tactopose_drake.station import scenario as scenarios
 from tactopose_drake.station.can_devices import CanDevices
+from tactopose_drake.station.can_senses import CanBus, CanSenses, ForceTorqueBoard
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.senses import CanBus, CanSenses, ForceTorqueBoard
 from tactopose_drake.systems.force_torque_sensor import load_force_torque_model
 from tactopose_drake.systems.signals import SignalRecorder
 from tests.fuzz.file_damage import damage, damage_bytes

@@ -22,8 +22,8 @@ from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.runs.estimate_writer import EstimateWriter
 from tactopose_drake.runs.manifest import ESTIMATES, SIGNALS, load_manifest, save_manifest
 from tactopose_drake.runs.scenario_replay import replay
+from tactopose_drake.station.can_senses import CanBus, CanSenses, ForceTorqueBoard
 from tactopose_drake.station.scenario import Scenario, load_scenario
-from tactopose_drake.station.senses import CanBus, CanSenses, ForceTorqueBoard
 from tactopose_drake.systems.signals import SignalRecorder
 
 

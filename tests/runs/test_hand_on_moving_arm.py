@@ -16,8 +16,8 @@ from tactopose_drake.runs.mcap_export import write_mcap
 from tactopose_drake.runs.recorded_senses import read_recording
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.scenario_run import run_scenario
+from tactopose_drake.station.can_senses import SimulatedDevices
 from tactopose_drake.station.scenario import Scenario, load_scenario
-from tactopose_drake.station.senses import SimulatedDevices
 from tests import held_cube
 from tests.runs.cube_grasp import write_grasp
 from tests.runs.test_export import messages

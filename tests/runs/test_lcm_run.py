@@ -22,8 +22,8 @@ from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.runs.stepping import RunView
+from tactopose_drake.station.message_channels import LcmPublishing, LcmSenses
 from tactopose_drake.station.scenario import Scenario, load_scenario
-from tactopose_drake.station.senses import LcmPublishing, LcmSenses
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tests import held_cube
 

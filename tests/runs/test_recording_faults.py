@@ -11,8 +11,8 @@ from tactopose_drake.drivers.can_recorder import CanRecorder
 from tactopose_drake.errors import BusError, InvalidInputError
 from tactopose_drake.runs.recording import Recording
 from tactopose_drake.runs.scenario_run import run_scenario
+from tactopose_drake.station.can_senses import CanBus, CanSenses, FixedJoints, ForceTorqueBoard
 from tactopose_drake.station.scenario import Scenario, load_scenario
-from tactopose_drake.station.senses import CanBus, CanSenses, FixedJoints, ForceTorqueBoard
 from tactopose_drake.systems.line_file import LineFile
 
 FULL = Path("/dev/full")  # Linux' own: every write finds no space left

@@ -10,8 +10,8 @@ from tactopose_drake.runs.device_run import check_devices
 from tactopose_drake.runs.manifest import load_manifest
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.scenario_run import run_scenario
+from tactopose_drake.station.can_senses import FixedJoints
 from tactopose_drake.station.scenario import load_scenario
-from tactopose_drake.station.senses import FixedJoints
 from tests.cli.test_cli import run as tactopose
 from tests.runs.stations import bus_threads
 

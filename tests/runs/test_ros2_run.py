@@ -22,8 +22,8 @@ from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.runs.ros2_inbox import Ros2Inbox
 from tactopose_drake.runs.ros2_poses import increment_covariance, ros_covariance, ros_pose
 from tactopose_drake.runs.scenario_run import run_scenario
+from tactopose_drake.station.message_channels import Ros2Publishing, Ros2Senses
 from tactopose_drake.station.scenario import Scenario, load_scenario
-from tactopose_drake.station.senses import Ros2Publishing, Ros2Senses
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tests import held_cube
 

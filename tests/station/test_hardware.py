@@ -32,9 +32,10 @@ from tactopose_drake.runs.manifest import Manifest
 from tactopose_drake.runs.scenario_replay import as_recorded, replay
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.station.can_devices import CanDevices, live_buses
+from tactopose_drake.station.can_senses import CanBus, FixedJoints, JointFile, SimulatedDevices
 from tactopose_drake.station.hardware import make_hardware_station
 from tactopose_drake.station.scenario import Scenario, load_scenario
-from tactopose_drake.station.senses import CanBus, FixedJoints, JointFile, SimulatedDevices, SimulatedSenses
+from tactopose_drake.station.senses import SimulatedSenses
 from tactopose_drake.station.simulated import make_station
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tactopose_drake.systems.signals import Signal

@@ -11,8 +11,10 @@ from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import model_path
 from tactopose_drake.station.arms.arm import load_arm_config
+from tactopose_drake.station.can_senses import CanSenses, JointFile
+from tactopose_drake.station.message_channels import Ros2Publishing, Ros2Senses
 from tactopose_drake.station.scenario import Scenario, load_scenario
-from tactopose_drake.station.senses import CanSenses, JointFile, RecordedSenses, Ros2Publishing, Ros2Senses
+from tactopose_drake.station.senses import RecordedSenses
 from tactopose_drake.station.simulated import make_station
 from tests.hand.grippers import YAML, write_gripper
 
