@@ -15,9 +15,9 @@ from pydrake.math import RigidTransform
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.demo_run import DemoResult, earlier_results, prepare_demo, run_demo, save_demo
 from tactopose_drake.cli.demo_scenario import demo_scenario
+from tactopose_drake.cli.estimate_tables import fingers_table, pads_table, poses_table
 from tactopose_drake.cli.hand_name import HAND, HAND_HELP
 from tactopose_drake.cli.path_type import PATH
-from tactopose_drake.cli.reports import fingers_table, pads_table, poses_table
 from tactopose_drake.estimation.descriptions import free_line, sigma_line, status_line
 from tactopose_drake.runs.grasp_simulation import GraspResult
 from tactopose_drake.station.simulated import check_bodies

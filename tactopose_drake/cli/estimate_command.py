@@ -10,9 +10,9 @@ import numpy as np
 
 from tactopose_drake import hand, visualization
 from tactopose_drake.cli.consoles import ERRORS, OUT, print_written
+from tactopose_drake.cli.estimate_tables import hypotheses_table
 from tactopose_drake.cli.hand_name import HAND, HAND_HELP
 from tactopose_drake.cli.path_type import PATH
-from tactopose_drake.cli.reports import hypotheses_table
 from tactopose_drake.cli.symmetry_option import SYMMETRY_HELP, parse_symmetries
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.mesh.repair import MeshRepairWarning

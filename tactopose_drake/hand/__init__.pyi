@@ -1,7 +1,7 @@
 from .calibration_file import HandCalibration as HandCalibration
 from .calibration_file import load_calibration as load_calibration
 from .calibration_file import save_calibration as save_calibration
-from .calibration_report import calibration_of as calibration_of
+from .calibration_from_errors import calibration_of as calibration_of
 from .closed_grasps import ClosedGrasp as ClosedGrasp
 from .closed_grasps import ClosedGraspParams as ClosedGraspParams
 from .closed_grasps import GraspCloser as GraspCloser

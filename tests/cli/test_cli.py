@@ -14,7 +14,7 @@ from pydrake.math import RigidTransform
 from rich.console import Console
 
 from tactopose_drake.cli import main as cli
-from tactopose_drake.cli.reports import hypotheses_table
+from tactopose_drake.cli.estimate_tables import hypotheses_table
 from tactopose_drake.core.poses import increments_between, make_poses, quaternion_from_matrix, retract
 from tactopose_drake.core.poses import matrix_from_quaternion as rotation
 from tactopose_drake.core.shape.object_model import ObjectModel

@@ -17,7 +17,7 @@ from tactopose_drake.hand.calibration_file import (
     load_calibration,
     save_calibration,
 )
-from tactopose_drake.hand.calibration_report import calibration_of
+from tactopose_drake.hand.calibration_from_errors import calibration_of
 from tactopose_drake.hand.closed_grasps import ClosedGrasp
 from tactopose_drake.hand.hand_check import check_hand
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config

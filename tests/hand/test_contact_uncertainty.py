@@ -12,7 +12,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import exp_so3, log_so3
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solve_contact, solve_contacts
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.calibration_report import calibration_of
+from tactopose_drake.hand.calibration_from_errors import calibration_of
 from tactopose_drake.hand.contact_gains import contact_gains, thicker
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas
