@@ -73,14 +73,16 @@ def _order(plant: MultibodyPlant, hand: Hand, finger: FingerConfig) -> tuple[str
 
 
 def _rest(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
-    for name, position in hand.config.rest_positions.items():
-        joint = plant.GetJointByName(name, hand.model_instance)
+    said = hand.config.rest_positions
+    for name in dict.fromkeys(name for finger in hand.config.fingers for name in finger.joints):
+        joint, position = plant.GetJointByName(name, hand.model_instance), said.get(name, 0.0)
         low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
-        if not low - _ROUNDING <= position <= high + _ROUNDING:
-            text = (
-                f"`rest_positions` has {name!r} at {position:g}, beyond its limits; allowed is {low:.3g} to {high:.3g}"
-            )
-            yield Finding("joints", text, "fault")
+        if low - _ROUNDING <= position <= high + _ROUNDING:
+            continue
+        verdict: Verdict = "fault" if name in said else "note"
+        what = f"has {name!r} at" if name in said else f"lacks {name!r}, which rests at"
+        text = f"`rest_positions` {what} {position:g}, beyond its limits; allowed is {low:.3g} to {high:.3g}"
+        yield Finding("joints", text, verdict)
 
 
 def _shared(hand: Hand) -> Iterator[Finding]:

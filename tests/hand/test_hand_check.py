@@ -61,6 +61,19 @@ def test_what_is_wrong_is_named(tmp_path: Path, right: str, wrong: str, part: st
     assert any(fault.part == part and text in fault.text for fault in check.faults), check.faults
 
 
+def test_a_joint_that_cannot_be_at_zero_where_it_would_rest_is_told(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    model.write_text(model.read_text().replace('lower="0" upper="0.045"', 'lower="0.01" upper="0.045"'))
+    told = {text for verdict, text in verdicts(check_hand(path), "joints") if verdict == "note"}
+    assert told == {
+        f"`rest_positions` lacks '{side}_slide', which rests at 0, beyond its limits; allowed is 0.01 to 0.045"
+        for side in ("left", "right")
+    }
+    path.write_text(YAML + "rest_positions: {left_slide: 0.01, right_slide: 0.02}\n")
+    assert {verdict for verdict, _ in verdicts(check_hand(path), "joints")} == {"ok"}
+
+
 def test_a_model_in_other_units_is_told(tmp_path: Path) -> None:
     path = write_bending_gripper(tmp_path, 2)
     assert ("ok", "joint limits: f0_j0 -0.6 to 1.4 rad, f0_j1 -0.6 to 1.4 rad") in verdicts(
