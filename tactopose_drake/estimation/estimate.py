@@ -1,8 +1,10 @@
 """The one call: from touch to ranked hypotheses of the object's pose."""
 
+import inspect
 import math
 import time
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +28,7 @@ from tactopose_drake.core.posterior.plausibility import explain_with_doubt, is_a
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
 from tactopose_drake.core.searches.doubt import search_with_doubt
-from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
+from tactopose_drake.core.searches.pose_problem import PoseProblem, check_mass, make_problem
 from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.free_spin import turn_alike
@@ -102,16 +104,28 @@ def estimate_pose(
             metres, or whose forces are of the wrong sign (see `check_contacts`); balance or friction without forces, or
             balance of an object whose mass is not known or whose centre of mass is moved by its symmetries.
     """
-    limit = math.inf if time_limit is None else positive_number("time_limit", time_limit)
-    _check_question(model, contacts, method, prior)
-    seed, limited = whole_number("seed", seed, least=0), whole_number("max_hypotheses", max_hypotheses, least=1)
+    asked = _asked(
+        model,
+        contacts,
+        patches,
+        prior,
+        hand,
+        method,
+        seed,
+        max_hypotheses,
+        untouched,
+        balance,
+        friction,
+        time_limit,
+        outlier_probability,
+        planes,
+    )
     near = prior_of_middle(prior, model.middle) if prior is not None and has_far_origin(model) else prior
     felt = with_shape_errors(model, contacts)
-    evidence = Evidence(felt, near, hand, untouched, balance, friction, patches, outlier_probability, planes, SCEPTICAL)
-    if evidence.outlier_probability == 0.0:
-        evidence = copied(evidence, doubt=USUAL)
-    _check_touch(evidence, model.size)
-    found = with_near_origin(model, lambda each: weigh_poses(each, evidence, method, seed, limited, limit))
+    evidence = asked.evidence.with_parts(felt, near)
+    found = with_near_origin(
+        model, lambda each: weigh_poses(each, evidence, method, asked.seed, asked.max_hypotheses, asked.time_limit)
+    )
     return copied(
         found,
         log_evidence=found.log_evidence - log_dilution(contacts, felt),
@@ -119,7 +133,62 @@ def estimate_pose(
     )
 
 
-def _check_question(model: ObjectModel, contacts: Contacts, method: str, prior: PosePrior | None) -> None:
+def check_question(model: ObjectModel, contacts: Contacts, **options: Any) -> None:
+    """Raises what `estimate_pose` raises of such arguments before it searches.
+
+    Raises:
+        TypeError: an option that `estimate_pose` does not have.
+    """
+    given = _SIGNATURE.bind(model, contacts, **options)
+    given.apply_defaults()
+    _asked(**given.arguments)
+
+
+_SIGNATURE = inspect.signature(estimate_pose)
+
+
+class _Asked(NamedTuple):
+    """Arguments of `estimate_pose` that were checked, and those of the evidence together."""
+
+    evidence: Evidence
+    seed: int
+    max_hypotheses: int
+    time_limit: float
+
+
+def _asked(
+    model: ObjectModel,
+    contacts: Contacts,
+    patches: Sequence[Patch],
+    prior: PosePrior | None,
+    hand: HandGeometry | None,
+    method: str,
+    seed: int,
+    max_hypotheses: int,
+    untouched: HandGeometry | None,
+    balance: ForceBalance | None,
+    friction: float | None,
+    time_limit: float | None,
+    outlier_probability: float,
+    planes: Sequence[PlaneContact],
+) -> _Asked:
+    limit = math.inf if time_limit is None else positive_number("time_limit", time_limit)
+    _check_kinds(model, contacts, method, prior)
+    seed, most = whole_number("seed", seed, least=0), whole_number("max_hypotheses", max_hypotheses, least=1)
+    evidence = Evidence(
+        contacts, prior, hand, untouched, balance, friction, patches, outlier_probability, planes, SCEPTICAL
+    )
+    if evidence.outlier_probability == 0.0:
+        evidence = copied(evidence, doubt=USUAL)
+    if len(evidence.touch) < 1:
+        raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
+    check_contacts(evidence, model.size)
+    if balance is not None:
+        check_mass(model)
+    return _Asked(evidence, seed, most, limit)
+
+
+def _check_kinds(model: ObjectModel, contacts: Contacts, method: str, prior: PosePrior | None) -> None:
     known_name("method", method, METHODS)
     instance_of("model", model, ObjectModel)
     instance_of("contacts", contacts, Contacts)
@@ -130,12 +199,6 @@ def _check_question(model: ObjectModel, contacts: Contacts, method: str, prior: 
         raise InvalidInputError(
             f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."
         )
-
-
-def _check_touch(evidence: Evidence, size: float) -> None:
-    if len(evidence.touch) < 1:
-        raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
-    check_contacts(evidence, size)
 
 
 def weigh_poses(

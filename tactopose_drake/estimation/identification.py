@@ -38,7 +38,7 @@ from tactopose_drake.core.validation import instance_of, positive_number, shown,
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 from tactopose_drake.estimation.contact_checks import check_contacts
 from tactopose_drake.estimation.estimate import weigh_poses
-from tactopose_drake.estimation.executors import handing_over
+from tactopose_drake.estimation.executors import handing_over, taking_back
 from tactopose_drake.estimation.far_origins import with_near_origin
 from tactopose_drake.estimation.identities import Identification, Identity
 from tactopose_drake.estimation.object_library import LibraryObject, ObjectLibrary
@@ -92,7 +92,8 @@ def identify(
         TooFewContactsError: no contact, and no patch that is felt.
         UnknownNameError: a likelihood that does not exist.
         InvalidInputError: no object, or one that is no `ObjectModel`; `candidates` or `max_hypotheses` below 1; a seed
-            below 0; a prior that is no probability; patches that are none; a touch not in metres; a shut executor.
+            below 0; a prior that is no probability; patches that are none; a touch not in metres; an executor that is
+            shut down, or loses its workers.
     """
     started = time.perf_counter()
     likelihood = check_likelihood("likelihood", likelihood)
@@ -163,7 +164,9 @@ def _runner(executor: Executor | None) -> Callable[..., Any]:
 
     def run(work: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
         with handing_over():
-            return executor.map(work, items)
+            found = executor.map(work, items)
+        with taking_back():
+            yield from found
 
     return run
 

@@ -3,7 +3,7 @@
 import contextlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from numbers import Integral
 from typing import Any
 
@@ -15,8 +15,8 @@ from tactopose_drake.core.kernel_library import make_kernels_ready
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, shown, whole_number
 from tactopose_drake.errors import InvalidInputError, TactoposeError
-from tactopose_drake.estimation.estimate import estimate_pose
-from tactopose_drake.estimation.executors import handing_over
+from tactopose_drake.estimation.estimate import check_question, estimate_pose
+from tactopose_drake.estimation.executors import as_done, handing_over
 from tactopose_drake.estimation.pickling import Sealed
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
@@ -53,9 +53,9 @@ def estimate_poses(
 
     Raises:
         InvalidInputError: models, priors or seeds of another number than the touches, or of another type; `prior`
-            among the options; an executor that is shut down.
-        TactoposeError: what `estimate_pose` raises of one of the touches, with a note of which one; work that is not
-            begun yet is dropped.
+            among the options; an executor that is shut down, or loses its workers, before all is done.
+        TactoposeError: what `estimate_pose` raises of one of the touches, with a note of which one: of its arguments
+            before any work, else when it comes to it; work that is not begun yet is dropped.
     """
     if isinstance(contacts, Contacts):
         raise InvalidInputError("contacts: are of one touch; allowed is a sequence of Contacts, one for each touch.")
@@ -78,6 +78,8 @@ def estimate_poses(
         if before[i] is not None and not isinstance(before[i], GaussianPrior):
             instance_of(f"priors[{i}]", before[i], PosePrior)
         seeds[i] = whole_number(f"seed[{i}]", seeds[i], least=0)
+        with _told_of(i):
+            check_question(of[i], contacts[i], prior=before[i], seed=seeds[i], **options)
     make_kernels_ready()  # Threads that meet a type for the first time at once may each get their own from numba.
     estimates: dict[int, PoseEstimate] = {}
     with contextlib.ExitStack() as stack:
@@ -91,8 +93,8 @@ def estimate_poses(
             futures[future] = part
         done = 0
         try:
-            for future in as_completed(futures):
-                estimates.update(zip(futures[future], future.result(), strict=True))
+            for future, found in as_done(futures):
+                estimates.update(zip(futures[future], found, strict=True))
                 done += len(futures[future])
                 if on_progress is not None:
                     on_progress(done, len(contacts))
@@ -135,9 +137,16 @@ def _estimate_some(
     """The estimates of some touches of one object; maybe in another process."""
     estimates = []
     for i, contacts, own in touches.value:
-        try:
+        with _told_of(i):
             estimates.append(estimate_pose(model.value, contacts, **own, **options.value))
-        except TactoposeError as error:
-            error.add_note(f"This is of contacts[{i}].")
-            raise
     return estimates
+
+
+@contextlib.contextmanager
+def _told_of(i: int) -> Iterator[None]:
+    """Notes at an error of which touch it is."""
+    try:
+        yield
+    except TactoposeError as error:
+        error.add_note(f"This is of contacts[{i}].")
+        raise

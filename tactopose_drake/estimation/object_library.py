@@ -11,7 +11,7 @@ import dataclasses
 import functools
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, as_completed
+from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,7 +25,7 @@ from tactopose_drake.core.shape.model_building import file_content
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import path_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
-from tactopose_drake.estimation.executors import handing_over
+from tactopose_drake.estimation.executors import as_done, handing_over
 from tactopose_drake.estimation.library_files import LibraryEntry, SkippedObject, make_symmetries, read_library
 
 MAX_GRID_BYTES = 2 * 2**20
@@ -95,7 +95,7 @@ class ObjectLibrary:
 
         Raises:
             InvalidFileError: no such folder or file, a manifest that does not fit, or no object that can be used.
-            InvalidInputError: what is no path, or an executor that is shut down.
+            InvalidInputError: what is no path, or an executor that is shut down, or loses its workers.
 
         Warns:
             LibraryWarning: for each object that is left out; where the cache on disk holds fewer objects.
@@ -157,8 +157,8 @@ def _index_all(entries: list[LibraryEntry], executor: Executor | None) -> Iterat
             executor.submit(_index, entry): entry for entry in missing
         }
     try:
-        for future in as_completed(futures):
-            yield futures[future], future.result()
+        for future, outcome in as_done(futures):
+            yield futures[future], outcome
     finally:
         for future in futures:
             future.cancel()

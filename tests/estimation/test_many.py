@@ -2,9 +2,13 @@
 
 import dataclasses
 import math
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -95,6 +99,59 @@ def test_an_executor_that_is_shut_down_is_refused(box: tp.ObjectModel) -> None:
         tp.estimate_poses(box, contacts, executor=executor)
 
 
+class Fallen(Executor):
+    """Takes work and does not do it."""
+
+    def __init__(self, fall: Callable[[Future[Any]], object]) -> None:
+        self._fall = fall
+
+    def submit(self, *_: Any, **__: Any) -> Future[Any]:
+        """A future that falls."""
+        future: Future[Any] = Future()
+        self._fall(future)
+        return future
+
+
+@pytest.mark.parametrize(
+    ("fall", "message"),
+    [
+        (lambda future: future.cancel(), r"^executor: was shut down before the work was done"),
+        (lambda future: future.set_exception(BrokenProcessPool("killed")), r"^executor: has lost its workers .*killed"),
+    ],
+    ids=["shut down", "dead workers"],
+)
+def test_an_executor_that_ends_amid_the_work_is_named(
+    box: tp.ObjectModel,
+    fall: Callable[[Future[Any]], object],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    contacts, _ = touches([box] * 3)
+    create.box([0.05, 0.08, 0.12]).export(tmp_path / "box.stl")
+    with pytest.raises(InvalidInputError, match=message):
+        tp.estimate_poses(box, contacts, executor=Fallen(fall))
+    with pytest.raises(InvalidInputError, match=message):
+        tp.identify([box], contacts[0], executor=Fallen(fall))
+    monkeypatch.setenv("TACTOPOSE_CACHE_DIR", str(tmp_path / "cache"))
+    with pytest.raises(InvalidInputError, match=message):
+        tp.ObjectLibrary.open(tmp_path, executor=Fallen(fall))
+
+
+def test_an_executor_that_is_shut_down_amid_the_work_ends_it(box: tp.ObjectModel) -> None:
+    contacts, _ = touches([box] * 2)
+    executor = ThreadPoolExecutor(1)
+    busy = threading.Event()
+    executor.submit(busy.wait)
+    shutting = threading.Timer(0.1, executor.shutdown, kwargs={"wait": False, "cancel_futures": True})
+    shutting.start()
+    try:
+        with pytest.raises(InvalidInputError, match="executor: was shut down before the work was done"):
+            tp.estimate_poses(box, contacts, executor=executor)
+    finally:
+        busy.set()
+
+
 def test_kernels_are_ready_before_threads_begin(box: tp.ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
     events: list[str] = []
     monkeypatch.setattr(many, "make_kernels_ready", lambda: events.append("kernels"))
@@ -146,6 +203,7 @@ def test_numpys_integers_are_seeds(box: tp.ObjectModel) -> None:
 
 def test_what_cannot_be_is_named_before_any_work(box: tp.ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
     contacts, _ = touches([box] * 3)
+    forced = [tp.Contacts(each.p_PC, each.n_PC, each.n_PC) for each in contacts]
     monkeypatch.setattr(many, "make_kernels_ready", lambda: pytest.fail("work has begun"))
     for arguments, message in (
         ({"contacts": np.array(0.5)}, r"contacts: is array\(0.5\); allowed is a sequence of Contacts"),
@@ -161,9 +219,18 @@ def test_what_cannot_be_is_named_before_any_work(box: tp.ObjectModel, monkeypatc
         ({"seed": -1}, r"seed\[0\]: is -1; allowed are integers >= 0"),
         ({"priors": [None, 0.1, None]}, r"priors\[1\]: is a float; allowed is a PosePrior"),
         ({"on_progress": 3}, "on_progress: is a int; allowed is a Callable"),
+        ({"contacts": [*contacts[:2], contacts[2][:0]]}, "contacts: there are 0; the estimate needs at least 1"),
+        ({"method": "guess"}, "method: 'guess' is unknown"),
+        ({"method": "gradient_descent"}, "prior: is None; the method 'gradient_descent' starts from one"),
+        ({"patches": [()] * 3}, r"patches\[0\]: is a tuple; allowed is a Patch"),
+        ({"max_hypotheses": 0}, "max_hypotheses: is 0; allowed are integers >= 1"),
+        ({"friction": 0.5}, "contacts: have no forces; friction needs them"),
+        ({"contacts": forced, "balance": tp.ForceBalance([0.0, 0.0, -9.81])}, "model: the mass of .* is not known"),
     ):
         with pytest.raises(InvalidInputError, match=message):
             tp.estimate_poses(**({"models": box, "contacts": contacts} | arguments))  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="unexpected keyword argument 'methods'"):
+        tp.estimate_poses(box, contacts, methods="direct")
 
 
 def test_seeds_may_be_an_array(box: tp.ObjectModel) -> None:
