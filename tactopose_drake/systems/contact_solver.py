@@ -43,7 +43,7 @@ class ContactSolver(CollectableSystem):
 
     - wrench_<finger>: one per finger, F_S = [m_x, m_y, m_z, f_x, f_y, f_z] that the environment exerts on the
       fingertip, about the origin of S, in S, N m and N. NaN where the sensor has no reading; may stay unconnected
-      where a finger has no sensor, which counts as no reading.
+      where a finger has no sensor, which counts as no reading, and is said.
     - contact_solutions: dict of `ContactSolution` in S by finger, all fingers; changes with the wrenches. A finger
       without a reading or a contact has `valid` False and the reason.
     """
@@ -84,5 +84,6 @@ class ContactSolver(CollectableSystem):
         output.set_value({finger: self._solve(context, finger, port) for finger, port in self._wrenches.items()})
 
     def _solve(self, context: Context, finger: str, port: InputPort) -> ContactSolution:
-        wrench = port.Eval(context) - self._biases.get(finger, 0.0) if port.HasValue(context) else _NO_READING
-        return self._solvers[finger].solve(wrench)
+        if not port.HasValue(context):
+            return dataclasses.replace(self._solvers[finger].solve(_NO_READING), reason="no wrench is connected")
+        return self._solvers[finger].solve(port.Eval(context) - self._biases.get(finger, 0.0))

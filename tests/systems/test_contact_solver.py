@@ -80,7 +80,8 @@ def test_a_finger_without_a_sensor_is_one_without_a_reading() -> None:
     good = push(np.array([0, 0, 0.029]), np.array([0, 0, -1.0]))
     solutions = solve({"thumb": good})
     assert not solutions["first"].valid
-    assert "not finite" in solutions["first"].reason
+    assert not solutions["first"].is_untouched
+    assert solutions["first"].reason == "no wrench is connected"
     assert solutions["thumb"].valid
 
 
