@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,6 +16,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
+from tactopose_drake.core.poses import log_so3
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import FASTEST, Frame, PoseMeasurement
@@ -27,6 +29,9 @@ from tactopose_drake.systems.ports import eval_items, eval_optional_input, port_
 
 # Noise moves a reading that is alive within less than this, s.
 _FROZEN = 0.5
+# No hand is carried as fast, m/s and rad/s, over so many seconds or more: of a palm that is, its frame or the world's
+# has jumped.
+_FASTEST_PALM, _FASTEST_TURN, _SHORTEST = 10.0, 30.0, 0.02
 _ROUNDING = 1e-12  # by which the size of a force differs, relatively, that is turned with its fingertip
 
 
@@ -42,12 +47,14 @@ class Remembered:
     Attributes:
         seen: the prior that vision said last; None before the first.
         prior: that which was news, as a measurement of then.
+        palm: X_WP where it was known, shape (3, 4), and when, s; None before.
         felt: what each finger or pad felt, and since when, s, by its name: the size of a force, shape (1,), N, which no
             motion of the joints changes, or where there is none the point, shape (3,), m.
     """
 
     seen: PosePrior | None = None
     prior: PoseMeasurement | None = None
+    palm: tuple[FloatArray, float] | None = None
     felt: Mapping[str, tuple[FloatArray, float]] = dataclasses.field(default_factory=dict)
 
     def __deepcopy__(self, memo: Any) -> Remembered:
@@ -94,6 +101,7 @@ class BeliefInputs:
         """
         now = context.get_time()
         times = [time for _, time in before.felt.values()] + ([] if before.prior is None else [before.prior.time])
+        times += [] if before.palm is None else [before.palm[1]]
         if max(times, default=now) > now:
             before = Remembered()
         contacts, patches, sources = self._read_touch(context)
@@ -114,7 +122,7 @@ class BeliefInputs:
             remarks.append(f"the touch{of} has been the same for {now - max(frozen.values()):.1f} s")
         vision, before = self._read_vision(context, before)
         velocities = self._read_velocities(context, remarks)
-        X_WP = self._read_palm(context, remarks)
+        X_WP, before = self._read_palm(context, before, remarks)
         if not sources and not patches and untouched is None and self._untouched.HasValue(context):
             # No sensor says that nothing is touched: the object is not known to have left the hand.
             X_WP = None
@@ -162,7 +170,7 @@ class BeliefInputs:
         if seen is not before.seen:
             measured = PoseMeasurement.from_prior(seen, now)
             is_news = before.prior is None or measured.is_news_after(before.prior)
-            before = Remembered(seen, measured if is_news else before.prior, before.felt)
+            before = dataclasses.replace(before, seen=seen, prior=measured if is_news else before.prior)
         # One that stays as it is is no new measurement, nor a late one.
         return (before.prior if before.prior is not None and now < before.prior.time + _FROZEN else None), before
 
@@ -184,15 +192,33 @@ class BeliefInputs:
             return None
         return velocities
 
-    def _read_palm(self, context: Context, remarks: list[str]) -> FloatArray | None:
+    def _read_palm(
+        self, context: Context, before: Remembered, remarks: list[str]
+    ) -> tuple[FloatArray | None, Remembered]:
+        """The palm's pose, where it is known and has come there by a motion."""
         palm = eval_optional_input(self.palm, context, RigidTransform)
         if palm is None:
-            return None
+            return None, before
         X_WP: FloatArray = palm.GetAsMatrix34()
         if not np.all(np.isfinite(X_WP)):
             remarks.append("the palm's pose is not finite")
-            return None
-        return X_WP
+            return None, before
+        now, last = context.get_time(), before.palm
+        before = dataclasses.replace(before, palm=(X_WP, now))
+        if last is not None and (jump := _jump(last[0], X_WP, now - last[1])):
+            remarks.append(f"the palm's pose has jumped by {jump}")
+            return None, before
+        return X_WP, before
+
+
+def _jump(X_before: FloatArray, X: FloatArray, duration: float) -> str:
+    """By how much a palm is elsewhere than any motion of so many seconds leads; empty where one may."""
+    moved = float(np.linalg.norm(X[:, 3] - X_before[:, 3]))
+    turned = float(np.linalg.norm(log_so3(X_before[:, :3].T @ X[:, :3])))
+    duration = max(duration, _SHORTEST)
+    if moved <= _FASTEST_PALM * duration and turned <= _FASTEST_TURN * duration:
+        return ""
+    return f"{moved:.2f} m and {math.degrees(turned):.0f} degrees"
 
 
 def _readings(evidence: Evidence) -> list[FloatArray]:

@@ -97,7 +97,7 @@ class ObjectTracker:
                 which the remarks say.
             vision: the object's pose by a camera or another guess; None where there is no new one.
             palm_pose: X_WP where it is known: an object that nothing touches then stays behind in the world. It stays
-                what it was until another is given.
+                what it was until another is given; one with a NaN says that it is not known any more.
 
         Returns:
             The belief; `status` and `remarks` say how far it can be trusted, and `message` both.
@@ -122,7 +122,7 @@ class ObjectTracker:
             )
         objects: dict[str, object] = {"vision": vision}
         if palm_pose is not None:
-            objects["palm_pose"] = RigidTransform(pose_matrix("palm_pose", palm_pose))
+            objects["palm_pose"] = _palm_pose(palm_pose)
         self.context.SetTime(time)
         for name, value in values.items():
             self.diagram.GetInputPort(name).FixValue(self.context, value)
@@ -153,3 +153,13 @@ class ObjectTracker:
             if value is not None:
                 values[f"{kind}_{name}"] = number_array(f"{argument}[{name}]", value, (sizes[name],))
         return values
+
+
+def _palm_pose(given: RigidTransform | ArrayLike) -> RigidTransform:
+    """The palm's pose; one with a NaN in place of its position where some number of it is not known."""
+    matrix = (
+        given.GetAsMatrix34() if isinstance(given, RigidTransform) else number_array("palm_pose", given, (3, 4), (4, 4))
+    )
+    if np.isnan(matrix).any():
+        return RigidTransform(np.full(3, np.nan))
+    return RigidTransform(pose_matrix("palm_pose", given))

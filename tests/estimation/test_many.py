@@ -138,13 +138,19 @@ def test_an_executor_that_ends_amid_the_work_is_named(
         tp.ObjectLibrary.open(tmp_path, executor=Fallen(fall))
 
 
-def test_an_executor_that_is_shut_down_amid_the_work_ends_it(box: tp.ObjectModel) -> None:
-    contacts, _ = touches([box] * 2)
-    executor = ThreadPoolExecutor(1)
-    busy = threading.Event()
+def test_an_executor_that_is_shut_down_amid_the_work_ends_it(
+    box: tp.ObjectModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    contacts, _ = touches([box])
+    executor, busy = ThreadPoolExecutor(1), threading.Event()
     executor.submit(busy.wait)
-    shutting = threading.Timer(0.1, executor.shutdown, kwargs={"wait": False, "cancel_futures": True})
-    shutting.start()
+
+    def submit(*arguments: Any) -> Future[Any]:
+        future = ThreadPoolExecutor.submit(executor, *arguments)
+        executor.shutdown(wait=False, cancel_futures=True)
+        return future
+
+    monkeypatch.setattr(executor, "submit", submit)
     try:
         with pytest.raises(InvalidInputError, match="executor: was shut down before the work was done"):
             tp.estimate_poses(box, contacts, executor=executor)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator
@@ -28,6 +28,44 @@ def test_a_palm_that_is_not_known_leaves_the_pose_in_the_palm(box: ObjectModel) 
     in_world = run.read("object_pose_in_world")
     assert in_world.IsNearlyEqualTo(RigidTransform([0.5, 0.0, 0.3]) @ run.read("object_pose"), 1e-12)
     run.assert_never_a_silent_guess(still)
+
+
+@pytest.mark.parametrize(
+    ("there", "jump"),
+    [
+        (RigidTransform([1.0, 0.0, 0.0]), "1.00 m and 0 degrees"),
+        (RigidTransform(RotationMatrix.MakeZRotation(1.0), [0.0, 0.0, 0.0]), "0.00 m and 57 degrees"),
+    ],
+    ids=["elsewhere", "turned"],
+)
+def test_a_palm_that_jumps_in_the_world_takes_what_was_in_it_with_it(
+    box: ObjectModel, there: RigidTransform, jump: str
+) -> None:
+    run = Run(
+        PoseBeliefEstimator(box),
+        vision=begun(lambda time: None),
+        palm_pose=lambda time: RigidTransform() if time < 0.195 else there,
+        untouched=lambda time: None if time < 0.1 else ANYWHERE,
+        **touched(still, lambda time: time < 0.1),
+    )
+    held = run.until(0.15).pose
+    last = run.until(0.2)
+    assert last.status.startswith(f"no_contact: the palm's pose has jumped by {jump}")
+    assert last.pose.IsNearlyEqualTo(held, 1e-9)
+    last = run.until(0.3)
+    assert "jumped" not in last.status
+    assert last.pose.IsNearlyEqualTo(held, 1e-9)
+
+
+def test_a_hand_that_is_carried_fast_does_not_jump(box: ObjectModel) -> None:
+    run = Run(
+        PoseBeliefEstimator(box),
+        vision=begun(lambda time: None),
+        palm_pose=lambda time: RigidTransform(RotationMatrix.MakeZRotation(8.0 * time), [4.0 * time, 0.0, 0.0]),
+        **touched(still),
+    )
+    run.until(0.2)
+    assert not [instant for instant in run.instants if "jumped" in instant.status]
 
 
 def test_velocities_that_are_not_known_are_named(box: ObjectModel) -> None:

@@ -247,6 +247,18 @@ def test_pressures_and_vision_that_are_left_out_are_not_those_of_before() -> Non
         assert np.isnan(tracker.diagram.GetInputPort(f"pressures_{pad.name}").Eval(tracker.context)).all()
 
 
+@pytest.mark.parametrize(
+    "unknown", [np.full((3, 4), np.nan), RigidTransform(np.full(3, np.nan))], ids=["array", "transform"]
+)
+def test_a_palm_that_is_not_known_is_said_and_the_object_goes_on(tracker: ObjectTracker, unknown: object) -> None:
+    tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior(), palm_pose=RigidTransform([0.0, 0.0, 1.0]))
+    belief = tracker.update(noisy(1), held_cube.Q, 0.01, palm_pose=unknown)  # type: ignore[arg-type]
+    assert "the palm's pose is not finite" in belief.remarks
+    assert np.isfinite(belief.X_PO).all()
+    in_world = tracker.diagram.GetOutputPort("object_pose_in_world").Eval(tracker.context)
+    assert np.isnan(in_world.translation()).all()
+
+
 def test_the_palm_moves_the_world_and_not_the_object_in_it(tracker: ObjectTracker) -> None:
     X_WP = RigidTransform([1.0, 2.0, 3.0])
     tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior(), palm_pose=X_WP)
