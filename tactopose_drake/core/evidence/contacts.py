@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence, Sized
 from typing import Any, Never, Protocol, Self, SupportsIndex
 
 import numpy as np
@@ -24,6 +24,7 @@ from tactopose_drake.errors import InvalidInputError
 
 # What a sigma may be. Beyond, the information of a contact and of the rest do not fit into one double.
 _SIGMAS = {"sigma_position": (1e-7, 1e6, "m"), "sigma_normal": (1e-5, 1e6, "rad"), "sigma_force": (1e-6, 1e6, "N")}
+_COLUMNS = (*(f"{kind}_{axis}" for kind in "pnf" for axis in "xyz"), *_SIGMAS)  # of a table of contacts
 MOST_SIGMA_POSITION = 0.1
 """What is told of the positions' standard deviation at the most, m: more tells nothing, and must be millimetres."""
 # Estimates of so many take a second; a scan's points are best thinned to fewer.
@@ -190,9 +191,14 @@ class Contacts(PlainValue):
             InvalidInputError: if a column of three is missing, columns are not of the same length, a sigma is given
                 twice, or a value is not allowed.
         """
-        if not hasattr(frame, "columns"):
-            raise InvalidInputError(f"frame: is a {type(frame).__name__}; allowed is a table with named columns.")
-        names = {str(name) for name in frame.columns}
+        if not isinstance(frame, Sized) or not hasattr(frame, "columns"):  # A lazy frame of Polars has no length.
+            raise InvalidInputError(
+                f"frame: is a {type(frame).__name__}; allowed is a table with named columns, such as a DataFrame."
+            )
+        every = [str(name) for name in frame.columns]
+        names = {*every}
+        if twice := [name for name in _COLUMNS if every.count(name) > 1]:
+            raise InvalidInputError(f"frame: has the column {twice[0]!r} more than once; allowed is once.")
         vectors: dict[str, Any] = {f"{kind}_PC": _vectors(frame, names, kind) for kind in "pnf"}
         if vectors["p_PC"] is None:
             raise InvalidInputError("frame: has no column 'p_x'; the points' are p_x, p_y and p_z, m.")
@@ -208,8 +214,8 @@ class Contacts(PlainValue):
         return cls(np.zeros((0, 3)))
 
 
-def _vectors(frame: DataFrame, names: Collection[str], kind: str) -> list[list[float]] | None:
-    """Three columns of a table as rows; None where it has none of the three."""
+def _vectors(frame: DataFrame, names: Collection[str], kind: str) -> list[list[float]] | FloatArray | None:
+    """Three columns of a table as rows, of which there may be none; None where it has none of the three."""
     wanted = [f"{kind}_{axis}" for axis in "xyz"]
     missing = [name for name in wanted if name not in names]
     if len(missing) == len(wanted):
@@ -224,7 +230,7 @@ def _vectors(frame: DataFrame, names: Collection[str], kind: str) -> list[list[f
         raise InvalidInputError(
             f"frame: has {lengths} rows in the columns {', '.join(wanted)}; allowed is the same number in each."
         )
-    return [list(row) for row in zip(*columns, strict=True)]
+    return [list(row) for row in zip(*columns, strict=True)] or np.zeros((0, 3))
 
 
 def _span(values: FloatArray) -> str:

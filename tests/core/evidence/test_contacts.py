@@ -204,9 +204,32 @@ def test_a_table_s_rows_are_contacts() -> None:
     assert Contacts.from_dataframe(Table(**POINT_COLUMNS, **forces)) == Contacts(POINTS, f_PC=[[1.0] * 3, [2.0] * 3])
 
 
+def test_a_table_without_a_row_is_no_contact() -> None:
+    columns: dict[str, list[object]] = {name: [] for name in (*POINT_COLUMNS, *NORMAL_COLUMNS, "sigma_position")}
+    contacts = Contacts.from_dataframe(Table(**columns))
+    assert len(contacts) == 0
+    assert contacts == Contacts(np.zeros((0, 3)), np.zeros((0, 3)), sigma_position=[])
+
+
+class Twice(Table):
+    """A table one of whose columns is there twice, as where two were put together."""
+
+    @property
+    def columns(self) -> list[str]:
+        return [*self, "p_y"]
+
+
+class Lazy:
+    """What Polars has of a table that is not computed yet."""
+
+    columns = tuple(POINT_COLUMNS)
+
+
 @pytest.mark.parametrize(
     ("frame", "sigmas", "message"),
     [
+        (Twice(**POINT_COLUMNS), {}, "frame: has the column 'p_y' more than once; allowed is once"),
+        (Lazy(), {}, "frame: is a Lazy; allowed is a table with named columns, such as a DataFrame"),
         (Table(x=[0.0]), {}, "frame: has no column 'p_x'"),
         (POINT_COLUMNS, {}, "frame: is a dict; allowed is a table"),
         (Table(**POINT_COLUMNS, n_x=[1.0, 0.0]), {}, "has no column 'n_y'; allowed are all of n_x, n_y, n_z, or none"),
