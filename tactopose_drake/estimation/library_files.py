@@ -76,7 +76,7 @@ def read_library(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
 
     Meshes are relative to its folder. `scale` (metres in the mesh's unit), `mass` (kg), `symmetry` ("auto", "none", or
     axes, whose points are in metres; order 0 is a solid of revolution), `surface_sigma` (m) and `scale_sigma` may be
-    absent. Without a manifest, all meshes in the folder are objects by their files' names.
+    absent. Without a manifest, all meshes in the folder that are not hidden are objects by their files' names.
 
     Raises:
         InvalidFileError: no such folder or file, or a manifest that is no mapping.
@@ -91,7 +91,9 @@ def read_library(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
 def _read_folder(folder: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
     entries: dict[str, LibraryEntry] = {}
     skipped = []
-    for mesh in sorted(file for file in folder.iterdir() if file.suffix.lower() in _MESHES and file.is_file()):
+    # Hidden files are none of the user's: such as those that macOS puts beside each file of an archive.
+    files = [file for file in folder.iterdir() if not file.name.startswith(".")]
+    for mesh in sorted(file for file in files if file.suffix.lower() in _MESHES and file.is_file()):
         if mesh.stem in entries:
             skipped.append(
                 SkippedObject(mesh.name, f"the name {mesh.stem!r} is that of {entries[mesh.stem].mesh.name}")

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 from numpy.typing import NDArray
 
 from tactopose_drake.core.identification.library_index import SAMPLES, LibraryIndex, PairCounts, count_pairs
+from tactopose_drake.core.mesh.bodies import counted
 from tactopose_drake.core.mesh.loading import load_mesh
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape import model_cache
@@ -61,7 +62,11 @@ class LibraryObject:
         return self.entry.name
 
     def load(self) -> ObjectModel:
-        """Its model, the same one as long as it is among the last used."""
+        """Its model, the same one as long as it is among the last used.
+
+        Raises:
+            InvalidFileError: a mesh that is not there any more, or another one than when the library was opened.
+        """
         return _load(self)
 
 
@@ -81,6 +86,10 @@ class ObjectLibrary:
 
     def __len__(self) -> int:
         return len(self.objects)
+
+    def __repr__(self) -> str:
+        left_out = f", {len(self.skipped)} left out" if self.skipped else ""
+        return f"<ObjectLibrary: {counted(len(self), 'object', 'objects')}{left_out}>"
 
     @classmethod
     def open(
@@ -194,6 +203,10 @@ def forget_models() -> None:
 
 @functools.lru_cache(maxsize=_LOADED)
 def _load(known: LibraryObject) -> ObjectModel:
+    if _content(known.entry) != known.content:
+        raise InvalidFileError(
+            f"{known.entry.mesh}: is another mesh than when the library was opened; open the library again."
+        )
     return _build(known)
 
 

@@ -90,6 +90,19 @@ def test_a_changed_mesh_is_another_object(folder: Path) -> None:
     assert after.objects[0].load().size == pytest.approx(after.objects[1].load().size, rel=1e-3)
 
 
+def test_a_mesh_that_changes_after_the_library_was_opened_is_named(folder: Path) -> None:
+    library = ObjectLibrary.open(folder)
+    ROD.export(folder / "box.stl")
+    forget_models()
+    with pytest.raises(InvalidFileError, match=r"box\.stl: is another mesh than when the library was opened"):
+        library.objects[0].load()
+
+
+def test_hidden_files_are_no_objects(folder: Path) -> None:
+    (folder / "._box.stl").write_bytes(b"\x00\x05\x16\x07")  # as macOS has them
+    assert repr(ObjectLibrary.open(folder)) == "<ObjectLibrary: 2 objects>"
+
+
 @pytest.mark.parametrize("content", [b"", b"solid nothing", b"\x00\xff" * 200])
 def test_a_corrupt_mesh_is_left_out(folder: Path, content: bytes) -> None:
     (folder / "broken.stl").write_bytes(content)
@@ -97,6 +110,7 @@ def test_a_corrupt_mesh_is_left_out(folder: Path, content: bytes) -> None:
         library = ObjectLibrary.open(folder)
     assert names(library) == ["box", "rod"]
     assert [skipped.name for skipped in library.skipped] == ["broken"]
+    assert repr(library) == "<ObjectLibrary: 2 objects, 1 left out>"
 
 
 def test_of_two_meshes_with_one_name_the_first_counts(folder: Path) -> None:
