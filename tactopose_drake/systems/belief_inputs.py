@@ -29,6 +29,7 @@ from tactopose_drake.systems.ports import eval_items, eval_optional_input, port_
 
 # Noise moves a reading that is alive within less than this, s.
 _FROZEN = 0.5
+_PAUSE = 1.5  # s without a reading, longer than any period: that the next is the same says nothing of the meantime
 # No hand is carried as fast, m/s and rad/s, over so many seconds or more: of a palm that is, its frame or the world's
 # has jumped.
 _FASTEST_PALM, _FASTEST_TURN, _SHORTEST = 10.0, 30.0, 0.02
@@ -47,6 +48,7 @@ class Remembered:
     Attributes:
         seen: the prior that vision said last; None before the first.
         prior: that which was news, as a measurement of then.
+        time: of the last reading, s.
         palm: X_WP where it was known, shape (3, 4), and when, s; None before.
         felt: what each finger or pad felt, and since when, s, by its name: the size of a force, shape (1,), N, which no
             motion of the joints changes, or where there is none the point, shape (3,), m.
@@ -54,6 +56,7 @@ class Remembered:
 
     seen: PosePrior | None = None
     prior: PoseMeasurement | None = None
+    time: float = -math.inf
     palm: tuple[FloatArray, float] | None = None
     felt: Mapping[str, tuple[FloatArray, float]] = dataclasses.field(default_factory=dict)
 
@@ -115,8 +118,9 @@ class BeliefInputs:
             planes=eval_items(self._planes, context, PlaneContact),
         )
         remarks: list[str] = []
-        felt = _felt_since(before.felt, dict(zip(sources, _readings(evidence), strict=True)), now)
-        before = dataclasses.replace(before, felt=felt)
+        last_felt = before.felt if now <= before.time + _PAUSE else {}
+        felt = _felt_since(last_felt, dict(zip(sources, _readings(evidence), strict=True)), now)
+        before = dataclasses.replace(before, time=now, felt=felt)
         if frozen := {name: time for name, (_, time) in felt.items() if now > time + _FROZEN}:
             of = "" if len(frozen) == len(felt) else f" of {', '.join(frozen)}"
             remarks.append(f"the touch{of} has been the same for {now - max(frozen.values()):.1f} s")

@@ -101,7 +101,8 @@ class PoseBeliefEstimator(CollectableSystem):
     - planes: tuple of `PlaneContact` in P, what of the world the object rests against; they count while it is felt.
     - tip_velocities: dict of the fingertips' spatial velocities [w, v] in P by finger, or None: the object then moves
       with the palm.
-    - palm_pose: `RigidTransform` X_WP; a NaN where it is not known.
+    - palm_pose: `RigidTransform` X_WP; a NaN where it is not known. Where it jumps as no hand is carried, the object
+      goes with it.
     - joint_positions: of the hand, shape (nq,), rad; there is such a port only where collisions are checked.
     - object_pose: `RigidTransform` X_PO of the best mode; the identity before the first.
     - object_pose_vector: the same, size 7: the quaternion w, x, y, z, and the position, m.

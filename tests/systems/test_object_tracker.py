@@ -247,6 +247,15 @@ def test_pressures_and_vision_that_are_left_out_are_not_those_of_before() -> Non
         assert np.isnan(tracker.diagram.GetInputPort(f"pressures_{pad.name}").Eval(tracker.context)).all()
 
 
+def test_a_pause_of_the_loop_is_no_touch_that_stays_the_same(tracker: ObjectTracker) -> None:
+    for time in (0.0, 0.01):
+        tracker.update(noisy(0), held_cube.Q, time, vision=held_cube.prior() if time == 0.0 else None)
+    assert "has been the same" not in tracker.update(noisy(0), held_cube.Q, 50.0).message
+    for time in (50.2, 50.4, 50.6):
+        belief = tracker.update(noisy(0), held_cube.Q, time)
+    assert "the touch has been the same for 0.6 s" in belief.remarks
+
+
 @pytest.mark.parametrize(
     "unknown", [np.full((3, 4), np.nan), RigidTransform(np.full(3, np.nan))], ids=["array", "transform"]
 )
