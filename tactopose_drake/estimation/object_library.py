@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 from numpy.typing import NDArray
 
 from tactopose_drake.core.identification.library_index import SAMPLES, LibraryIndex, PairCounts, count_pairs
-from tactopose_drake.core.mesh.bodies import counted
 from tactopose_drake.core.mesh.loading import load_mesh
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
+from tactopose_drake.core.plain_values import counted
 from tactopose_drake.core.shape import model_cache
 from tactopose_drake.core.shape.model_building import file_content
 from tactopose_drake.core.shape.object_model import ObjectModel
