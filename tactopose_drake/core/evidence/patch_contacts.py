@@ -4,14 +4,15 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import FloatArray, positive_number
 
-# The standard deviation of the normal of a contact without one, rad: it says nothing.
-_ANY_NORMAL = 1e3
+# The standard deviation of the normal of a contact without one, rad, and from which on a normal says nothing.
+_ANY_NORMAL, _LEAST_ANY = 1e3, math.pi
 # No pad's place is better known than this, m and rad.
 _LEAST_PLACE, _LEAST_TURN = 1e-5, 1e-4
 
@@ -87,3 +88,11 @@ def with_patches(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:
         n_PC, sigma_normal = np.tile(np.eye(3)[2], (len(contacts), 1)), np.full(len(contacts), _ANY_NORMAL)
     own = contacts.with_arrays(n_PC=n_PC, f_PC=None, sigma_normal=sigma_normal, covariance=None)
     return own.joined(felt)
+
+
+def tell_normals(touch: Contacts) -> NDArray[np.bool_]:
+    """Which contacts' normals say something, shape (k,): they are measured, and not any, as in `with_patches`."""
+    if touch.n_PC is None:
+        return np.zeros(len(touch), dtype=np.bool_)
+    tell: NDArray[np.bool_] = np.broadcast_to(touch.sigma_normal, len(touch)) < _LEAST_ANY
+    return tell

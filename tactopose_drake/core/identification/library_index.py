@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.patch_contacts import tell_normals
 from tactopose_drake.core.identification.index_kernels import (
     ANGLE,
     ANGLE_BINS,
@@ -115,7 +116,9 @@ class LibraryIndex:
     def scores(self, contacts: Contacts) -> FloatArray:
         """How well each object's pairs agree with those of the contacts, shape (objects,); higher is better."""
         chosen = spread_out(contacts.p_PC, _MOST_CONTACTS)
-        sigma_position, sigma_normal = np.asarray(contacts.sigma_position), np.asarray(contacts.sigma_normal)
+        sigma_position = np.asarray(contacts.sigma_position)
+        # As with none, not as with a very broad one, of whose small density `LEAST_DENSITY` would leave nothing.
+        sigma_normal = np.where(tell_normals(contacts), contacts.sigma_normal, np.inf)
         scores, density = np.zeros(self.size), np.empty(self.size)
         for a, b in itertools.combinations(chosen.tolist(), 2):
             length = float(np.linalg.norm(contacts.p_PC[b] - contacts.p_PC[a]))

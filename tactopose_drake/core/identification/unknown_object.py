@@ -27,6 +27,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.patch_contacts import tell_normals
 from tactopose_drake.core.validation import FloatArray
 
 # Logarithm of the volume of all rotations, over which an object's evidence is summed.
@@ -89,7 +90,7 @@ def unknown_probability(
     if len(evidence) > 1:
         others = float(np.logaddexp.reduce(evidence[1:])) - math.log(objects - 1) - _LOG_ROTATIONS
         expected += params.library_share * (1.0 - 1.0 / objects) * (others - expected)
-    numbers = len(touch) * (1 if touch.n_PC is None else 3)
+    numbers = len(touch) + 2 * int(tell_normals(touch).sum())
     surplus = params.trust * (best - expected) - params.least_surplus * max(numbers - _OF_A_POSE, 0)
     log_odds = math.log(prior / (1.0 - prior)) + float(np.logaddexp(-surplus, math.log(params.lookalikes)))
     return 1.0 / (1.0 + math.exp(-log_odds)) if log_odds > -500.0 else 0.0
@@ -124,7 +125,8 @@ def _log_density(touch: Contacts, aspect: float, params: UnknownObjectParams) ->
         outward = np.sum(p_MC * touch.n_PC, axis=1) - (1.0 - 1.0 / aspect**2) * along * (axes @ touch.n_PC.T)
         concentration = params.outwardness * distance
         agreement = outward / np.maximum(length, 1e-12)
-        log_density += np.sum(concentration * agreement - _log_sinhc(concentration), axis=2)
+        log_outward = concentration * agreement - _log_sinhc(concentration)
+        log_density += np.sum(log_outward, axis=2, where=tell_normals(touch))
     return float(np.logaddexp.reduce(log_density + np.log(share), axis=None) - math.log(params.size_steps))
 
 

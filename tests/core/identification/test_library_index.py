@@ -95,6 +95,14 @@ def test_densities_are_those_of_the_samples_pairs(
     assert found == pytest.approx(expected, rel=0.06)
 
 
+def test_normals_that_are_any_count_as_none(models: list[ObjectModel], index: LibraryIndex) -> None:
+    contacts = touch(models[1], 4)
+    bare = Contacts(contacts.p_PC)
+    anyhow = Contacts(contacts.p_PC, np.tile([0.0, 0.0, 1.0], (len(contacts), 1)), sigma_normal=1e3)
+    assert np.ptp(index.scores(bare)) > 1.0
+    np.testing.assert_allclose(index.scores(anyhow), index.scores(bare), rtol=1e-12)
+
+
 def test_moving_the_hand_changes_nothing(models: list[ObjectModel], index: LibraryIndex) -> None:
     contacts = touch(models[3], 2)
     R = random_rotations(np.random.default_rng(5), 1)[0]

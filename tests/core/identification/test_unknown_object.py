@@ -138,3 +138,20 @@ def test_a_touch_that_measures_no_more_than_a_pose_is_not_expected_to_tell() -> 
     assert unknown_probability([0.0], 1, bare, 0.5, params) == pytest.approx(
         1.0 / (1.0 + math.exp(-params.least_surplus))
     )
+
+
+def test_normals_that_are_any_count_as_none() -> None:
+    bare = Contacts(some_touch(7).p_PC, sigma_position=SIGMA)
+    for normal in ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]):
+        anyhow = Contacts(bare.p_PC, [normal] * 7, sigma_position=SIGMA, sigma_normal=1e3)
+        assert log_evidence_of_any(anyhow) == pytest.approx(log_evidence_of_any(bare), abs=1e-9)
+        assert unknown_probability([-40.0], 1, anyhow, 0.3) == pytest.approx(unknown_probability([-40.0], 1, bare, 0.3))
+    # Beside others that say something, too, as contacts without normals beside a patch are.
+    told, sigmas = some_touch(), np.array([1e3, 1e3, TILT, TILT, TILT])
+    assert told.n_PC is not None
+    found = []
+    for normal in ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]):
+        n_PC = np.concatenate([[normal] * 2, told.n_PC[2:]])
+        mixed = Contacts(told.p_PC, n_PC, sigma_position=SIGMA, sigma_normal=sigmas)
+        found.append((log_evidence_of_any(mixed), unknown_probability([-20.0], 1, mixed, 0.3)))
+    np.testing.assert_allclose(found[0], found[1], atol=1e-9)
