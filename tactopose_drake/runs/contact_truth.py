@@ -1,7 +1,9 @@
 """Where the simulator itself says that fingertips and pads touch, to judge what was estimated from the senses."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Body, BodyIndex
 from pydrake.systems.framework import Context
@@ -13,13 +15,15 @@ from tactopose_drake.hand.hand_in_plant import Hand
 
 @dataclass(frozen=True, eq=False)
 class PartContact:
-    """The contact patch between one fingertip or pad and the object.
+    """The contact between one fingertip or pad and the object: its patch, or all patches where there are several.
+
+    So it is where either of the two has several collision shapes.
 
     Attributes:
         p_PC: centre of pressure in the palm, shape (3,), m.
-        n_PC: the patch's mean normal, weighted by pressure, out of the object, shape (3,).
+        n_PC: the mean normal, weighted by pressure, out of the object, shape (3,).
         f_PC: force of the object on the fingertip or pad, shape (3,), N.
-        area: of the patch, m^2.
+        area: of all patches, m^2.
     """
 
     p_PC: FloatArray
@@ -58,8 +62,8 @@ def contact_truth(plant: MultibodyPlant, plant_context: Context, hand: Hand, obj
     X_PW = hand.palm_frame.CalcPoseInWorld(plant_context).inverse()
     rotate = X_PW.rotation()
 
-    tips: dict[str, PartContact] = {}
-    pads: dict[str, PartContact] = {}
+    tips: dict[str, list[PartContact]] = {}
+    pads: dict[str, list[PartContact]] = {}
     others: list[str] = []
     for found in reported_contacts(results, plant, plant_context, object_body):
         finger, pad = finger_of_tip.get(found.partner), pad_of_body.get(found.partner)
@@ -69,7 +73,23 @@ def contact_truth(plant: MultibodyPlant, plant_context: Context, hand: Hand, obj
         area = float(found.surface.total_area())
         contact = PartContact(X_PW @ found.p_WC, rotate @ found.n_W, rotate @ found.f_W, area)
         if finger is not None:
-            tips[finger] = contact
+            tips.setdefault(finger, []).append(contact)
         if pad is not None:
-            pads[pad] = contact
-    return ContactTruth(tips, pads, tuple(others))
+            pads.setdefault(pad, []).append(contact)
+    joined_tips, joined_pads = ({name: _joined(parts) for name, parts in each.items()} for each in (tips, pads))
+    return ContactTruth(joined_tips, joined_pads, tuple(others))
+
+
+def _joined(parts: Sequence[PartContact]) -> PartContact:
+    """The contact of several patches, each of which counts by its normal force."""
+    if len(parts) == 1:
+        return parts[0]
+    p, n, f = (np.array([getattr(part, name) for part in parts]) for name in ("p_PC", "n_PC", "f_PC"))
+    weight = np.maximum(np.einsum("ki,ki->k", f, n), 1e-12)
+    normal = weight @ n
+    return PartContact(
+        weight @ p / weight.sum(),
+        normal / max(float(np.linalg.norm(normal)), 1e-12),
+        f.sum(axis=0),
+        sum(part.area for part in parts),
+    )

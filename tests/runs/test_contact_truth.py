@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform
@@ -11,10 +13,13 @@ from tactopose_drake.runs.contact_truth import ContactTruth, contact_truth
 
 DEPTH = 2e-4  # m
 HALF = 0.03  # of the cube, m
+P_OFF = 1e-4  # m, from the fingertip's middle to the seam between two shapes
 
 
-def truth_with_cube(p_WO: np.ndarray, *, object_first: bool = False, representation: str = "polygon") -> ContactTruth:
-    """The straight hand, and the cube, standing upright, with its bottom's centre at p_WO."""
+def truth_with_cube(
+    p_WO: np.ndarray, *, object_first: bool = False, representation: str = "polygon", cube: str = ""
+) -> ContactTruth:
+    """The straight hand, and the cube, or another of an SDF's text, upright, with its bottom's centre at p_WO."""
     builder = DiagramBuilder()
     config = MultibodyPlantConfig(
         time_step=0.001,
@@ -26,7 +31,9 @@ def truth_with_cube(p_WO: np.ndarray, *, object_first: bool = False, representat
     # The order decides which of the two Drake calls M.
     for add_object in (object_first, not object_first):
         if add_object:
-            (instance,) = make_parser(plant).AddModels(str(model_path("objects", "cube.sdf")))
+            parser = make_parser(plant)
+            path = model_path("objects", "cube.sdf")
+            (instance,) = parser.AddModelsFromString(cube, "sdf") if cube else parser.AddModels(str(path))
         else:
             hand = add_hand(plant, load_hand_config("shadow_like"), RigidTransform())
     plant.Finalize()
@@ -58,6 +65,36 @@ def test_a_fingertip_pressed_into_a_flat(object_first, representation):
     np.testing.assert_allclose(tip.p_PC, P_END - [0, 0, DEPTH], atol=1e-4)
     # The flat cuts a disc out of the sphere.
     assert tip.area == pytest.approx(np.pi * 2 * 0.009 * DEPTH, rel=0.25)
+
+
+def cube_of_slabs(*edges: float) -> str:
+    """A cube's SDF, cut across x at these places, m, into slabs that are collision shapes of their own."""
+    slabs = "".join(
+        f"""
+        <collision name="slab_{i}"><pose>{0.5 * (a + b)} 0 {HALF} 0 0 0</pose>
+          <geometry><box><size>{b - a} {2 * HALF} {2 * HALF}</size></box></geometry>
+          <drake:proximity_properties><drake:rigid_hydroelastic/></drake:proximity_properties>
+        </collision>"""
+        for i, (a, b) in enumerate(itertools.pairwise((-HALF, *edges, HALF)))
+    )
+    moments = "".join(f"<{name}>6e-5</{name}>" for name in ("ixx", "iyy", "izz"))
+    products = "".join(f"<{name}>0</{name}>" for name in ("ixy", "ixz", "iyz"))
+    return f"""<sdf version="1.7" xmlns:drake="http://drake.mit.edu"><model name="cube"><link name="cube">
+        <inertial><mass>0.1</mass><inertia>{moments}{products}</inertia></inertial>{slabs}
+    </link></model></sdf>"""
+
+
+def test_several_shapes_under_one_fingertip_are_one_contact():
+    whole, halves = (
+        truth_with_cube(P_PALM_W + P_END - [0.0, 0.0, DEPTH], cube=cube_of_slabs(*edges)) for edges in ((), (P_OFF,))
+    )
+    assert set(whole.tips) == set(halves.tips)
+    one, both = whole.tips["first"], halves.tips["first"]
+    assert both.area == pytest.approx(one.area, rel=0.15)  # Each is of facets of its own.
+    np.testing.assert_allclose(both.f_PC, one.f_PC, atol=0.15)
+    assert both.f_PC[2] < -0.5
+    np.testing.assert_allclose(both.p_PC, one.p_PC, atol=1e-4)
+    np.testing.assert_allclose(both.n_PC, [0.0, 0.0, -1.0], atol=0.02)
 
 
 def test_other_links_are_named():
