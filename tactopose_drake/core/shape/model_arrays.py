@@ -108,7 +108,7 @@ def _rest_is_sound(arrays: Mapping[str, NDArray[Any]]) -> bool:
     size, inertia, centroid = float(np.linalg.norm(upper - lower)), arrays["inertia"], arrays["centroid"]
     volume = float(arrays["volume"])
     R, p = poses[:, :, :3], poses[:, :, 3]
-    reach = 2.0 * (float(np.abs(centroid).max()) + size)
+    reach = 2.0 * (float(np.linalg.norm(centroid)) + size)
     if not 0.0 < volume <= (1.0 + _UNIT) * float(np.prod(upper - lower)) or np.abs(p).max(initial=0.0) > reach:
         return False
     if np.abs(R).max(initial=0.0) > 2.0 or np.abs(inertia).max() > DENSITY * volume * size**2:

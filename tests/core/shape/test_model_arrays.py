@@ -2,6 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from tactopose_drake.core.mesh.repair import RepairedMesh
 from tactopose_drake.core.shape import model_building, model_cache
@@ -101,3 +102,20 @@ def test_near_axes_are_directions(kept: Arrays) -> None:
     assert describe_a_model({**kept, "near_axes": np.array([[0.0, 0.6, 0.8]])}, SAMPLES)
     for wrong in ([[0.0, 0.6, 0.7]], [[np.nan, 0.0, 0.0]]):
         assert not describe_a_model({**kept, "near_axes": np.array(wrong)}, SAMPLES)
+
+
+def test_a_turn_may_move_the_origin_of_a_far_object_by_twice_its_distance(tmp_path: Path, monkeypatch) -> None:
+    """As a half turn does whose axis runs across the way to the object, and that may be longer than each coordinate."""
+    monkeypatch.setenv(model_cache.FOLDER_VARIABLE, str(tmp_path))
+    centre = np.full(3, 0.7)
+    box = trimesh.creation.box((0.06, 0.05, 0.04))
+    # One of its axes turns the centre onto -z.
+    axis = centre / np.linalg.norm(centre) - [0.0, 0.0, 1.0]
+    box.apply_transform(trimesh.geometry.align_vectors([1.0, 0.0, 0.0], axis / np.linalg.norm(axis)))
+    box.apply_translation(centre)
+    far = ObjectModel.from_mesh(box, samples=1000, max_grid_bytes=2**21)
+    assert np.abs(far.symmetry_poses[:, :, 3]).max() > 2.5 * 0.7
+    (path,) = tmp_path.iterdir()
+    arrays = model_cache.load(path.stem)
+    assert arrays is not None
+    assert describe_a_model(arrays, 1000)
