@@ -139,9 +139,9 @@ def spread_matrix(layout: TactileLayout, spread: float) -> FloatArray:
 
     A force that is spread evenly over one cell arrives at each cell in proportion to the integral of a Gaussian over
     both cells' areas (by sums over points half a standard deviation apart, and 16 along an edge at the most: less than
-    an eighth of a cell hardly reaches the next). Nothing is lost: the force on all cells
-    stays what it was. Under a point load, the pressure below a layer is half as wide as a Gaussian whose standard
-    deviation is half the layer's thickness (Boussinesq's solution for the half-space).
+    an eighth of a cell hardly reaches the next). Nothing is lost: the force on all cells stays what it was. Under a
+    point load, the pressure below a layer is as wide at half its height as a Gaussian whose standard deviation is half
+    the layer's thickness (Boussinesq's solution for the half-space).
 
     Args:
         layout: the cells.
