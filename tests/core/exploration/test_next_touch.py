@@ -57,6 +57,29 @@ def inward(*angles: float, height: float = 0.0) -> GuardedMoves:
     return GuardedMoves.lines(0.1 * away + [0, 0, height], -away, 0.12, radius=TIP)
 
 
+def test_a_touch_is_foreseen_as_unsure_as_the_surface_leans_away(mug: ObjectModel) -> None:
+    sure = GaussianMixture(np.eye(3, 4)[None], np.ones(1), 1e-14 * np.eye(6)[None])
+    lean = np.radians([0.0, 30.0, 60.0, 85.0])
+    # From above onto the flat top.
+    down = np.stack([np.sin(lean), np.zeros(4), -np.cos(lean)], axis=1)
+    moves = GuardedMoves.lines([0.0, 0.0, 0.05 + TIP] - 0.02 * down, down, 0.04, radius=TIP)
+    noise = TouchNoise(position=0.001, normal=None)
+    found = foresee(mug, sure, moves, noise)
+    assert found.hit.all()
+    np.testing.assert_allclose(np.sqrt(found.covariance[0, :3, 0, 0]), 0.001 / np.cos(lean[:3]), rtol=0.02)
+    assert np.sqrt(found.covariance[0, 3, 0, 0]) == pytest.approx(0.001 / noise.least_facing, rel=0.02)
+
+
+def test_modes_that_differ_in_their_spread_alone_are_told_apart_by_it() -> None:
+    sigma, unknown = np.array([0.001, 0.004]), np.tile(np.eye(6), (2, 1, 1, 1))
+    hit, covariance = np.ones((2, 1)), np.square(sigma)[:, None, None, None]
+    found = Foreseen(hit, np.zeros((2, 1, 1)), covariance, np.eye(6)[None].repeat(2, axis=0), unknown, unknown, unknown)
+    # The Bhattacharyya coefficient of two Gaussians about one mean; that there is a touch at all is nearly certain.
+    overlap, chance = math.sqrt(2.0 * sigma[0] * sigma[1] / (sigma @ sigma)), found.chance[0, 0]
+    same = 0.5 + 0.5 * (chance * overlap + 1.0 - chance)
+    np.testing.assert_allclose(told_of_mode(np.array([0.5, 0.5]), found), -math.log(same), rtol=1e-9)
+
+
 def between(model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, noise: TouchNoise) -> np.ndarray:
     return told_of_mode(belief.weights, foresee(model, belief, moves, noise))
 

@@ -75,6 +75,13 @@ def test_cells_reach_as_far_as_the_blocks_however_little_is_touched(radius: floa
     assert np.count_nonzero(~patch.active) >= 8
 
 
+def test_pixels_that_are_not_known_leave_the_mean_of_the_others() -> None:
+    depth = np.full((120, 160), 0.0008)
+    depth[::3, ::2] = np.nan
+    patch = SENSOR.patch(depth, np.eye(3, 4))
+    np.testing.assert_allclose(patch.points[:, 2], -0.0008, rtol=1e-12)
+
+
 def test_what_the_mask_leaves_out_is_not_touched() -> None:
     depth = np.full((120, 160), 0.0008)
     mask = np.zeros(depth.shape, dtype=np.bool_)

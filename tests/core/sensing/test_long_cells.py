@@ -30,6 +30,17 @@ def test_long_cells_around_a_finger_are_stretched_along_it() -> None:
     np.testing.assert_allclose(np.abs(stretch) / np.linalg.norm(stretch), [0.0, 1.0, 0.0], atol=1e-9)
 
 
+def test_long_cells_across_a_finger_are_as_long_as_on_a_flat_pad() -> None:
+    angle = np.repeat(np.linspace(-0.9, 0.9, 5), 8)  # 4 mm apart, on a radius of 8 mm
+    normals = np.stack([np.sin(angle), np.zeros(40), np.cos(angle)], axis=1)
+    radius = 0.004 / (2.0 * np.sin(0.225))
+    cells = radius * normals + np.tile([[0.0, 0.002 * j, 0.0] for j in range(8)], (5, 1))
+    stretch = find_stretch(cells, normals)
+    # The step to the next row is cut short by as much as it bends.
+    assert np.hypot(1.0, np.linalg.norm(stretch)) == pytest.approx(2.0 * np.cos(0.225), rel=1e-3)
+    np.testing.assert_allclose(np.abs(stretch) / np.linalg.norm(stretch), [1.0, 0.0, 0.0], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     "cells",
     [

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from tactopose_drake.core.poses import make_poses
 from tactopose_drake.core.shape import model_cache
+from tactopose_drake.core.shape.model_symmetries import misfits
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tests.core.meshes import create, scanned_can
@@ -43,6 +45,14 @@ def test_a_told_symmetry_whose_axis_is_beside_the_object_is_taken_but_said(
     assert len(model.symmetry_poses) == 2
     (record,) = caplog.records
     assert "symmetry[0] is taken as told, though its turns leave the surface off by up to" in record.getMessage()
+
+
+def test_misfits_are_root_mean_squares() -> None:
+    ball = model_of(trimesh.creation.icosphere(4, 0.04))
+    moved = make_poses(np.tile(np.eye(3), (2, 1, 1)), np.array([[0.0, 0.0, 0.0], [0.003, 0.0, 0.0]]))
+    # A ball's surface that moves by d is off by d times a cosine, whose mean square is a third.
+    off = misfits(ball.grid, ball.samples, moved)
+    np.testing.assert_allclose(off, [0.0, 0.003 / np.sqrt(3.0)], rtol=0.03, atol=5e-5)
 
 
 def test_near_symmetry_is_said_unless_symmetries_are_told(

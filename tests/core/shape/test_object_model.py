@@ -1,4 +1,5 @@
 import dataclasses
+import math
 import os
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
+from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape import model_building, model_cache
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import (
@@ -91,6 +93,28 @@ def test_a_box_s_figures() -> None:
     assert [s.order for s in model.symmetries] == [2, 2, 2]
     assert model.symmetry_poses.shape == (4, 3, 4)
     assert model.repairs == ()
+
+
+def test_what_grows_moves_its_surface_along_normals_and_tangents() -> None:
+    sphere = trimesh.creation.icosphere(4, 0.05)
+    outward, along = model_of(sphere).growth
+    assert outward == pytest.approx(0.05, rel=1e-3)
+    assert along < 0.001
+    # About another point than its middle, a third of the square of that one's distance more along each direction.
+    outward, along = model_of(sphere, center_of_mass=[0.0, 0.0, 0.03]).growth
+    assert outward == pytest.approx(math.sqrt(0.05**2 + 0.03**2 / 3.0), rel=0.01)
+    assert along == pytest.approx(math.sqrt(0.03**2 / 3.0), rel=0.02)
+
+
+def test_half_turns_are_about_the_principal_axes_through_the_middle() -> None:
+    X = random_pose(np.random.default_rng(4))
+    box = model_of(BOX.copy().apply_transform(X))
+    for turn in box.half_turns:
+        turned = transform_points(turn, box.vertices)
+        gaps = np.linalg.norm(turned[:, None] - box.vertices, axis=2)
+        np.testing.assert_allclose(gaps.min(axis=1), 0.0, atol=1e-9)
+        assert np.trace(turn[:, :3]) == pytest.approx(-1.0)
+    assert len({tuple(np.round(turn[:, :3].ravel(), 6)) for turn in box.half_turns}) == 3
 
 
 def test_mass_and_centre_of_mass_may_be_given() -> None:

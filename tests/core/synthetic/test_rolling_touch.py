@@ -50,6 +50,16 @@ def test_rolling_fingertips_have_the_objects_velocity_where_they_touch(ball: Obj
         np.testing.assert_allclose(of_tip, of_object, atol=3e-3)
 
 
+def test_the_error_of_the_velocity_is_where_the_fingertip_touches(ball: ObjectModel) -> None:
+    noise = FingertipNoise(velocity=1e-9, angular_velocity=0.1)
+    X_PO = make_poses(np.eye(3), np.array([0.5, -0.3, 0.4]))  # far from where velocities are given
+    touch = RollingTouch(ball, X_PO, ball.samples.points[:4], np.random.default_rng(0), noise, RADIUS)
+    _, velocities = touch.measure()
+    for p_PC, V in zip(touch.p_PC, velocities.values(), strict=True):
+        assert np.linalg.norm(V[:3]) > 0.02
+        np.testing.assert_allclose(np.cross(V[:3], p_PC) + V[3:], 0.0, atol=1e-7)
+
+
 def test_sliding_fingertips_hardly_move(ball: ObjectModel) -> None:
     touch = start(ball)
     before, on_object = touch.p_PF, (touch.p_PC - touch.X_PO[:, 3]) @ touch.X_PO[:, :3]

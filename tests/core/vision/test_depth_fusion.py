@@ -35,6 +35,12 @@ def views(model: ObjectModel, apart: float, count: int = 3) -> list[DepthView]:
     return found
 
 
+def test_the_surface_is_off_by_the_mean_square_over_what_is_seen_and_what_is_not() -> None:
+    nothing = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32), np.zeros(0, dtype=np.bool_)
+    found = Reconstruction(*nothing, seen_sigma=0.001, unseen_sigma=0.007, unseen_share=0.25)
+    assert found.surface_sigma == pytest.approx(math.sqrt(0.75 * 0.001**2 + 0.25 * 0.007**2))
+
+
 TABLE = np.array([[-np.inf, -np.inf, -0.05], [np.inf] * 3])
 
 

@@ -72,6 +72,30 @@ def test_an_object_that_is_elsewhere_is_seen_through(box: ObjectModel) -> None:
     assert beside.misfit > 0.05
 
 
+def test_what_its_points_have_in_common_counts_as_one_of_them(box: ObjectModel) -> None:
+    """With no other error, n points tell as much as one; the noise itself is that of no picture here."""
+    depth = picture(box, NO_HAND, DepthCameraModel(depth_noise=0.0)).depth
+    model, found = DepthTrackerModel(), []
+    for share in (0.0, 1.0):
+        seen = DepthPicture(depth, np.zeros(depth.shape, dtype=np.bool_), DepthCameraModel(common_share=share))
+        fit = fit_pose(seen, box, X_CO, BEFORE, model)
+        assert fit is not None
+        found.append((np.linalg.inv(fit.covariance) - np.linalg.inv(BEFORE + model.motion), fit.points))
+    (apart, count), (in_common, _) = found
+    np.testing.assert_allclose(in_common * (1.0 + count), apart, rtol=1e-3, atol=1e-3 * np.abs(apart).max())
+
+
+def test_what_is_not_seen_is_as_uncertain_as_before_and_by_its_motion() -> None:
+    ball = ObjectModel.from_mesh(trimesh.creation.icosphere(4, 0.05), symmetry="none", cache=False)
+    before, model = np.diag(np.repeat([1e-3, 0.02], 3) ** 2), DepthTrackerModel(sigma_rotation_deg=1.0)
+    fit = fit_pose(
+        picture_of(ball, X_CO, NO_HAND, DepthCameraModel(), np.random.default_rng(0)), ball, X_CO, before, model
+    )
+    assert fit is not None
+    np.testing.assert_allclose(np.diag(fit.covariance)[:3], 1e-6 + np.radians(1.0) ** 2, rtol=0.05)
+    assert np.sqrt(np.diag(fit.covariance)[3:]).max() < 0.003
+
+
 def test_it_finds_the_pose_again(box: ObjectModel) -> None:
     model, generator = DepthTrackerModel(), np.random.default_rng(1)
     for hand in (NO_HAND, slab(0.65, 0.03)):
