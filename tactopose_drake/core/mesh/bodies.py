@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import manifold3d
 import numpy as np
@@ -14,7 +15,9 @@ from tactopose_drake.core.plain_values import counted
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 
-_SAME_VOLUME = 1e-6  # relative difference that is rounding: bodies that touch, but do not overlap, are not united
+_SAME = 1e-6  # relative difference of a volume or an area that is rounding
+_TOUCHING = 1e-9  # gap that is rounding, as a share of the size
+_SLIVER = 1e-12  # area of a face that is nothing but rounding, as a share of all
 # What is allowed, because more takes all time or memory there is.
 _MOST_FACES_OF_UNION = 10  # as a multiple of the bodies' faces
 _MOST_BODIES = 5000
@@ -61,7 +64,8 @@ def arrange(
     """Makes of closed bodies one solid whose winding number is one inside and zero outside.
 
     Debris is dropped (see `is_debris`), bodies turned inside out are flipped unless they are cavities
-    (inside-out shells within a body), overlapping ones are united. Each step but the cavities is stated.
+    (inside-out shells within a body), those that overlap, or touch along faces, are united: nobody can touch what is
+    between them. Each step but the cavities is stated.
 
     Args:
         vertices: shape (v, 3), m.
@@ -98,8 +102,8 @@ def arrange(
     if len(solids) > 1:
         united = _unite(vertices, faces, body, volume, parents)
         if united is not None:
-            repairs.append(f"united {len(solids)} overlapping bodies")
-            return united
+            repairs.append(f"united {len(solids)} {united.kind} bodies")
+            return united.vertices, united.faces
         repairs.append(f"kept {len(solids)} separate bodies as one rigid object")
     return vertices, faces
 
@@ -164,12 +168,21 @@ def _winding_number(point: FloatArray, vertices: FloatArray, faces: IntArray) ->
     return float(np.arctan2(triple, dots).sum() / (2 * np.pi))
 
 
+class _United(NamedTuple):
+    """A union's mesh, and what its bodies were: "overlapping", or "touching" along faces."""
+
+    vertices: FloatArray
+    faces: IntArray
+    kind: str
+
+
 def _unite(
     vertices: FloatArray, faces: IntArray, body: IntArray, volume: FloatArray, parents: list[IntArray]
-) -> tuple[FloatArray, IntArray] | None:
+) -> _United | None:
     """The union of the solids, each without its cavities; None if they are separate already."""
     solids = np.flatnonzero(volume > 0)
     lower, upper = _boxes(vertices, faces, body)
+    upper = upper + _TOUCHING * float(np.ptp(vertices[faces], axis=(0, 1)).max())
     if all(
         np.count_nonzero(np.all((lower[solids] < upper[n]) & (upper[solids] > lower[n]), axis=1)) == 1 for n in solids
     ):
@@ -186,10 +199,19 @@ def _unite(
     union = _union(parts)
     if union.status() != manifold3d.Error.NoError or union.is_empty():
         raise InvalidMeshError(f"has overlapping bodies that cannot be united ({union.status().name}).")
-    if abs(union.volume() - volume.sum()) <= _SAME_VOLUME * volume.sum():
+    overlap = abs(union.volume() - volume.sum()) > _SAME * volume.sum()
+    area = 0.5 * float(np.linalg.norm(cross_products(vertices, faces), axis=1).sum())
+    if not overlap and union.surface_area() >= (1.0 - _SAME) * area:
         return None
     mesh = union.to_mesh64()
-    return np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts).astype(np.int64)
+    united = _United(
+        np.array(mesh.vert_properties[:, :3]),
+        np.array(mesh.tri_verts).astype(np.int64),
+        "overlapping" if overlap else "touching",
+    )
+    # Faces that coincide but for rounding may leave slivers: such bodies stay as they are.
+    slivers = np.linalg.norm(cross_products(united.vertices, united.faces), axis=1) <= _SLIVER * area
+    return None if not overlap and slivers.any() else united
 
 
 def _union(parts: list[manifold3d.Manifold]) -> manifold3d.Manifold:

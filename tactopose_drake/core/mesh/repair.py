@@ -58,7 +58,8 @@ def repair_mesh(raw: RawMesh, name: str) -> RepairedMesh:
     """Checks a mesh, and repairs what can be repaired without guessing at the shape.
 
     Repaired with a statement: faces without area, repeated faces, faces that show the wrong side, inside-out bodies,
-    edges where bodies touch, cracks, holes small enough to tell inside from outside, debris, overlapping bodies.
+    edges where bodies touch, cracks, holes small enough to tell inside from outside, debris, bodies that overlap or
+    touch along faces.
     Duplicate vertices are merged silently. Separate bodies are kept as one rigid object, with a statement; inside-out
     shells within a body are its cavities.
 

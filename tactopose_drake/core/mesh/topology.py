@@ -15,6 +15,8 @@ from tactopose_drake.errors import InvalidMeshError
 IntArray = NDArray[np.int64]
 AnyIntArray = NDArray[np.int32] | IntArray
 
+_COINCIDENT = 1e-5  # rad between two faces at an edge: rounding of single precision
+
 
 @dataclass(frozen=True, eq=False)
 class FaceLinks:
@@ -107,11 +109,14 @@ def pair_around_edge(vertices: FloatArray, faces: IntArray, crowd: IntArray) -> 
     arm -= np.outer(arm @ edge, edge)
     first = int(np.argmin(along))
     across = np.cross(edge, arm[first])
-    angle = np.round(np.mod(np.arctan2(arm @ across, arm @ arm[first]), 2 * np.pi), 6)
+    angle = np.mod(np.arctan2(arm @ across, arm @ arm[first]), 2 * np.pi)
     # Where two faces coincide, the wedge that ends there comes before the one that begins.
-    angle[(angle >= 6.283185) | ((angle == 0.0) & along)] = 2 * np.pi
+    angle[(angle >= 2 * np.pi - _COINCIDENT) | ((angle <= _COINCIDENT) & along)] = 2 * np.pi
     angle[first] = 0.0
-    order = np.lexsort((~along, angle))
+    rising = np.argsort(angle)
+    place = np.empty(len(crowd), dtype=np.int64)
+    place[rising] = np.cumsum(np.diff(angle[rising], prepend=0.0) > _COINCIDENT)
+    order = np.lexsort((~along, place))
     if np.any(along[order[0::2]]) or not np.all(along[order[1::2]]):
         raise error
     return crowd[np.stack([order[0::2], order[1::2]], axis=1)]

@@ -69,6 +69,11 @@ REPAIRABLE = {
         joined(cube(), cube(at=(0.06, 0.06, 0.0))),
         ("separated bodies that touch along 1 edge$", "kept 2 separate bodies as one rigid object"),
     ),
+    "touching_along_a_face": (
+        joined(cube(), cube(at=(0.06, 0.0, 0.0))),
+        ("separated bodies that touch along 4 edges$", "united 2 touching bodies"),
+    ),
+    "touching_along_a_part_of_a_face": (joined(cube(), cube(0.02, (0.04, 0.01, 0.0))), ("united 2 touching bodies",)),
     "overlapping": (joined(cube(), cube(at=(0.03, 0.02, 0.01))), ("united 2 overlapping bodies",)),
     "debris": (joined(BALL, cube(0.002, (0.1, 0, 0))), ("dropped 1 separate piece of less than 0.1 %",)),
 }
@@ -92,6 +97,24 @@ def test_repaired_balls_are_the_ball_again(name: str) -> None:
     assert len(solid.vertices) == len(BALL.vertices)
     assert len(solid.faces) == len(BALL.faces)
     np.testing.assert_allclose(solid.volume, BALL.volume, rtol=1e-5)
+
+
+@pytest.mark.parametrize("side", [0.06, 0.02])
+def test_no_surface_is_left_between_bodies_that_touch_along_a_face(side: float) -> None:
+    solid, _ = repaired(joined(cube(), cube(side, (0.03 + side / 2, 0.0, 0.0))))
+    assert solid.volume == pytest.approx(0.06**3 + side**3)
+    assert solid.area == pytest.approx(6 * 0.06**2 + 4 * side**2, rel=1e-9)
+
+
+@pytest.mark.parametrize("turn", range(8))
+def test_parts_of_an_assembly_may_touch_anyhow(turn: int) -> None:
+    places = [(0.06 * i, 0.06 * j, 0.06 * k) for i in range(2) for j in range(2) for k in range(2)]
+    parts = joined(*(cube(at=place) for place in places)).apply_transform(random_pose(np.random.default_rng(turn)))
+    single = trimesh.Trimesh(parts.vertices.astype(np.float32), parts.faces, process=False)
+    solid, _ = repaired(single)
+    assert solid.volume == pytest.approx(8 * 0.06**3, rel=1e-5)
+    # Of faces that coincide but for rounding some may be left.
+    assert 0.999 * 24 * 0.06**2 <= solid.area <= 1.001 * 48 * 0.06**2
 
 
 def turned_band() -> trimesh.Trimesh:

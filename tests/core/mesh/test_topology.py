@@ -98,6 +98,20 @@ def test_pairing_around_an_edge_bounds_the_solid(turn: float) -> None:
     np.testing.assert_array_equal(found[:, 0], found[:, 1])
 
 
+@pytest.mark.parametrize("noise", [-1e-6, 0.0, 1e-6])  # rad, as of single precision
+def test_wedges_whose_faces_coincide_but_for_rounding_are_told_apart(noise: float) -> None:
+    for seed in range(40):
+        generator = np.random.default_rng(seed)
+        begin, shared, stop = np.sort(generator.uniform(0.0, 5.8, 3)) + 0.1 * np.arange(3)
+        ends = [(begin, False), (shared, True), (shared + noise, False), (stop, True)]
+        tips = [[np.cos(angle), np.sin(angle), 0.3] for angle, _ in ends]
+        faces = np.array([[0, 1, 2 + n] if along else [1, 0, 2 + n] for n, (_, along) in enumerate(ends)])
+        order = generator.permutation(4)
+        (crowd,) = mesh_topology.link_faces(faces[order]).crowded
+        pairs = mesh_topology.pair_around_edge(np.array([[0, 0, 0], [0, 0, 1], *tips], float), faces[order], crowd)
+        assert sorted(sorted(pair) for pair in order[pairs // 3].tolist()) == [[0, 1], [2, 3]]
+
+
 def test_edges_of_an_odd_number_of_faces_are_refused() -> None:
     box = cube(1.0)
     vertices = np.vstack([box.vertices, [[3.0, 3.0, 3.0]]])
