@@ -113,7 +113,7 @@ def _checked(depth: ArrayLike, mask: ArrayLike | None) -> FloatArray:
             raise InvalidInputError(
                 f"mask: is of {touches.dtype} and shape {touches.shape}; allowed are booleans of shape {values.shape}."
             )
-        values = np.where(touches, values, 0.0 * values)
+        values = np.where(touches | np.isnan(values), values, 0.0)
     deepest = np.nanmax(np.abs(values), initial=0.0)
     if not deepest <= DEEPEST:
         raise InvalidInputError(f"depth: holds {deepest:g} m; allowed are numbers up to {DEEPEST:g}, and NaN.")

@@ -75,6 +75,14 @@ def test_cells_reach_as_far_as_the_blocks_however_little_is_touched(radius: floa
     assert np.count_nonzero(~patch.active) >= 8
 
 
+def test_a_depth_that_is_none_may_be_where_nothing_touches() -> None:
+    depth, mask = np.full((120, 160), 0.0008), np.ones((120, 160), dtype=np.bool_)
+    depth[40:50, 60:70], mask[40:50, 60:70] = np.inf, False
+    found = SENSOR.patch(depth, np.eye(3, 4), mask=mask)
+    depth[40:50, 60:70] = 0.0
+    np.testing.assert_array_equal(found.pressure, SENSOR.patch(depth, np.eye(3, 4)).pressure)
+
+
 def test_pixels_that_are_not_known_leave_the_mean_of_the_others() -> None:
     depth = np.full((120, 160), 0.0008)
     depth[::3, ::2] = np.nan
