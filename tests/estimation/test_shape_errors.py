@@ -47,6 +47,14 @@ def test_a_point_off_along_a_ball_may_have_touched_where_it_is_turned(ball: tp.O
     np.testing.assert_allclose(wider.sigma_normal, 0.004 / 0.05, rtol=0.15)
 
 
+def test_an_object_of_another_size_has_its_places_elsewhere_along_the_surface_too() -> None:
+    # About the place by which it grows, 30 mm off its middle, places move by 0.03 / sqrt(3) along each tangent, rms.
+    ball = tp.ObjectModel.from_sphere(0.05, scale_sigma=0.2, center_of_mass=[0.0, 0.0, 0.03])
+    covariance = np.tile(1e-8 * np.eye(6), (2, 1, 1))
+    wider = with_shape_errors(ball, tp.Contacts(P, N, covariance=covariance))
+    np.testing.assert_allclose(wider.sigma_normal, 0.2 * 0.03 / math.sqrt(3.0) / 0.05, rtol=0.15)
+
+
 def test_without_any_contacts_stay_the_same() -> None:
     ball = tp.ObjectModel.from_sphere(0.05)
     contacts = tp.Contacts(P, N)

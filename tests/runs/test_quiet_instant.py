@@ -42,6 +42,20 @@ def test_the_quietest_instant_of_the_most_fingers_is_averaged(blob: ObjectModel)
     assert 1002.0 <= grasp.time <= 1003.0
 
 
+def test_wrenches_that_change_are_not_quiet_and_the_rest_is_averaged(blob: ObjectModel) -> None:
+    """The joints are still all the time; only from 2 to 3 s do the wrenches hardly change, to and fro."""
+    run = recording(start=1000.0)
+    to_and_fro = 0.002 * np.where(np.arange(len(TIMES)) // 2 % 2, 1.0, -1.0)
+    is_calm = (TIMES >= 2.0) & (TIMES <= 3.0)
+    wrench = HELD + np.where(is_calm, 1.0, 50.0)[:, None] * to_and_fro[:, None] * [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+    run.signals["joint_positions"] = Signal(TIMES.tolist(), list(np.full((len(TIMES), 2), 0.3)))
+    run.signals["wrench_one"] = run.signals["wrench_two"] = Signal(TIMES.tolist(), list(wrench))
+    grasp = quiet_grasp(run, blob, "run")
+    assert grasp.time is not None
+    assert 1002.0 <= grasp.time <= 1003.0
+    np.testing.assert_allclose(grasp.wrenches["one"], HELD, atol=0.002 / 14)
+
+
 def test_times_of_a_simulation_count_for_nothing(blob: ObjectModel) -> None:
     assert quiet_grasp(recording(), blob, "run").time is None
 

@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from tactopose_drake.core.poses import make_poses, random_rotations, skew
 from tactopose_drake.core.sensing.contact_noise import contact_covariance
+from tactopose_drake.core.sensing.contact_noise_kernels import HandVariances, SensedContact, fill_hand_covariance
 from tactopose_drake.core.sensing.intrinsic_contact import solve_contact, solve_contacts
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Sphere, Surface
@@ -80,3 +82,23 @@ def test_a_negative_sigma_is_refused(name: str) -> None:
     solution = solve_contact([0, 0, 0, 0, 0, -2.0], Sphere(radius=0.009))
     with pytest.raises(InvalidInputError, match=f"{name}: is -1"):
         contact_covariance(solution, Sphere(radius=0.009), **{name: -1.0})  # type: ignore[arg-type]
+
+
+def test_a_hands_errors_turn_and_move_a_contact_together() -> None:
+    """Each error is linear: the point moves by dp and w x p, and the normal by dn turns by n x dn."""
+    generator = np.random.default_rng(3)
+    R, p_PS, p_SC, n_S = (*random_rotations(generator, 1), *generator.normal(size=(3, 3)))
+    n_S /= np.linalg.norm(n_S)
+    root, by_joints = generator.normal(size=(6, 6)), generator.normal(size=(6, 4))
+    noise = root @ root.T  # of point and normal, by the sensor
+    arm, normal = R @ p_SC, R @ n_S
+    by_noise = np.block([[R, np.zeros((3, 3))], [np.zeros((3, 3)), skew(normal) @ R]])
+    by_turn = np.vstack([-skew(arm), np.eye(3)])
+    thicker = np.append(normal, np.zeros(3))
+    expected = by_noise @ noise @ by_noise.T + np.roll(by_joints, 3, axis=0) @ np.roll(by_joints, 3, axis=0).T
+    expected += 0.3 * by_turn @ by_turn.T + 0.2 * np.diag([1.0, 1, 1, 0, 0, 0]) + 0.1 * np.outer(thicker, thicker)
+    found = np.empty((6, 6))
+    blocks = (np.ascontiguousarray(block) for block in (noise[:3, :3], noise[3:, 3:], noise[:3, 3:]))
+    contact = SensedContact(p_SC, n_S, *blocks)
+    fill_hand_covariance(make_poses(R, p_PS), contact, by_joints, HandVariances(0.2, 0.3, 0.1), found)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
