@@ -1,10 +1,10 @@
 """Fingertips that roll and slide on a moving object: touch over time without a simulator, on the true mesh.
 
 A fingertip is a sphere whose centre keeps one radius from the mesh. Where it rolls or sticks, the points that touch
-have
-one velocity: an object of spatial velocity V and a fingertip turning at w, whose centre is by r n from the contact,
-give the centre v = V(p_C) + w x r n. Where it slides, the centre stays, but for what keeps it touching. The contact is
-the mesh's nearest point to the centre, and its normal points from there to it: at an edge, between the faces' normals.
+have one velocity: an object of spatial velocity V and a fingertip turning at w, whose centre is by r n from the
+contact, give the centre v = V(p_C) + w x r n. Where it slides, the centre stays, but for what keeps it touching. The
+contact is the mesh's nearest point to the centre, and its normal points from there to it: at an edge, between the
+faces' normals.
 """
 
 from __future__ import annotations
