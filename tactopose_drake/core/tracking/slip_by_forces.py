@@ -13,7 +13,6 @@ they come while the object is held is a lower bound of the coefficient where tha
 from __future__ import annotations
 
 import bisect
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -48,14 +47,17 @@ class ForceTest(NamedTuple):
     inside_time: float = -np.inf
 
     def change_since(self, time: float) -> float:
-        """By how much of the size of all forces those have changed since that time, s, of what touched then and now.
+        """By how much of the size of all forces those have changed since that time, s."""
+        first = bisect.bisect_left(self.times, time)
+        return float(_changes(self.forces[first : first + 1], self.forces[-1:])[0, 0])
 
-        What no longer touches may be a reading that was lost.
+    def sure_change(self, duration: float) -> float:
+        """The same within so long, s, by no single reading, which may be far off.
+
+        Of the last two frames and two of before the two count that differ least.
         """
-        before, now = self.forces[bisect.bisect_left(self.times, time)], self.forces[-1]
-        both = before.any(axis=1) & now.any(axis=1)
-        square = max(float(np.sum(before**2)), float(np.sum(now**2)), 1e-12)
-        return math.sqrt(float(np.sum((now - before)[both] ** 2)) / square)
+        first = bisect.bisect_left(self.times, self.times[-2:][0] - duration)
+        return float(_changes(self.forces[max(first - 1, 0) : first + 1], self.forces[-2:]).min())
 
 
 def detect_by_forces(
@@ -81,7 +83,7 @@ def detect_by_forces(
     largest = min(float(ratios.max()), params.most_ratio)
     ratio = test.ratio + params.gain * max(largest - test.ratio, 0.0) if test.ratio > 0.0 else largest
     at_limit = ratios > params.limit_share * max(ratio, params.least_ratio)
-    change = kept.change_since(time - params.time)
+    change = kept.sure_change(params.time)
     noise = test.noise + params.gain * (min(change, params.change) - test.noise)
     kept = kept._replace(ratio=ratio, noise=noise, inside_time=test.inside_time if at_limit.all() else time)
     are_enough = len(ratios) >= params.least_fingers
@@ -103,6 +105,18 @@ def _with_forces(params: ForceTestParams, test: ForceTest, reading: ContactReadi
     forces[:-1, :known], ratios[:-1, :known] = test.forces[first:], test.ratios[first:]
     forces[-1, source], ratios[-1, source] = contacts.f_PC, _ratios(params, contacts.f_PC, contacts.n_PC)
     return test._replace(times=(*test.times[first:], time), forces=forces, ratios=ratios)
+
+
+def _changes(before: FloatArray, now: FloatArray) -> FloatArray:
+    """By how much of the size of all forces (a, s, 3) and (b, s, 3) those differ that touch in both, shape (a, b).
+
+    What touches in one alone may be a reading that was lost.
+    """
+    before = before[:, None]
+    both = before.any(axis=3) & now.any(axis=2)
+    changed = np.sum((now - before) ** 2, axis=3).sum(axis=2, where=both)
+    square = np.maximum(np.sum(before**2, axis=(2, 3)), np.sum(now**2, axis=(1, 2)))
+    return np.asarray(np.sqrt(changed / np.maximum(square, 1e-12)))
 
 
 def _have_risen(params: ForceTestParams, test: ForceTest, time: float) -> bool:
