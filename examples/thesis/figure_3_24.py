@@ -97,11 +97,11 @@ def scene_instances(parts: ArmParts) -> list[ModelInstanceIndex]:
 
 def make_carrying_station(name: str, knows_hand: bool, seed: int, places: Array) -> tuple[ArmStation, Route]:
     """The arm and hand, the tracker and the belief; the object is to be held."""
-    scenario = Scenario(object=name, seed=seed)
-    model = scenario.object_model()
     tracking = PoseTrackingParams(use_uncertainty=False)  # the hand errs in nothing, as the thesis has it
     tracking.contacts.sigma_position, tracking.contacts.sigma_normal_deg = 0.0005, 3.0
-    setup = ArmSetup(scene=[SceneModel(model="package://tactopose_drake/models/scenes/table.sdf")], tracking=tracking)
+    scenario = Scenario(object=name, seed=seed, tracking=tracking)
+    model = scenario.object_model()
+    setup = ArmSetup(scene=[SceneModel(model="package://tactopose_drake/models/scenes/table.sdf")])
     routes = []
 
     def add_decision(builder: DiagramBuilder, parts: ArmParts) -> OutputPort:

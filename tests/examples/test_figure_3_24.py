@@ -9,6 +9,7 @@ import pytest
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 import tactopose_drake as tp
+from tactopose_drake.core.grasping.grasp_plan import GraspPlan
 from tactopose_drake.resources import model_path
 
 FOLDER = Path(__file__).parents[2] / "examples" / "thesis"
@@ -57,3 +58,13 @@ def test_the_errors_stand_beside_those_of_the_thesis(example: ModuleType) -> Non
         line for line in example.markdown({("tea_box", "knows"): track}, 1, 5).splitlines() if line.startswith("| tea")
     ]
     assert row == "| tea_box | knows | 10 to 30 | 30.0 (40.0) | no pose | 80.2 | 20.0 | 7 |"
+
+
+def test_the_station_has_the_tracker_and_a_belief_over_time(
+    example: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(example, "plan_scenario", lambda scenario, model: [GraspPlan(np.eye(3, 4), {}, 0.0)])
+    station, route = example.make_carrying_station("soda_can", True, 0, example.PLACES[:1])
+    assert route.duration > 0.0
+    assert station.diagram.HasSubsystemNamed("pose_tracking")
+    assert station.diagram.HasSubsystemNamed("depth_tracker")
