@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -41,6 +41,14 @@ def pad_source(pad: str) -> str:
     return f"pad {pad}"
 
 
+class PalmPlace(NamedTuple):
+    """Where the palm is said to be: X_WP, shape (3, 4), since when, and how long after the place before, s."""
+
+    X_WP: FloatArray
+    since: float
+    after: float = 0.0
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Remembered:
     """What was read before and tells no time of its own, and since when it is so, s.
@@ -49,7 +57,7 @@ class Remembered:
         seen: the prior that vision said last; None before the first.
         prior: that which was news, as a measurement of then.
         time: of the last reading, s.
-        palm: X_WP where it was known, shape (3, 4), and when, s; None before.
+        palm: where the palm was said to be at that reading; None where that was not known.
         felt: what each finger or pad felt, and since when, s, by its name: the size of a force, shape (1,), N, which no
             motion of the joints changes, or where there is none the point, shape (3,), m.
     """
@@ -57,7 +65,7 @@ class Remembered:
     seen: PosePrior | None = None
     prior: PoseMeasurement | None = None
     time: float = -math.inf
-    palm: tuple[FloatArray, float] | None = None
+    palm: PalmPlace | None = None
     felt: Mapping[str, tuple[FloatArray, float]] = dataclasses.field(default_factory=dict)
 
     def __deepcopy__(self, memo: Any) -> Remembered:
@@ -103,9 +111,7 @@ class BeliefInputs:
             PortTypeError: if an input holds what it cannot, or neither contacts nor patches are connected.
         """
         now = context.get_time()
-        times = [time for _, time in before.felt.values()] + ([] if before.prior is None else [before.prior.time])
-        times += [] if before.palm is None else [before.palm[1]]
-        if max(times, default=now) > now:
+        if before.time > now:
             before = Remembered()
         contacts, patches, sources = self._read_touch(context)
         untouched = eval_optional_input(self._untouched, context, HandGeometry)
@@ -120,7 +126,7 @@ class BeliefInputs:
         remarks: list[str] = []
         last_felt = before.felt if now <= before.time + _PAUSE else {}
         felt = _felt_since(last_felt, dict(zip(sources, _readings(evidence), strict=True)), now)
-        before = dataclasses.replace(before, time=now, felt=felt)
+        before = dataclasses.replace(before, felt=felt)
         if frozen := {name: time for name, (_, time) in felt.items() if now > time + _FROZEN}:
             of = "" if len(frozen) == len(felt) else f" of {', '.join(frozen)}"
             remarks.append(f"the touch{of} has been the same for {now - max(frozen.values()):.1f} s")
@@ -135,7 +141,8 @@ class BeliefInputs:
             remarks += [] if status in (None, "ok") else [status]
         check = None if self._clearance is None else self._clearance.posed(context)
         depth = None if check is None else check.depth
-        return Reading(Frame(now, evidence, sources, velocities, vision, X_WP, depth), tuple(remarks)), before
+        reading = Reading(Frame(now, evidence, sources, velocities, vision, X_WP, depth), tuple(remarks))
+        return reading, dataclasses.replace(before, time=now)
 
     def _read_touch(self, context: Context) -> tuple[Contacts, tuple[Patch, ...], tuple[str, ...]]:
         """Contacts, patches, and the names of what touches."""
@@ -202,14 +209,21 @@ class BeliefInputs:
         """The palm's pose, where it is known and has come there by a motion."""
         palm = eval_optional_input(self.palm, context, RigidTransform)
         if palm is None:
-            return None, before
+            return None, dataclasses.replace(before, palm=None)
         X_WP: FloatArray = palm.GetAsMatrix34()
         if not np.all(np.isfinite(X_WP)):
             remarks.append("the palm's pose is not finite")
-            return None, before
+            return None, dataclasses.replace(before, palm=None)
         now, last = context.get_time(), before.palm
-        before = dataclasses.replace(before, palm=(X_WP, now))
-        if last is not None and (jump := _jump(last[0], X_WP, now - last[1])):
+        if last is None:
+            return X_WP, dataclasses.replace(before, palm=PalmPlace(X_WP, now))
+        if np.array_equal(X_WP, last.X_WP):
+            return X_WP, before
+        # A pose that is told less often than beliefs are made has moved for as long as between two of them.
+        after = now - last.since
+        jump = _jump(last.X_WP, X_WP, max(now - before.time, min(after, last.after)))
+        before = dataclasses.replace(before, palm=PalmPlace(X_WP, now, after))
+        if jump:
             remarks.append(f"the palm's pose has jumped by {jump}")
             return None, before
         return X_WP, before

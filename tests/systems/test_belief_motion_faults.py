@@ -68,6 +68,27 @@ def test_a_hand_that_is_carried_fast_does_not_jump(box: ObjectModel) -> None:
     assert not [instant for instant in run.instants if "jumped" in instant.status]
 
 
+def test_a_palm_that_is_told_less_often_than_beliefs_are_made_does_not_jump(box: ObjectModel) -> None:
+    """An untouched object stays behind in the world as the hand is drawn away at 1.2 m/s, told every quarter second."""
+    moves = 0.28
+
+    def palm(time: float) -> RigidTransform:
+        told = 0.25 * np.floor(time / 0.25 + 1e-6)
+        return RigidTransform([0.0, 0.0, 0.001 * min(told, moves) + 1.2 * max(0.0, told - moves)])
+
+    run = Run(
+        PoseBeliefEstimator(box),
+        vision=begun(lambda time: None),
+        palm_pose=palm,
+        untouched=lambda time: None if time < 0.4 else ANYWHERE,
+        **touched(still, lambda time: time < 0.4),
+    )
+    held = run.until(0.45).pose.translation()
+    moved = run.until(0.55).pose.translation() - held
+    assert not [instant for instant in run.instants if "jumped" in instant.status]
+    np.testing.assert_allclose(moved, [0.0, 0.0, -1.2 * (0.5 - moves)], atol=0.011)
+
+
 def test_velocities_that_are_not_known_are_named(box: ObjectModel) -> None:
     def tips(time: float) -> dict[str, np.ndarray] | None:
         bad = None if time > 0.2 else {finger: np.full(6, np.nan) for finger in FINGERS}

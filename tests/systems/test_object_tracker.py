@@ -268,6 +268,15 @@ def test_a_palm_that_is_not_known_is_said_and_the_object_goes_on(tracker: Object
     assert np.isnan(in_world.translation()).all()
 
 
+def test_what_was_felt_before_the_clock_went_back_is_not_remembered(tracker: ObjectTracker) -> None:
+    for time in np.arange(0.0, 1.05, 0.1):
+        belief = tracker.update(noisy(0), held_cube.Q, time, vision=held_cube.prior() if time == 0.0 else None)
+    assert "the touch has been the same for 1.0 s" in belief.message
+    belief = tracker.update(noisy(0), held_cube.Q, 0.7)
+    assert "the clock went back" in belief.message
+    assert "has been the same" not in belief.message
+
+
 def test_the_palm_moves_the_world_and_not_the_object_in_it(tracker: ObjectTracker) -> None:
     X_WP = RigidTransform([1.0, 2.0, 3.0])
     tracker.update(noisy(0), held_cube.Q, 0.0, vision=held_cube.prior(), palm_pose=X_WP)
