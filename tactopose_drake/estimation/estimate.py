@@ -139,7 +139,10 @@ def check_question(model: ObjectModel, contacts: Contacts, **options: Any) -> No
     Raises:
         TypeError: an option that `estimate_pose` does not have.
     """
-    given = _SIGNATURE.bind(model, contacts, **options)
+    try:
+        given = _SIGNATURE.bind(model, contacts, **options)
+    except TypeError as error:
+        raise TypeError(f"estimate_pose() {error}") from None
     given.apply_defaults()
     _asked(**given.arguments)
 
