@@ -11,6 +11,7 @@ from tactopose_drake.core.compilation import kernel
 from tactopose_drake.core.kernel_types import Longs1, OutFlags1, OutFloats1, OutFloats2, OutFloats3, OutLongs1
 from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts, add_up_doubted, make_work
 from tactopose_drake.core.kernels.grid_kernels import Grid
+from tactopose_drake.core.kernels.hand_sphere_kernels import Spheres
 from tactopose_drake.core.kernels.lane_kernels import LANES, SIZE, leave, total_cost
 from tactopose_drake.core.kernels.least_squares_kernels import (
     DescentRule,
@@ -20,7 +21,6 @@ from tactopose_drake.core.kernels.least_squares_kernels import (
     promised_decrease,
 )
 from tactopose_drake.core.kernels.penetration_kernels import (
-    Spheres,
     add_penetration,
     find_depths,
     make_depths,

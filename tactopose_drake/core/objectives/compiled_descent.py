@@ -9,8 +9,8 @@ from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts
 from tactopose_drake.core.kernels.descent_kernels import Ends, descend
 from tactopose_drake.core.kernels.grid_kernels import Grid
+from tactopose_drake.core.kernels.hand_sphere_kernels import NO_SPHERES, Spheres
 from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
-from tactopose_drake.core.kernels.penetration_kernels import NO_SPHERES, Spheres
 from tactopose_drake.core.kernels.prior_kernels import Prior
 from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts
 from tactopose_drake.core.objectives.objective import Descent, NormalEquations

@@ -8,7 +8,8 @@ import numpy as np
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.kernels import penetration_kernels
-from tactopose_drake.core.kernels.penetration_kernels import Depths, Spheres
+from tactopose_drake.core.kernels.hand_sphere_kernels import Spheres, gather_neighbourhoods
+from tactopose_drake.core.kernels.penetration_kernels import Depths
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
@@ -41,7 +42,7 @@ class Penetration(LeastSquaresObjective):
         largest_first = np.argsort(-hand.radius, kind="stable")
         group, distance = np.empty(len(hand), dtype=np.int64), np.empty(len(hand))
         leads = np.empty(len(hand), dtype=np.bool_)
-        penetration_kernels.gather_neighbourhoods(hand.p_PH, largest_first, neighbourhood, group, distance, leads)
+        gather_neighbourhoods(hand.p_PH, largest_first, neighbourhood, group, distance, leads)
         # Neighbourhood by neighbourhood, the leader first, the others by falling reach.
         reach = distance + hand.radius
         order = np.lexsort((-reach, ~leads, group))

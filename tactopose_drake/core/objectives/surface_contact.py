@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import surface_contact_kernels
+from tactopose_drake.core.kernels.hand_sphere_kernels import NO_SPHERES
 from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
-from tactopose_drake.core.kernels.penetration_kernels import NO_SPHERES
 from tactopose_drake.core.kernels.prior_kernels import Prior
 from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts
 from tactopose_drake.core.objectives.compiled_descent import CompiledDescent

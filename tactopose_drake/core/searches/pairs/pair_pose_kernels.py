@@ -11,18 +11,16 @@ from tactopose_drake.core.kernel_types import (
     Ints1,
     Longs1,
     Longs2,
-    OutFloats1,
     OutFloats4,
-    OutInts3,
     OutLongs1,
-    OutLongs2,
     OutSingles1,
     OutSingles2,
     Singles2,
 )
 from tactopose_drake.core.kernels.matrix_kernels import orthonormalize
-from tactopose_drake.core.kernels.sorting_kernels import select, sort_stably
+from tactopose_drake.core.kernels.sorting_kernels import sort_stably
 from tactopose_drake.core.searches.pairs.image_kernels import Images, is_near, may_be_near
+from tactopose_drake.core.searches.pairs.kept_pose_kernels import Block, drop_worse, keep, make_block, make_room, note
 from tactopose_drake.core.searches.pairs.pair_lane_kernels import (
     AXES,
     COSINE,
@@ -31,7 +29,6 @@ from tactopose_drake.core.searches.pairs.pair_lane_kernels import (
     LANES,
     MIDDLE,
     SINE,
-    SIZE,
     Field,
     Samples,
     add_cost,
@@ -63,36 +60,6 @@ class Best(NamedTuple):
     X: OutFloats4
     cost: OutSingles2
     counts: OutLongs1
-
-
-class _Kept(NamedTuple):
-    """The best so far, in two rows like `Best`'s; there may be twice as many as are wanted, then half are left.
-
-    Attributes:
-        pose: each as its pair, its match and its spin, shape (2, r, 3).
-        cost: shape (2, r).
-        used: how many there are, shape (2,).
-        limit: what costs more is none of the best, shape (2,).
-    """
-
-    pose: OutInts3
-    cost: OutSingles2
-    used: OutLongs1
-    limit: OutFloats1
-
-
-class _Block(NamedTuple):
-    """As many poses as there are lanes, of one pair of contacts, and their rows of lanes.
-
-    Attributes:
-        samples: where the pair's contacts lie, shape (LANES, 2).
-        match: the places of these in `Matched.matches`, and the numbers of spins, shape (LANES, 2).
-        w: the rows.
-    """
-
-    samples: OutLongs2
-    match: OutLongs2
-    w: OutSingles1
 
 
 @inlined
@@ -138,7 +105,7 @@ def _fill_pose(frame, axes, w, lane, X):
 
 
 @part
-def _place_lanes(samples: Samples, contacts: Singles2, spins: int, lanes: int, block: _Block) -> None:
+def _place_lanes(samples: Samples, contacts: Singles2, spins: int, lanes: int, block: Block) -> None:
     """Where matches and spins lay the contacts' frame in O. The pair's own contacts are the last two of `contacts`."""
     w, last = block.w, contacts.shape[0] - 1
     place(samples, block.samples, lanes, w)
@@ -163,12 +130,8 @@ def keep_best(
     X, axes, frames = np.empty((3, 4)), np.empty((3, 3)), np.empty((spins.shape[0], 4, 3))
     contacts = np.empty((spins.shape[0], table.shape[0], table.shape[1]), dtype=np.float32)
     order = np.empty(table.shape[0], dtype=np.intp)
-    kept = _make_room(best.counts)
-    block = _Block(
-        np.empty((LANES, 2), dtype=np.int64),
-        np.empty((LANES, 2), dtype=np.int64),
-        np.empty(SIZE, dtype=np.float32),
-    )
+    kept = make_room(best.counts)
+    block = make_block()
     for q in range(spins.shape[0]):
         _put_last(matched.ends[q, 0], matched.ends[q, 1], order)
         frame, laid = frames[q], contacts[q]
@@ -184,9 +147,9 @@ def keep_best(
                     _fill_pose(frame, axes, block.w, lane, X)
                     block.w[COST + lane] = 0.0 if is_near(X, images) else np.inf
             _add_costs(field, laid, kept.limit, alike, lanes, block.w)
-            _keep(q, lanes, alike, laid.shape[0], block, best.counts, kept)
+            keep(q, lanes, alike, laid.shape[0], block, best.counts, kept)
     for spared in range(2):
-        used, cost = _drop_worse(best.counts[spared], spared, kept), kept.cost[spared]
+        used, cost = drop_worse(best.counts[spared], spared, kept), kept.cost[spared]
         rising, places = np.empty(used), np.empty((2, used), dtype=np.int64)
         for k in range(used):
             rising[k] = cost[k]
@@ -198,29 +161,13 @@ def keep_best(
                 kept.pose[spared, place_of, 1],
                 kept.pose[spared, place_of, 2],
             )
-            _note(samples, matched.matches[row], row, spin, 0, block)
+            note(samples, matched.matches[row], row, spin, 0, block)
             _place_lanes(samples, contacts[q], spins[q], 1, block)
             _fill_axes(block.w, np.uintp(0), axes)
             orthonormalize(axes, 3)  # They are singles.
             _fill_pose(frames[q], axes, block.w, np.uintp(0), best.X[spared, k])
             best.cost[spared, k] = cost[place_of]
         best.counts[spared] = used
-
-
-@part
-def _make_room(count: Longs1) -> _Kept:
-    """For twice so many (2,), and for a block of lanes more."""
-    room = 2 * max(count[0], count[1]) + LANES
-    kept = _Kept(
-        np.empty((2, room, 3), dtype=np.int32),
-        np.empty((2, room), dtype=np.float32),
-        np.zeros(2, dtype=np.int64),
-        np.full(2, np.inf),
-    )
-    for spared in range(2):
-        if count[spared] == 0:
-            kept.limit[spared] = -np.inf
-    return kept
 
 
 @inlined
@@ -235,18 +182,11 @@ def _take(samples, matched, q, frame, images, begun, block):
         i, j = samples.pairs[match, 0], samples.pairs[match, 1]
         is_worth = is_anywhere or spin > 0 or may_be_near(samples.points, i, j, frame, images)
         if is_worth:
-            _note(samples, match, row, spin, lanes, block)
+            note(samples, match, row, spin, lanes, block)
             lanes, spin = lanes + 1, spin + 1
         if not is_worth or spin == matched.spins[q]:
             row, spin = row + 1, 0
     return lanes, row, spin
-
-
-@inlined
-def _note(samples, match, row, spin, lane, block):
-    """Writes down what a lane's pose is made of."""
-    block.samples[lane, 0], block.samples[lane, 1] = samples.pairs[match, 0], samples.pairs[match, 1]
-    block.match[lane, 0], block.match[lane, 1] = row, spin
 
 
 @part
@@ -271,31 +211,6 @@ def _bound(limit, alike):
     return max(limit, alike) if limit > -np.inf else limit
 
 
-@part
-def _keep(q: int, lanes: int, alike: float, contacts: int, block: _Block, count: Longs1, kept: _Kept) -> None:
-    """Keeps those of the lanes' poses, of a pair of so many contacts, that are among the best."""
-    for spared in range(2):
-        used, limit, tells = kept.used[spared], kept.limit[spared], alike * (contacts - spared)
-        for lane in range(np.uintp(lanes)):
-            total = float(block.w[COST + lane] - np.float32(spared) * block.w[DEAREST + lane])
-            match, turns = block.match[lane, 0], block.match[lane, 1]
-            if total < tells:
-                total = tells * _chance(match, turns)
-            if total <= limit and total < np.inf:
-                kept.pose[spared, used, 0], kept.pose[spared, used, 1] = q, match
-                kept.pose[spared, used, 2], kept.cost[spared, used] = turns, total
-                used += 1
-        kept.used[spared] = used
-        if used >= 2 * count[spared]:
-            _drop_worse(count[spared], spared, kept)
-
-
-@inlined
-def _chance(row, spin):
-    """A number from 0 to 1, as good as random, of a match and spin [multiplicative hashing, Knuth]."""
-    return float(((row * 2654435761 + spin * 2246822519) ^ (row >> 3)) & 0xFFFFFF) / 0x1000000
-
-
 @inlined
 def _put_last(a, b, order):
     """The order of contacts with a pair last: it fits by construction, the others say sooner that a pose is bad."""
@@ -305,21 +220,3 @@ def _put_last(a, b, order):
             order[row] = m
             row += 1
     order[row], order[row + 1] = a, b
-
-
-@part
-def _drop_worse(count: int, spared: int, kept: _Kept) -> int:
-    """Keeps so many of a row, those that cost least; how many there are now."""
-    used, pose, cost = kept.used[spared], kept.pose[spared], kept.cost[spared]
-    if used <= count:
-        return used
-    spare = np.empty(used, dtype=np.float32)
-    for k in range(used):
-        spare[k] = cost[k]
-    limit, now = select(spare, used, count - 1), 0
-    for k in range(used):
-        if cost[k] <= limit and now < count:
-            pose[now, 0], pose[now, 1], pose[now, 2], cost[now] = pose[k, 0], pose[k, 1], pose[k, 2], cost[k]
-            now += 1
-    kept.limit[spared], kept.used[spared] = limit, now
-    return now
