@@ -4,15 +4,10 @@ What counts as a number is told in `number_kinds`.
 """
 
 import contextlib
-import dataclasses
-import math
 import numbers
 import os
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from operator import mul
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,23 +19,8 @@ from tactopose_drake.errors import shown as shown
 FloatArray = NDArray[np.float64]
 
 
-class Checked(Protocol):
-    """Parameters that say what is wrong with them."""
-
-    def validate(self) -> None:
-        """Raises InvalidInputError if a parameter is out of its range."""
-
-
-Params = TypeVar("Params", bound=Checked)
-
-# Coordinates, m, and components of unit vectors count in steps of this: about 1e-9, and exact in binary.
-_STEP = 2.0**-30
 _LEAST, _MOST = np.nextafter(0.0, 1.0), np.finfo(np.float64).max
-_LONG = 1e3
-_UNIT_TOLERANCE = 1e-3
 
-FARTHEST = 10.0
-"""No point in the palm frame is so far from it, m: one that is must be in millimetres."""
 LATEST = 1e12
 """Times are up to this, s: far beyond any clock's, and still told apart to a millisecond."""
 MOST_FORCE = 1e6
@@ -65,11 +45,12 @@ def finite_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -
         InvalidInputError: if it is not of numbers, of another shape, or holds a NaN or an infinite number.
     """
     array = number_array(name, value, *shapes)
-    _check_finite(name, array)
+    check_finite(name, array)
     return array
 
 
-def _check_finite(name: str, array: FloatArray) -> None:
+def check_finite(name: str, array: FloatArray) -> None:
+    """Raises InvalidInputError that names the first entry which is a NaN or infinite."""
     if not np.isfinite(array).all():
         bad = np.argwhere(~np.isfinite(array))[0]
         raise InvalidInputError(f"{entry_of(name, bad)}: is {array[tuple(bad)]}; allowed are finite numbers.")
@@ -94,7 +75,7 @@ def _fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
     return len(shape) == len(wanted) and all(n is None or n == m for n, m in zip(wanted, shape, strict=True))
 
 
-def _is_between(array: FloatArray, least: float, most: float) -> bool:
+def is_between(array: FloatArray, least: float, most: float) -> bool:
     """Whether no entry is a NaN or outside of two limits: soon told, where nothing is wrong."""
     return not array.size or bool(least <= array.min() and array.max() <= most)
 
@@ -129,9 +110,9 @@ def positive_numbers(
         InvalidInputError: if it is not one, or of another shape.
     """
     array = number_array(name, value, *shapes)
-    if _is_between(array, least or (0.0 if allow_zero else _LEAST), min(most, _MOST)):
+    if is_between(array, least or (0.0 if allow_zero else _LEAST), min(most, _MOST)):
         return array
-    _check_finite(name, array)
+    check_finite(name, array)
     low = (array < 0.0) | ((array == 0.0) & (not allow_zero))
     outside = ((array < least) & (array > 0.0)) | (array > most)
     for wrong, allowed in (
@@ -143,27 +124,6 @@ def positive_numbers(
     return array
 
 
-def points_near(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
-    """Returns points (n, 3), m, none of which is evidently in millimetres.
-
-    Raises:
-        InvalidInputError: if one is farther than `FARTHEST` from the origin, or they are not finite or of that shape.
-    """
-    points = number_array(name, value, shape)
-    if not _is_between(points, -FARTHEST, FARTHEST):
-        _check_finite(name, points)
-        i = int(np.abs(points).max(axis=1).argmax())
-        raise _far_off(f"{name}[{i}]", points[i])
-    return points
-
-
-def _far_off(name: str, point: FloatArray, most: float = FARTHEST) -> InvalidInputError:
-    return InvalidInputError(
-        f"{name}: is {point.tolist()}, in metres; allowed are coordinates up to {most:g} m. "
-        "Multiply by 0.001 what is in millimetres."
-    )
-
-
 def limited(name: str, value: ArrayLike, *shapes: tuple[int | None, ...], most: float) -> FloatArray:
     """Returns an array of finite numbers whose absolute values are at most `most`.
 
@@ -171,8 +131,8 @@ def limited(name: str, value: ArrayLike, *shapes: tuple[int | None, ...], most: 
         InvalidInputError: if it is not one, or of another shape.
     """
     array = number_array(name, value, *shapes)
-    if not _is_between(array, -most, most):
-        _check_finite(name, array)
+    if not is_between(array, -most, most):
+        check_finite(name, array)
         beyond = np.argwhere(np.abs(array) > most)[0]
         worst = array[tuple(beyond)]
         raise InvalidInputError(f"{entry_of(name, beyond)}: is {worst:g}; allowed are numbers up to {most:g}.")
@@ -250,129 +210,3 @@ def path_of(name: str, value: object) -> Path:
     if not isinstance(value, str | os.PathLike):
         raise InvalidInputError(f"{name}: is {shown(value)}; allowed is a path.")
     return Path(value)
-
-
-def params_of(kind: type[Params], value: Params | None) -> Params:
-    """Returns parameters that were given, or for None the default ones, which are in their ranges.
-
-    Raises:
-        InvalidInputError: a value of another type, or a parameter that is out of its range.
-    """
-    params = kind() if value is None else value
-    instance_of("params", params, kind)
-    params.validate()
-    return params
-
-
-def check_parts(params: object, **kinds: type[Checked]) -> None:
-    """Checks parameters that are made of others.
-
-    Args:
-        params: of all.
-        kinds: of what type each part is, by its name.
-
-    Raises:
-        InvalidInputError: a part of another type, or a parameter in it that is out of its range.
-    """
-    for name, kind in kinds.items():
-        part = getattr(params, name)
-        instance_of(f"{type(params).__name__}.{name}", part, kind)
-        part.validate()
-
-
-def check_numbers(
-    name: str,
-    params: Any,
-    *,
-    may_be_zero: Collection[str] = (),
-    most: Mapping[str, float] = MappingProxyType({}),
-    units: Mapping[str, str] = MappingProxyType({}),
-) -> None:
-    """Checks the numbers of a dataclass by their defaults: integers from 1 on, and other numbers above 0.
-
-    A field that is None by default is a number where it is not.
-
-    Args:
-        name: of the dataclass, for messages.
-        params: the dataclass; fields with another default are left aside.
-        may_be_zero: names of fields that may be 0, too.
-        most: the largest value of a field, by its name.
-        units: of such values, where a number may be one of another unit.
-
-    Raises:
-        InvalidInputError: a number that is out of its range, or a value that is none.
-    """
-    for field in dataclasses.fields(params):
-        place, value, zero = f"{name}.{field.name}", getattr(params, field.name), field.name in may_be_zero
-        if isinstance(field.default, int) and not isinstance(field.default, bool):
-            whole_number(place, value, least=0 if zero else 1)
-        elif isinstance(field.default, float) or (field.default is None and value is not None):
-            largest, unit = most.get(field.name, math.inf), units.get(field.name, "")
-            positive_number(place, value, allow_zero=zero, most=largest, unit=unit)
-
-
-def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
-    """Returns rows of unit length, normalised exactly.
-
-    Raises:
-        InvalidInputError: if a row's length differs from 1 by more than 0.001.
-    """
-    rows = finite_array(name, value, shape)
-    largest = np.abs(rows).max(axis=-1, initial=0.0)
-    scale = np.where(largest > _LONG, largest, 1.0)  # Squares of more might overflow.
-    with np.errstate(over="ignore"):
-        length = scale * np.linalg.norm(rows / scale[..., None], axis=-1)
-    worst = np.abs(length - 1.0)
-    if rows.size and worst.max() > _UNIT_TOLERANCE:
-        index = np.unravel_index(int(worst.argmax()), worst.shape)
-        raise InvalidInputError(
-            f"{entry_of(name, index)}: has length {length[index]:.6g}; allowed is 1 within {_UNIT_TOLERANCE:g}."
-        )
-    unit: FloatArray = rows / length[..., None]
-    return unit
-
-
-def _is_rotation(columns: list[list[float]]) -> bool:
-    """Whether three vectors are orthonormal, within 1e-6, and right-handed; for one, numpy's calls take long."""
-    x, y, z = columns
-    products = [sum(map(mul, a, b)) for a, b in ((x, x), (y, y), (z, z), (x, y), (y, z), (z, x))]
-    is_orthonormal = all(abs(p - one) <= 1e-6 for p, one in zip(products, (1, 1, 1, 0, 0, 0), strict=True))
-    across = x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
-    return is_orthonormal and sum(map(mul, across, z)) > 0.0
-
-
-def pose_matrix(name: str, value: object) -> FloatArray:
-    """Returns a pose as [R | p], shape (3, 4), from such an array, a 4x4 one, or anything with `GetAsMatrix34`.
-
-    Raises:
-        InvalidInputError: if it is none of these, if R is not a rotation (within 1e-6), or if a 4x4 matrix's last row
-            is not (0, 0, 0, 1).
-    """
-    matrix: Any = value.GetAsMatrix34() if hasattr(value, "GetAsMatrix34") else value
-    X = finite_array(name, matrix, (3, 4), (4, 4))
-    R = X[:3, :3]
-    if not _is_rotation(R.T.tolist()):
-        raise InvalidInputError(f"{name}: its left 3x3 block is not a rotation matrix.")
-    if len(X) == 4 and np.abs(X[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
-        raise InvalidInputError(
-            f"{name}: its last row is {X[3].tolist()}; allowed is [0, 0, 0, 1]. Transpose a matrix of columns."
-        )
-    return X[:3].copy()
-
-
-def pose_near(name: str, value: object, most: float = FARTHEST) -> FloatArray:
-    """As `pose_matrix`, of a pose whose translation is not evidently in millimetres: of coordinates up to `most`, m.
-
-    Raises:
-        InvalidInputError: if it is no pose, or farther away.
-    """
-    X = pose_matrix(name, value)
-    if not _is_between(X[:, 3], -most, most):
-        raise _far_off(f"{name}.translation", X[:, 3], most)
-    return X
-
-
-def in_steps(values: FloatArray) -> FloatArray:
-    """Coordinates, m, or components of unit vectors, rounded to about 1e-9."""
-    rounded: FloatArray = np.rint(values / _STEP) * _STEP
-    return rounded

@@ -37,10 +37,10 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, positive_number, shown, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 from tactopose_drake.estimation.contact_checks import check_contacts
-from tactopose_drake.estimation.estimate import weigh_poses
 from tactopose_drake.estimation.executors import handing_over, taking_back
 from tactopose_drake.estimation.far_origins import with_near_origin
 from tactopose_drake.estimation.identities import Identification, Identity
+from tactopose_drake.estimation.inference import weigh_poses
 from tactopose_drake.estimation.object_library import LibraryObject, ObjectLibrary
 from tactopose_drake.estimation.pickling import Sealed
 from tactopose_drake.estimation.ranking import (

@@ -10,8 +10,9 @@ from typing import Any, Self
 import numpy as np
 from pydrake.math import RigidTransform
 
+from tactopose_drake.core.geometry_checks import pose_matrix
 from tactopose_drake.core.plain_values import PlainValue, numbers
-from tactopose_drake.core.validation import FloatArray, finite_array, flag, instance_of, pose_matrix
+from tactopose_drake.core.validation import FloatArray, finite_array, flag, instance_of
 from tactopose_drake.estimation.plain_data import (
     Readers,
     read_covariance,

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
-from tactopose_drake.core.validation import FloatArray, pose_near
+from tactopose_drake.core.geometry_checks import pose_near
+from tactopose_drake.core.validation import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)

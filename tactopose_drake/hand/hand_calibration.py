@@ -18,8 +18,9 @@ from tactopose_drake.core.calibration.annealed_fit import ContactNoise
 from tactopose_drake.core.calibration.combinations import Combination, undetermined
 from tactopose_drake.core.calibration.shared_least_squares import SharedProblem
 from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts, surface_rows
+from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT
-from tactopose_drake.core.validation import FloatArray, instance_of, params_of, positive_number, whole_number
+from tactopose_drake.core.validation import FloatArray, instance_of, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.calibration_file import HandCalibration, save_calibration
 from tactopose_drake.hand.calibration_from_errors import calibration_of

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactopose_drake.core.validation import MOST_ALPHA, finite_array, known_name, points_near, positive_number, told_of
+from tactopose_drake.core.geometry_checks import points_near
+from tactopose_drake.core.validation import MOST_ALPHA, finite_array, known_name, positive_number, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.calibration_file import load_calibration
 from tactopose_drake.hand.fingertip_surfaces import (

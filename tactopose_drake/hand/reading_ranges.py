@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint, PrismaticJoint
 
-from tactopose_drake.core.validation import FARTHEST, FloatArray
+from tactopose_drake.core.geometry_checks import FARTHEST
+from tactopose_drake.core.validation import FloatArray
 
 _MARGIN_RAD, _MARGIN_M = 0.5, 0.05  # by which a reading may be beyond a joint's limits: encoders may be off
 

@@ -9,10 +9,11 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.grasp_planner import PlannerParams
+from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
 from tactopose_drake.core.shape.model_options import NUMBERS
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import check_numbers, positive_number, told_of
+from tactopose_drake.core.validation import positive_number, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.simulated_body import read_mass
 from tactopose_drake.hand.hand_config import HandConfig, load_hand_config

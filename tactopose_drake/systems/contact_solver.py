@@ -7,10 +7,11 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, InputPort
 
+from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.sensing.intrinsic_contact import MIN_FORCE, ContactSolution, FingertipSolver
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Surface
-from tactopose_drake.core.validation import FloatArray, instance_of, params_of, positive_number
+from tactopose_drake.core.validation import FloatArray, instance_of, positive_number
 from tactopose_drake.systems.collectable_system import CollectableSystem
 
 _NO_READING = np.full(6, np.nan)

@@ -12,8 +12,9 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
 from tactopose_drake.core.evidence.contacts import MOST_SIGMA_POSITION, Contacts
+from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
-from tactopose_drake.core.validation import FloatArray, params_of, positive_number
+from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.hand.contact_uncertainty import LEAST_COVARIANCE, ContactUncertainty
 from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
 from tactopose_drake.systems.hand_kinematics import declare_kinematics

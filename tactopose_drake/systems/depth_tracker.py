@@ -11,9 +11,10 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 from pydrake.systems.sensors import ImageDepth32F
 
+from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.poses import compose, inverse, random_rotations
 from tactopose_drake.core.tracking.frame import PoseMeasurement
-from tactopose_drake.core.validation import FloatArray, params_of, positive_number
+from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.core.vision.depth_hypotheses import TrackedPoses, track_poses
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, take_picture
 from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel

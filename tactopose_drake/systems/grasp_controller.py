@@ -17,7 +17,8 @@ from tactopose_drake.core.grasping.grasp_law import (
     update_push,
 )
 from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
-from tactopose_drake.core.validation import FloatArray, check_numbers, params_of
+from tactopose_drake.core.parameter_checks import check_numbers, params_of
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.hand_joints import HandJoints

@@ -11,8 +11,9 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.grasping.quality import ClosureProbability, force_closure_probability, grasp_quality
 from tactopose_drake.core.grasping.wrench_space import Norm
+from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import instance_of, known_name, params_of, positive_number, whole_number
+from tactopose_drake.core.validation import instance_of, known_name, positive_number, whole_number
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input

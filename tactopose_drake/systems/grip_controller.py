@@ -9,7 +9,8 @@ from pydrake.multibody.tree import JointActuatorIndex, PdControllerGains
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
 
 from tactopose_drake.core.grasping.stall_law import close_until_stalled
-from tactopose_drake.core.validation import FloatArray, finite_array, params_of, positive_number
+from tactopose_drake.core.parameter_checks import params_of
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import UnknownNameError
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.hand_joints import HandJoints

@@ -14,11 +14,12 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 
 from tactopose_drake.core.calibration.offset_refinement import JointOffsets, OffsetRefinementParams, refine_offsets
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.keyframes import Keyframe
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
-from tactopose_drake.core.validation import FloatArray, params_of
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas, radian_units
 from tactopose_drake.hand.hand_config import HandUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand

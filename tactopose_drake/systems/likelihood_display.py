@@ -7,8 +7,9 @@ from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, EventStatus
 
+from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import params_of, positive_number
+from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.identities import Identification
 from tactopose_drake.systems.collectable_system import CollectableSystem

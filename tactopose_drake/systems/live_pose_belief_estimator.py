@@ -10,8 +10,8 @@ from typing import Self
 
 from pydrake.systems.framework import Context, EventStatus, State
 
+from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import params_of
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.systems.belief_inputs import Reading
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams, TimedBelief

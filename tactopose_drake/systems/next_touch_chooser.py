@@ -17,16 +17,10 @@ from tactopose_drake.core.exploration.tolerance import Tolerance, resolved_share
 from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.core.grasping.finger_sides import sides
+from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import (
-    FloatArray,
-    instance_of,
-    known_name,
-    params_of,
-    positive_number,
-    whole_number,
-)
+from tactopose_drake.core.validation import FloatArray, instance_of, known_name, positive_number, whole_number
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import make_hand_plant

@@ -9,8 +9,9 @@ from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernel_library import make_kernels_ready
+from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import instance_of, params_of, positive_number, whole_number
+from tactopose_drake.core.validation import instance_of, positive_number, whole_number
 from tactopose_drake.estimation.identification import check_objects, check_prior, identify
 from tactopose_drake.estimation.object_library import ObjectLibrary
 from tactopose_drake.estimation.ranking import Likelihood, check_likelihood

@@ -9,18 +9,12 @@ from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 
+from tactopose_drake.core.geometry_checks import pose_matrix
+from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
-from tactopose_drake.core.validation import (
-    LATEST,
-    FloatArray,
-    known_name,
-    number_array,
-    params_of,
-    pose_matrix,
-    positive_number,
-)
+from tactopose_drake.core.validation import LATEST, FloatArray, known_name, number_array, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate

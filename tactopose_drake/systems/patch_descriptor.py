@@ -8,8 +8,9 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
+from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
-from tactopose_drake.core.validation import FloatArray, params_of, positive_number
+from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics

@@ -9,6 +9,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 
+from tactopose_drake.core.parameter_checks import check_parts, params_of
 from tactopose_drake.core.posterior.plausibility import may_be_touched
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -16,7 +17,7 @@ from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
-from tactopose_drake.core.validation import FloatArray, check_parts, instance_of, params_of, positive_number
+from tactopose_drake.core.validation import FloatArray, instance_of, positive_number
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.systems.belief_hypotheses import estimate_of

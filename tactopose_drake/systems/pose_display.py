@@ -10,9 +10,10 @@ from pydrake.multibody.tree import Frame, RigidBody
 from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import instance_of, params_of, positive_number, whole_number
+from tactopose_drake.core.validation import instance_of, positive_number, whole_number
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem

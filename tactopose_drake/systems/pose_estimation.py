@@ -5,8 +5,9 @@ import dataclasses
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from tactopose_drake.core.parameter_checks import check_parts, params_of
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import check_parts, instance_of, params_of
+from tactopose_drake.core.validation import instance_of
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant

@@ -11,6 +11,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
+from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.searches.pose_problem import check_mass
 from tactopose_drake.core.sensing.force_torque import GRAVITY_W
 from tactopose_drake.core.sensing.patches import Patch
@@ -22,7 +23,6 @@ from tactopose_drake.core.validation import (
     flag,
     instance_of,
     known_name,
-    params_of,
     positive_number,
     whole_number,
 )

@@ -6,8 +6,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
 from tactopose_drake.core.calibration.offset_refinement import OffsetRefinementParams
+from tactopose_drake.core.parameter_checks import check_parts, params_of
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import check_parts, flag, instance_of, params_of
+from tactopose_drake.core.validation import flag, instance_of
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant

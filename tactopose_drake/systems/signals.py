@@ -16,7 +16,8 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.validation import FloatArray, number_array, pose_matrix
+from tactopose_drake.core.geometry_checks import pose_matrix
+from tactopose_drake.core.validation import FloatArray, number_array
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.resources.yaml_files import shown

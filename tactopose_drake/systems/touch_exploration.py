@@ -7,8 +7,8 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from tactopose_drake.core.parameter_checks import check_parts, params_of
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import check_parts, params_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres

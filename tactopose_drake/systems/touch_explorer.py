@@ -9,7 +9,8 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.grasping.finger_reach import ReachParams
-from tactopose_drake.core.validation import FloatArray, check_numbers, instance_of, params_of
+from tactopose_drake.core.parameter_checks import check_numbers, params_of
+from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_joints import HandJoints

@@ -7,7 +7,8 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from tactopose_drake.core.validation import check_parts, flag
+from tactopose_drake.core.parameter_checks import check_parts
+from tactopose_drake.core.validation import flag
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig

@@ -8,7 +8,8 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.grasping.quality import GraspQuality
-from tactopose_drake.core.validation import finite_array, params_of, positive_number
+from tactopose_drake.core.parameter_checks import params_of
+from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_optional_input
 from tactopose_drake.visualization.meshcat import check_meshcat

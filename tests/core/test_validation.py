@@ -17,18 +17,10 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.geometry_checks import pose_matrix, unit_vectors
+from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.poses import exp_so3, make_poses
-from tactopose_drake.core.validation import (
-    check_numbers,
-    finite_array,
-    flag,
-    known_name,
-    number_array,
-    pose_matrix,
-    positive_number,
-    unit_vectors,
-    whole_number,
-)
+from tactopose_drake.core.validation import finite_array, flag, known_name, number_array, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 
 cyclic: list[Any] = []

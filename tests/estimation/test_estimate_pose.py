@@ -14,7 +14,7 @@ from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.search import SearchResult, never
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.estimation.descriptions import status_line
-from tactopose_drake.estimation.estimate import _Deadline
+from tactopose_drake.estimation.inference import _Deadline
 from tactopose_drake.resources import model_path
 from tests.displaced_poses import displaced, error, random_pose
 

@@ -9,7 +9,7 @@ from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
-from tactopose_drake.estimation.estimate import _hypotheses
+from tactopose_drake.estimation.inference import _hypotheses
 from tactopose_drake.resources import model_path
 
 

@@ -16,8 +16,8 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_patch import touch_with_pads
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError, UnknownNameError
-from tactopose_drake.estimation.estimate import weigh_poses
 from tactopose_drake.estimation.identities import Identification
+from tactopose_drake.estimation.inference import weigh_poses
 from tactopose_drake.estimation.object_library import ObjectLibrary
 from tests.core.meshes import random_pose, shape_poor_in_symmetry
 

@@ -17,10 +17,11 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact, along_normals
+from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.posterior.chi_square import chi_square_limit
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, check_numbers
+from tactopose_drake.core.validation import FloatArray
 
 # Nothing is known of the pose, rad and m.
 _ANY_POSE = np.repeat([3.0, 0.3], 3)

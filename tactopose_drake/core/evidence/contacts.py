@@ -9,17 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.evidence.contact_variance_kernels import fill_variances
+from tactopose_drake.core.geometry_checks import in_steps, points_near, unit_vectors
 from tactopose_drake.core.plain_values import PlainValue, copied
-from tactopose_drake.core.validation import (
-    MOST_FORCE,
-    FloatArray,
-    in_steps,
-    limited,
-    points_near,
-    positive_numbers,
-    shown,
-    unit_vectors,
-)
+from tactopose_drake.core.validation import MOST_FORCE, FloatArray, limited, positive_numbers, shown
 from tactopose_drake.errors import InvalidInputError
 
 # What a sigma may be. Beyond, the information of a contact and of the rest do not fit into one double.

@@ -5,8 +5,9 @@ import math
 
 import numpy as np
 
+from tactopose_drake.core.geometry_checks import in_steps, pose_near
 from tactopose_drake.core.plain_values import PlainValue, numbers
-from tactopose_drake.core.validation import FloatArray, in_steps, pose_near, positive_number
+from tactopose_drake.core.validation import FloatArray, positive_number
 
 # m and rad. Beyond, the information of the prior and of the touch do not fit into one double.
 _SIGMAS = {"sigma_translation": (1e-7, 1e3), "sigma_rotation": (1e-6, 1e3)}

@@ -6,15 +6,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.geometry_checks import FARTHEST, points_near
 from tactopose_drake.core.plain_values import PlainValue, copied
-from tactopose_drake.core.validation import (
-    FARTHEST,
-    FloatArray,
-    finite_array,
-    points_near,
-    positive_number,
-    positive_numbers,
-)
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, positive_numbers
 from tactopose_drake.errors import InvalidInputError
 
 

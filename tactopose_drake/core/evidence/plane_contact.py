@@ -2,8 +2,9 @@
 
 import dataclasses
 
+from tactopose_drake.core.geometry_checks import points_near, unit_vectors
 from tactopose_drake.core.plain_values import PlainValue
-from tactopose_drake.core.validation import FloatArray, points_near, positive_number, unit_vectors
+from tactopose_drake.core.validation import FloatArray, positive_number
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

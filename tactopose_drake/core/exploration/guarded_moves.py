@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.exploration import guarded_kernels
+from tactopose_drake.core.geometry_checks import unit_vectors
 from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, unit_vectors
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidInputError
 
 

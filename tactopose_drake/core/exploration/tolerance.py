@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.poses import compose, increments_between, inverse, skew
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
 from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, check_numbers
+from tactopose_drake.core.validation import FloatArray
 
 # Of a Gaussian in three dimensions 95 % lies within so many standard deviations: the root of chi-square's quantile.
 _SIGMAS = 2.795

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
 from tactopose_drake.core.grasping.finger_touches import FingerTouches
+from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
-from tactopose_drake.core.validation import FloatArray, check_numbers
+from tactopose_drake.core.validation import FloatArray
 
 # The cosine between a finger's axis and the direction to the contact that is best: at the fingertip's shoulder.
 _BEST_FACING = 0.6

@@ -18,8 +18,9 @@ from tactopose_drake.core.grasping.grasp_plan import FingerPlan, GraspPlan
 from tactopose_drake.core.grasping.grasp_score import ContactTerms, GraspScore, ScoreParams, score_grasp
 from tactopose_drake.core.grasping.held_pose import least_distance, sample_held_pose, shifted_off
 from tactopose_drake.core.grasping.refusals import Refusals
+from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, check_numbers, known_name, whole_number
+from tactopose_drake.core.validation import FloatArray, known_name, whole_number
 
 _GAP = 0.0005  # between the sides of two fingers, m
 _IN_THE_PALM = "the object would be in the palm"

@@ -15,12 +15,13 @@ from scipy.spatial.distance import cdist
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.geometry_checks import pose_matrix
 from tactopose_drake.core.grasping.finger_reach import FingerReach
 from tactopose_drake.core.grasping.quality import grasp_quality
 from tactopose_drake.core.grasping.wrench_space import WrenchSpace, cone_wrenches
 from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, pose_matrix
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.geometry_checks import pose_near
 from tactopose_drake.core.grasping.wrench_space import Norm, WrenchSpace, cone_wrenches
 from tactopose_drake.core.plain_values import seal
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
@@ -29,7 +30,6 @@ from tactopose_drake.core.validation import (
     instance_of,
     known_name,
     limited,
-    pose_near,
     positive_number,
     whole_number,
 )

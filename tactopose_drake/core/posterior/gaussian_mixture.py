@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.geometry_checks import FARTHEST
 from tactopose_drake.core.poses import retract
-from tactopose_drake.core.validation import FARTHEST, FloatArray, instance_of, limited
+from tactopose_drake.core.validation import FloatArray, instance_of, limited
 from tactopose_drake.errors import InvalidInputError
 
 # Of a mixture that is given from outside: nobody believes more, and products of such numbers are still finite.

@@ -4,8 +4,9 @@ import dataclasses
 
 import numpy as np
 
+from tactopose_drake.core.geometry_checks import unit_vectors
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, unit_vectors
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidInputError
 
 _MAX_CELLS = 10_000  # of an array; the finest ones have some hundreds

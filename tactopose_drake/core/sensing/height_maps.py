@@ -11,9 +11,10 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactopose_drake.core.geometry_checks import pose_matrix
 from tactopose_drake.core.sensing.pad_values import DEEPEST
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
-from tactopose_drake.core.validation import FloatArray, number_array, pose_matrix, positive_number, whole_number
+from tactopose_drake.core.validation import FloatArray, number_array, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
 
 _MOST_PIXELS = 10**8

@@ -5,7 +5,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tactopose_drake.core.validation import FloatArray, limited, number_array, points_near, positive_number
+from tactopose_drake.core.geometry_checks import points_near
+from tactopose_drake.core.validation import FloatArray, limited, number_array, positive_number
 from tactopose_drake.errors import InvalidInputError
 
 DEEPEST = 0.1

@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from tactopose_drake.core.geometry_checks import unit_vectors
 from tactopose_drake.core.plain_values import seal
 from tactopose_drake.core.sensing.long_cells import find_stretch
 from tactopose_drake.core.sensing.pad_values import (
@@ -24,7 +25,7 @@ from tactopose_drake.core.sensing.pad_values import (
     checked_pressures,
     checked_range,
 )
-from tactopose_drake.core.validation import MOST_ALPHA, FloatArray, instance_of, limited, unit_vectors
+from tactopose_drake.core.validation import MOST_ALPHA, FloatArray, instance_of, limited
 from tactopose_drake.errors import InvalidInputError
 
 _Array = TypeVar("_Array", bound="np.ndarray[Any, Any]")

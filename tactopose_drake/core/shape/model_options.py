@@ -10,16 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tactopose_drake.core.geometry_checks import FARTHEST
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
-from tactopose_drake.core.validation import (
-    FARTHEST,
-    FloatArray,
-    flag,
-    instance_of,
-    limited,
-    positive_number,
-    whole_number,
-)
+from tactopose_drake.core.validation import FloatArray, flag, instance_of, limited, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 
 _MOST_SAMPLES, _MOST_BYTES = 10**6, 2**40  # More take all memory there is.

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.geometry_checks import FARTHEST, unit_vectors
 from tactopose_drake.core.poses import compose, exp_so3, identity_poses, make_poses
-from tactopose_drake.core.validation import FARTHEST, FloatArray, limited, unit_vectors, whole_number
+from tactopose_drake.core.validation import FloatArray, limited, whole_number
 from tactopose_drake.errors import InvalidInputError
 
 CONTINUOUS = 0

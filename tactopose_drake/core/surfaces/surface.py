@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactopose_drake.core import poses
+from tactopose_drake.core.geometry_checks import pose_near
 from tactopose_drake.core.plain_values import numbers
 from tactopose_drake.core.surfaces import surface_kernels
-from tactopose_drake.core.validation import FloatArray, finite_array, pose_near, positive_number, positive_numbers
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, positive_numbers
 from tactopose_drake.errors import InvalidInputError
 
 LEAST_LENGTH: Final = 1e-6

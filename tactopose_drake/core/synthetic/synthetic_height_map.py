@@ -3,10 +3,11 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tactopose_drake.core.geometry_checks import pose_matrix
 from tactopose_drake.core.poses import compose, inverse, transform_points
 from tactopose_drake.core.sensing.height_maps import HeightMapSensor
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, pose_matrix
+from tactopose_drake.core.validation import FloatArray
 
 _STEP = 1e-4  # between two looks into the gel, m
 

@@ -13,10 +13,11 @@ from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
+from tactopose_drake.core.geometry_checks import pose_matrix, pose_near
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs
 from tactopose_drake.core.plain_values import copied, numbers
 from tactopose_drake.core.posterior.moved_origin import move_origin, prior_of_middle
-from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, limited, pose_matrix, pose_near
+from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, limited
 from tactopose_drake.errors import InvalidInputError
 
 FASTEST = 1e4  # of a fingertip, rad/s and m/s: beyond it is none

@@ -5,8 +5,9 @@ import math
 from typing import Any
 
 from tactopose_drake.core.evidence.contacts import MOST_SIGMA_POSITION
+from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PlausibilityParams, PosteriorParams
-from tactopose_drake.core.validation import check_numbers, instance_of
+from tactopose_drake.core.validation import instance_of
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
+from tactopose_drake.core.parameter_checks import check_numbers, params_of
 from tactopose_drake.core.poses import transform_points
-from tactopose_drake.core.validation import FloatArray, check_numbers, params_of
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, rays
 from tactopose_drake.core.vision.level_set_kernels import depth_inside
 from tactopose_drake.errors import InvalidInputError

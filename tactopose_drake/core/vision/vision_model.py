@@ -7,8 +7,9 @@ import numpy as np
 from scipy.special import gammaincinv, ndtr
 
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
+from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.poses import retract
-from tactopose_drake.core.validation import FloatArray, check_numbers, finite_array
+from tactopose_drake.core.validation import FloatArray, finite_array
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

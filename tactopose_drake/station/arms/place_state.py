@@ -6,7 +6,8 @@ from typing import Any
 from pydrake.trajectories import PiecewisePolynomial
 
 from tactopose_drake.core.grasping.held_axis import HeldAxis
-from tactopose_drake.core.validation import FloatArray, check_numbers
+from tactopose_drake.core.parameter_checks import check_numbers
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.station.arms.table_touch import TableTouch
 
 

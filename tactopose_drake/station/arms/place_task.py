@@ -15,7 +15,8 @@ from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.grasping.held_axis import HeldAxis
-from tactopose_drake.core.validation import FloatArray, params_of
+from tactopose_drake.core.parameter_checks import params_of
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.station.arms.place_planning import PlacePlanner
 from tactopose_drake.station.arms.place_state import PlaceTaskParams, TaskState

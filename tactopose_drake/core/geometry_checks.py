@@ -1,0 +1,107 @@
+"""Checks of points, directions and poses, each with one clear error that names the value and what is allowed."""
+
+from operator import mul
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tactopose_drake.core.number_kinds import entry_of
+from tactopose_drake.core.validation import FloatArray, check_finite, finite_array, is_between, number_array
+from tactopose_drake.errors import InvalidInputError
+
+# Coordinates, m, and components of unit vectors count in steps of this: about 1e-9, and exact in binary.
+_STEP = 2.0**-30
+_LONG = 1e3
+_UNIT_TOLERANCE = 1e-3
+
+FARTHEST = 10.0
+"""No point in the palm frame is so far from it, m: one that is must be in millimetres."""
+
+
+def points_near(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    """Returns points (n, 3), m, none of which is evidently in millimetres.
+
+    Raises:
+        InvalidInputError: if one is farther than `FARTHEST` from the origin, or they are not finite or of that shape.
+    """
+    points = number_array(name, value, shape)
+    if not is_between(points, -FARTHEST, FARTHEST):
+        check_finite(name, points)
+        i = int(np.abs(points).max(axis=1).argmax())
+        raise _far_off(f"{name}[{i}]", points[i])
+    return points
+
+
+def _far_off(name: str, point: FloatArray, most: float = FARTHEST) -> InvalidInputError:
+    return InvalidInputError(
+        f"{name}: is {point.tolist()}, in metres; allowed are coordinates up to {most:g} m. "
+        "Multiply by 0.001 what is in millimetres."
+    )
+
+
+def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    """Returns rows of unit length, normalised exactly.
+
+    Raises:
+        InvalidInputError: if a row's length differs from 1 by more than 0.001.
+    """
+    rows = finite_array(name, value, shape)
+    largest = np.abs(rows).max(axis=-1, initial=0.0)
+    scale = np.where(largest > _LONG, largest, 1.0)  # Squares of more might overflow.
+    with np.errstate(over="ignore"):
+        length = scale * np.linalg.norm(rows / scale[..., None], axis=-1)
+    worst = np.abs(length - 1.0)
+    if rows.size and worst.max() > _UNIT_TOLERANCE:
+        index = np.unravel_index(int(worst.argmax()), worst.shape)
+        raise InvalidInputError(
+            f"{entry_of(name, index)}: has length {length[index]:.6g}; allowed is 1 within {_UNIT_TOLERANCE:g}."
+        )
+    unit: FloatArray = rows / length[..., None]
+    return unit
+
+
+def _is_rotation(columns: list[list[float]]) -> bool:
+    """Whether three vectors are orthonormal, within 1e-6, and right-handed; for one, numpy's calls take long."""
+    x, y, z = columns
+    products = [sum(map(mul, a, b)) for a, b in ((x, x), (y, y), (z, z), (x, y), (y, z), (z, x))]
+    is_orthonormal = all(abs(p - one) <= 1e-6 for p, one in zip(products, (1, 1, 1, 0, 0, 0), strict=True))
+    across = x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
+    return is_orthonormal and sum(map(mul, across, z)) > 0.0
+
+
+def pose_matrix(name: str, value: object) -> FloatArray:
+    """Returns a pose as [R | p], shape (3, 4), from such an array, a 4x4 one, or anything with `GetAsMatrix34`.
+
+    Raises:
+        InvalidInputError: if it is none of these, if R is not a rotation (within 1e-6), or if a 4x4 matrix's last row
+            is not (0, 0, 0, 1).
+    """
+    matrix: Any = value.GetAsMatrix34() if hasattr(value, "GetAsMatrix34") else value
+    X = finite_array(name, matrix, (3, 4), (4, 4))
+    R = X[:3, :3]
+    if not _is_rotation(R.T.tolist()):
+        raise InvalidInputError(f"{name}: its left 3x3 block is not a rotation matrix.")
+    if len(X) == 4 and np.abs(X[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
+        raise InvalidInputError(
+            f"{name}: its last row is {X[3].tolist()}; allowed is [0, 0, 0, 1]. Transpose a matrix of columns."
+        )
+    return X[:3].copy()
+
+
+def pose_near(name: str, value: object, most: float = FARTHEST) -> FloatArray:
+    """As `pose_matrix`, of a pose whose translation is not evidently in millimetres: of coordinates up to `most`, m.
+
+    Raises:
+        InvalidInputError: if it is no pose, or farther away.
+    """
+    X = pose_matrix(name, value)
+    if not is_between(X[:, 3], -most, most):
+        raise _far_off(f"{name}.translation", X[:, 3], most)
+    return X
+
+
+def in_steps(values: FloatArray) -> FloatArray:
+    """Coordinates, m, or components of unit vectors, rounded to about 1e-9."""
+    rounded: FloatArray = np.rint(values / _STEP) * _STEP
+    return rounded
