@@ -117,6 +117,7 @@ def run_demo(
     pads = _read_pads(grasp)
     patches = tuple(patch for patch, _ in pads.values())
     touch = touch_of(contacts, patches)
+    touched_by = (*names, *(name for name, (patch, _) in pads.items() if patch.is_felt))
     prior: PosePrior = diagram.GetOutputPort("prior").Eval(context)
     estimate: PoseEstimate | None = diagram.GetOutputPort("hypotheses").Eval(context)
     if estimate is None:
@@ -140,7 +141,7 @@ def run_demo(
         tracked=None if belief is None else report("belief", belief.best.X_PO.GetAsMatrix34(), belief.best),
         hidden_share=float(diagram.GetOutputPort("hidden_share").Eval(context)[0]),
         estimate=estimate,
-        scene=_scene(grasp, touch, patches, prior, estimate),
+        scene=_scene(grasp, touch, touched_by, patches, prior, estimate),
         timeline=recorder.timeline(),
     )
 
@@ -251,11 +252,17 @@ def _read_pads(grasp: GraspResult) -> dict[str, tuple[Patch, FloatArray]]:
 
 
 def _scene(
-    grasp: GraspResult, touch: Contacts, patches: tuple[Patch, ...], prior: PosePrior, estimate: PoseEstimate
+    grasp: GraspResult,
+    touch: Contacts,
+    touched_by: tuple[str, ...],
+    patches: tuple[Patch, ...],
+    prior: PosePrior,
+    estimate: PoseEstimate,
 ) -> Scene:
     return Scene(
         model=grasp.station.model,
         contacts=touch,
+        touched_by=touched_by,
         patches=patches,
         prior=prior.X_PO,
         hypotheses=tuple(ShownHypothesis.of(hypothesis) for hypothesis in estimate.hypotheses),

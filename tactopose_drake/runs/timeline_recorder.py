@@ -82,6 +82,7 @@ class TimelineRecorder:
         return Scene(
             model=self._model,
             contacts=touch_of(_now(view, "contacts"), patches),
+            patches=patches,
             touched_by=(*_now(view, "fingers_in_contact"), *felt),
             hypotheses=shown,
         )

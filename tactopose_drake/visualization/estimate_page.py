@@ -162,7 +162,9 @@ def _contacts(scene: Scene) -> PageTable:
         ("x y z, mm", [_millimetres(point) for point in contacts.p_PC]),
     ]
     if contacts.f_PC is not None:
-        columns.append(("force, N", [f"{force:.2f}" for force in np.linalg.norm(contacts.f_PC, axis=1)]))
+        texts = [f"{force:.2f}" for force in np.linalg.norm(contacts.f_PC, axis=1)]
+        of_fingers = len(texts) - sum(patch.is_felt for patch in scene.patches)  # Pads come last, and tell no force.
+        columns.append(("force, N", [*texts[:of_fingers], *[""] * (len(texts) - of_fingers)]))
     inlier = scene.hypotheses[0].inlier_probability if scene.hypotheses else None
     if inlier is not None and len(inlier) >= len(contacts):
         columns.append(("of object", [f"{share:.0%}" for share in inlier[: len(contacts)]]))

@@ -1,4 +1,5 @@
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple, cast
@@ -103,6 +104,8 @@ def test_the_files_are_written(demonstrated: Demonstrated) -> None:
     assert page.lower().startswith("<!doctype html>")
     assert len(page) < 6e6
     assert "-like hand</title>" in page
+    assert re.search(r"<td>1 [a-z]", page)
+    assert "<td>1</td>" not in page  # Who feels a contact stands beside its number.
     for said in ("Error at the end, where determined", "true pose", "Not determined by the touch"):
         assert said in page
     for name in ("result.json", "picture.png", "scene.html"):

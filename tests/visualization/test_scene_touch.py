@@ -5,8 +5,10 @@ from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
+from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_patch import flat_pad
-from tactopose_drake.visualization.scene import ShownHypothesis, false_contacts, touch_of
+from tactopose_drake.visualization.estimate_page import instant_of
+from tactopose_drake.visualization.scene import Scene, ShownHypothesis, false_contacts, touch_of
 
 
 def pad(pressure: float) -> Patch:
@@ -29,3 +31,12 @@ def test_the_patch_that_is_false_is_the_one_that_is_drawn_so() -> None:
     fewer = dataclasses.replace(best, inlier_probability=np.array([0.1]))
     assert not false_contacts((fewer,), 4, patches).any()
     assert not false_contacts((), 4, patches).any()
+
+
+def test_a_pad_has_no_force_in_the_table_of_contacts(blob: ObjectModel) -> None:
+    contacts = Contacts([[0.0, 0.0, 0.1]], [[0.0, 0.0, 1.0]], [[0.0, 0.0, -2.0]])
+    patches = (pad(0.0), pad(1e4))
+    scene = Scene(model=blob, contacts=touch_of(contacts, patches), patches=patches, touched_by=("thumb", "palm"))
+    table = instant_of(scene, None).contacts
+    force = table.headings.index("force, N")
+    assert [(row.cells[0], row.cells[force]) for row in table.rows] == [("1 thumb", "2.00"), ("2 palm", "")]
