@@ -87,6 +87,8 @@ def estimate(
     with told_of("--gravity: "):
         balance = None if gravity is None else ForceBalance(np.array(gravity))
     check_outputs((out, html), inputs=(mesh, contacts_file, prior_file, volume_file))
+    if hand_name is not None and volume_file is None:
+        _warn("--hand is not used: it says whose the joints of --hand-volume are, and there is none.")
     remote = None
     if meshcat_url is not None:
         remote = click.get_current_context().with_resource(visualization.RemoteMeshcat(meshcat_url))
@@ -147,4 +149,8 @@ def _progress(message: str) -> Iterator[None]:
         yield
     for warning in caught:
         if issubclass(warning.category, MeshRepairWarning):
-            ERRORS.print(f"warning: {warning.message}", style="yellow", markup=False)
+            _warn(str(warning.message))
+
+
+def _warn(message: str) -> None:
+    ERRORS.print(f"warning: {message}", style="yellow", markup=False, soft_wrap=True)

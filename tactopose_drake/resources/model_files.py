@@ -60,10 +60,14 @@ def sensor_file(name_or_path: str | Path, key: str) -> Path:
         key: that files of its kind have.
 
     Raises:
-        InvalidFileError: if there is no such file; the message has the package's sensors of that kind.
+        InvalidFileError: if there is no such file, or it is the package's and of another kind; the message has the
+            package's sensors of that kind.
     """
-    files = model_path("sensors").glob("*.yaml")
-    of_kind = (file for file in files if f"\n{key}:" in file.read_text(encoding="utf-8"))
+    files = list(model_path("sensors").glob("*.yaml"))
+    of_kind = [file for file in files if f"\n{key}:" in file.read_text(encoding="utf-8")]
+    if str(name_or_path) in {file.stem for file in files} - {file.stem for file in of_kind}:
+        known = ", ".join(sorted(file.stem for file in of_kind))
+        raise InvalidFileError(f"{name_or_path}: is a sensor of another kind; the package's of this kind are {known}.")
     return named_file(name_or_path, "sensors of this kind", of_kind, ".yaml")
 
 

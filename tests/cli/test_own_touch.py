@@ -105,9 +105,9 @@ def test_a_hand_is_named_on_the_command_line_or_in_its_volume_s_file(
     ):
         assert run(*common, *options) == 0
         results.append(json.loads((folder / "out.json").read_text())["hypotheses"])
+        assert ("--hand is not used" in capsys.readouterr().err) == (options == ["--hand", "shadow"])
     assert results[0] == results[1]
     assert results[2] == results[3] == results[4] != results[0]
-    capsys.readouterr()
     for options, text in (
         (["--hand", "glove"], "glove: there is no such file; the package's hands are"),
         (["--hand-volume", folder / "bare.yaml", "--hand", "barrett"], "'FFJ4' is unknown; valid names: finger_1"),

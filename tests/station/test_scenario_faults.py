@@ -41,6 +41,7 @@ FAULTS = {
     "seed: 9" + "9" * 400: "line 1: seed: is '9999",
     "duration: .inf": "line 1: duration: is '.inf'; allowed are finite numbers",
     "duration: [1, 2]": "line 1: duration: is a list or mapping; allowed are numbers",
+    "sensor: {file: bh280_palm}": "Scenario.sensor: bh280_palm: is a sensor of another kind; the package's of this",
     "sensor: {file: nope}": "Scenario.sensor: nope: there is no such file; the package's sensors of this kind are nano",
     "sensor: {calibration: SI-1}": "calibration: 'SI-1' is unknown; valid names: SI-12-0.12",
     "sensor: {period: 1.0e-12}": "Scenario.sensor.period: is 1e-12; allowed are numbers >= 1e-05",
