@@ -62,6 +62,13 @@ def point_jacobians(p: FloatArray) -> FloatArray:
     return out
 
 
+def axes_across(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two unit vectors x and y, shape (..., 3) each, that make a right-handed frame with each of the unit vectors z."""
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z), axis=-1)])
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    return x, np.cross(z, x)
+
+
 def exp_so3(w: FloatArray) -> FloatArray:
     """Rotation matrices exp([w]x), shape (..., 3, 3), from rotation vectors (..., 3), rad. [S18] eq. 69."""
     angle2 = np.sum(w * w, axis=-1)

@@ -7,6 +7,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from tactopose_drake.core.poses import axes_across
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
@@ -112,9 +113,7 @@ def _tubes(segments: FloatArray, radius: float) -> Mesh:
     along = segments[:, 1] - segments[:, 0]
     length = np.linalg.norm(along, axis=1)
     segments, along = segments[length > 1e-9], along[length > 1e-9] / length[length > 1e-9, None]
-    side = np.cross(along, np.eye(3)[np.argmin(np.abs(along), axis=1)])
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
-    other = np.cross(along, side)
+    side, other = axes_across(along)
     angles = 2.0 * np.pi * np.arange(3) / 3
     around = radius * (np.cos(angles)[:, None, None] * side + np.sin(angles)[:, None, None] * other)
     # Ends reach a little beyond, so that there are no gaps at corners.

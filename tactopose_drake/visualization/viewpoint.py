@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.poses import axes_across
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.core.vision.rasterizer import Camera, DrawnSurface, render
 from tactopose_drake.visualization.scene import Scene, arrow_lengths
@@ -39,9 +40,7 @@ def choose_view(scene: Scene) -> FloatArray:
     """Of a ring of directions from the scene to the camera, the one that shows most of object and contacts, (3,)."""
     points = points_of_interest(scene)
     up = scene.up_P / np.linalg.norm(scene.up_P)
-    side = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    side /= np.linalg.norm(side)
-    ahead = np.cross(up, side)
+    side, ahead = axes_across(up)
     directions = np.array(
         [
             np.cos(elevation) * (np.cos(azimuth) * side + np.sin(azimuth) * ahead) + np.sin(elevation) * up

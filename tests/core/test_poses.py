@@ -82,3 +82,12 @@ def test_the_right_jacobian_turned_is_the_left_one(angle: float) -> None:
     left = poses.exp_so3(w) @ poses.right_jacobian(w)
     np.testing.assert_allclose(left, poses.right_jacobian(w).T, atol=1e-11)
     np.testing.assert_allclose(left, poses.right_jacobian(-w), atol=1e-11)
+
+
+@pytest.mark.parametrize("shape", [(3,), (50, 3), (5, 4, 3)])
+def test_axes_across_make_right_handed_frames(shape: tuple[int, ...]) -> None:
+    z = np.random.default_rng(0).normal(size=shape)
+    z /= np.linalg.norm(z, axis=-1, keepdims=True)
+    R = np.stack([*poses.axes_across(z), z], axis=-1)
+    np.testing.assert_allclose(R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), atol=1e-14)
+    np.testing.assert_allclose(np.linalg.det(R), 1.0)

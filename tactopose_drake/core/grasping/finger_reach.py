@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
 from tactopose_drake.core.grasping.finger_touches import FingerTouches
 from tactopose_drake.core.parameter_checks import check_numbers
+from tactopose_drake.core.poses import axes_across
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
@@ -257,8 +258,7 @@ class FingerReach:
         self, grid: DistanceGrid, X_PO: FloatArray, p_PC: FloatArray, normal: FloatArray
     ) -> NDArray[np.bool_]:
         """Whether the object has no edge at points p_PC of its surface, shape (n,)."""
-        t1 = _unit(np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)]))
-        t2 = np.cross(normal, t1)
+        t1, t2 = axes_across(normal)
         beside = p_PC[:, None] + self._params.sideways * np.stack([t1, -t1, t2, -t2], axis=1)
         _, normals = _distance(grid, X_PO, beside)
         return np.asarray(np.einsum("nki,ni->nk", normals, normal).min(axis=1) > np.cos(self._params.most_turn))

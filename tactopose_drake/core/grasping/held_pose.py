@@ -28,9 +28,7 @@ def sample_held_pose(
         generator: source of the choice.
     """
     up = up_P / np.linalg.norm(up_P)
-    side = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    side /= np.linalg.norm(side)
-    other = np.cross(up, side)
+    side, other = poses.axes_across(up)
     spin, lean = generator.uniform(-math.pi, math.pi, 2)
     tilt = math.radians(generator.uniform(0.0, tilt_deg))
     R_tilt = poses.exp_so3(tilt * (math.cos(lean) * side + math.sin(lean) * other))

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
+from tactopose_drake.core.poses import axes_across
 from tactopose_drake.core.validation import FloatArray
 
 Norm = Literal["L1", "Linf"]
@@ -224,10 +225,7 @@ def cone_wrenches(p_GC: FloatArray, n: FloatArray, friction: float, edges: int, 
     Returns:
         Shape (..., edges, 6), torque first, in the axes of the arguments.
     """
-    helper = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
-    t1 = np.cross(n, helper)
-    t1 /= np.linalg.norm(t1, axis=-1, keepdims=True)
-    t2 = np.cross(n, t1)
+    t1, t2 = axes_across(n)
     angle = np.arange(edges if friction > 0.0 else 1) * (2.0 * np.pi / edges)
     around = np.cos(angle)[:, None] * t1[..., None, :] + np.sin(angle)[:, None] * t2[..., None, :]
     force = friction * around - n[..., None, :]

@@ -22,6 +22,7 @@ from tactopose_drake.core.objectives.objective import (
 )
 from tactopose_drake.core.objectives.penetration import Penetration
 from tactopose_drake.core.objectives.pose_prior import NO_PRIOR, PriorObjective
+from tactopose_drake.core.poses import axes_across
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
@@ -156,10 +157,6 @@ def along_normals(n_O: FloatArray, residuals: FloatArray, jacobian: FloatArray) 
         residuals: distances and differences of normals, shape (k, 4).
         jacobian: their derivatives, shape (k, 4, 6).
     """
-    least = np.eye(3)[np.argmin(np.abs(n_O), axis=1)]
-    first = np.cross(n_O, least)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    across = np.stack([first, np.cross(n_O, first)], axis=1)
     rows = np.zeros((len(n_O), 3, 4))
-    rows[:, 0, 0], rows[:, 1:, 1:] = 1.0, across
+    rows[:, 0, 0], rows[:, 1:, 1:] = 1.0, np.stack(axes_across(n_O), axis=1)
     return np.einsum("kab,kb->ka", rows, residuals), rows @ jacobian

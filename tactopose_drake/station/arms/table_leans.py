@@ -8,6 +8,7 @@ import numpy as np
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.grasping.held_axis import HeldAxis
 from tactopose_drake.core.objectives.plane_support import PlaneSupport
+from tactopose_drake.core.poses import axes_across
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.results import PoseEstimate
@@ -35,9 +36,7 @@ class Lean:
 
 def lean_ways(held: HeldAxis, hand: PlacedHand, clearance: float, most: float) -> list[Lean]:
     """Ways for a rod to lean, by up to so much, rad, with how long it must be for the hand to clear the table."""
-    side = np.cross(held.direction, np.eye(3)[np.argmin(np.abs(held.direction))])
-    side /= np.linalg.norm(side)
-    other = np.cross(held.direction, side)
+    side, other = axes_across(held.direction)
     angles, leans = np.arange(np.radians(LEAST_LEAN_DEG), most + 1e-9, _STEP), []
     for turn in np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False):
         for angle in angles:
