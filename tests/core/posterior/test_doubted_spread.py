@@ -11,7 +11,7 @@ from tactopose_drake.core.posterior import importance_sampling
 from tactopose_drake.core.posterior.doubted_spread_kernels import Lines, lay_lines, widen_modes
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
-from tactopose_drake.estimation import estimate
+from tactopose_drake.estimation import inference
 
 SIZES = np.array([0.06, 0.09, 0.13])
 SCALE = np.repeat([0.02, 0.001], 3)
@@ -125,7 +125,7 @@ def test_covariances_are_those_of_many_samples(monkeypatch: pytest.MonkeyPatch) 
         prior = tp.PosePrior(retract(np.eye(3, 4), 0.1 * SCALE * np.random.default_rng(seed).normal(size=6)))
         stated = tp.estimate_pose(BOX, on_the_box(seed, 5), prior=prior).best.covariance
         with monkeypatch.context() as patch:
-            patch.setattr(estimate, "DEFAULT_PARAMS", dataclasses.replace(DEFAULT_PARAMS, sampling=sampling))
+            patch.setattr(inference, "DEFAULT_PARAMS", dataclasses.replace(DEFAULT_PARAMS, sampling=sampling))
             patch.setattr(importance_sampling, "widen_by_doubt", lambda modes, posterior: modes)
             sampled = tp.estimate_pose(BOX, on_the_box(seed, 5), prior=prior).best.covariance
         ratios += [np.sqrt(np.trace(stated[i, i]) / np.trace(sampled[i, i])) for i in (slice(3), slice(3, None))]
