@@ -74,7 +74,8 @@ class Foreseen:
 
 def foresee(model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, noise: TouchNoise) -> Foreseen:
     """What each mode foresees of each motion."""
-    spread = math.sqrt(6.0) * np.swapaxes(belief.roots(), 1, 2)  # rows, [AH09] eq. 23
+    # Rows; [AH09] eq. 23 without the mean, with which as many points have to be farther out for the same covariance.
+    spread = math.sqrt(0.5 * _POINTS) * np.swapaxes(belief.roots(), 1, 2)
     increments = np.concatenate([np.zeros((len(belief), 1, 6)), spread, -spread], axis=1)
     X_PO = retract(np.repeat(belief.X_PO, _POINTS, axis=0), increments.reshape(-1, 6))
     felt = moves.feel(model, X_PO)

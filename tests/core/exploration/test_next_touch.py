@@ -70,6 +70,12 @@ def test_a_touch_is_foreseen_as_unsure_as_the_surface_leans_away(mug: ObjectMode
     assert np.sqrt(found.covariance[0, 3, 0, 0]) == pytest.approx(0.001 / noise.least_facing, rel=0.02)
 
 
+def test_a_motion_that_meets_the_object_wherever_it_is_leaves_the_mode_as_wide_as_it_is(mug: ObjectModel) -> None:
+    foreseen = foresee(mug, spins(0.3), inward(0.0), TouchNoise())
+    assert foreseen.hit.all()
+    np.testing.assert_allclose(foreseen.given_hit[0, 0], foreseen.prior[0], rtol=1e-9, atol=1e-15)
+
+
 def test_modes_that_differ_in_their_spread_alone_are_told_apart_by_it() -> None:
     sigma, unknown = np.array([0.001, 0.004]), np.tile(np.eye(6), (2, 1, 1, 1))
     hit, covariance = np.ones((2, 1)), np.square(sigma)[:, None, None, None]
