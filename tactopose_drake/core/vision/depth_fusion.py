@@ -24,7 +24,7 @@ from scipy.spatial import cKDTree
 
 from tactopose_drake.core.parameter_checks import check_numbers, params_of
 from tactopose_drake.core.poses import transform_points
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, number_array
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, rays
 from tactopose_drake.core.vision.level_set_kernels import depth_inside
 from tactopose_drake.errors import InvalidInputError
@@ -126,7 +126,8 @@ def reconstruct(
         params: how finely.
 
     Raises:
-        InvalidInputError: fewer than two images, images of too little, or an object too large for the grid.
+        InvalidInputError: fewer than two images, images of too little, an object too large for the grid, or bounds that
+            leave nothing of it.
     """
     params = params_of(FusionParams, params)
     if len(views) < 2:
@@ -140,7 +141,8 @@ def reconstruct(
     unseen_share = float(np.average(1.0 - seen[faces].mean(axis=1), weights=area))
     off = np.concatenate([volume.distance(view.p_OQ) for view in views])
     # What an image's errors have in common does not show in how well its own points fit.
-    common = [view.camera.depth_noise * np.median(view.depth[np.isfinite(view.depth)]) ** 2 for view in views]
+    seen_depths = [(view.camera, view.depth[np.isfinite(view.depth)]) for view in views]
+    common = [camera.depth_noise * np.median(depths) ** 2 for camera, depths in seen_depths if len(depths)]
     seen_sigma = math.hypot(_rms(off), math.sqrt(views[0].camera.common_share) * float(np.mean(common)))
     return Reconstruction(
         vertices, faces, seen, seen_sigma, max(seen_sigma, _left_out_error(views, params, box)), unseen_share
@@ -184,7 +186,13 @@ def _box(views: Sequence[DepthView], bounds: FloatArray | None, params: FusionPa
     size = np.ptp(points, axis=0).max()
     box = np.stack([points.min(axis=0) - _BEYOND * size, points.max(axis=0) + _BEYOND * size])
     if bounds is not None:
-        box = np.stack([np.maximum(box[0], bounds[0]), np.minimum(box[1], bounds[1])])
+        lowest, highest = number_array("bounds", bounds, (2, 3))
+        box = np.stack([np.maximum(box[0], lowest), np.minimum(box[1], highest)])
+        if not np.all(box[0] < box[1]):  # Nor with a NaN.
+            raise InvalidInputError(
+                f"bounds: are {[lowest.tolist(), highest.tolist()]}; allowed are lowest and then highest coordinates, "
+                "about what is seen, m."
+            )
     if np.prod(np.ptp(box, axis=0) / params.spacing + 8) > _MOST_CELLS:
         raise InvalidInputError(f"views: see {1e3 * size:.0f} mm, for which FusionParams.spacing is too small.")
     return box

@@ -79,3 +79,21 @@ def test_what_cannot_be_fused_is_refused(box: ObjectModel) -> None:
         reconstruct(nothing)
     with pytest.raises(InvalidInputError, match=r"FusionParams\.spacing is too small"):
         reconstruct(seen, params=FusionParams(spacing=1e-5))
+
+
+def test_an_image_beside_the_object_says_nothing_of_it(box: ObjectModel) -> None:
+    seen = views(box, 120.0)
+    aside = np.column_stack([seen[0].X_CO[:, :3], seen[0].X_CO[:, 3] + [5.0, 0.0, 0.0]])
+    beside = DepthView(np.full_like(seen[0].depth, np.inf), aside, seen[0].camera)
+    with_it, without = reconstruct([*seen, beside], TABLE), reconstruct(seen, TABLE)
+    np.testing.assert_array_equal(with_it.vertices, without.vertices)
+    assert with_it.seen_sigma == without.seen_sigma
+
+
+@pytest.mark.parametrize(
+    "bounds",
+    [[[0.2] * 3, [0.5] * 3], [[1.0] * 3, [-1.0] * 3], [[np.nan] * 3, [1.0] * 3], [[-1.0] * 2, [1.0] * 2]],
+)
+def test_bounds_that_leave_nothing_are_refused(box: ObjectModel, bounds: list[list[float]]) -> None:
+    with pytest.raises(InvalidInputError, match="bounds: "):
+        reconstruct(views(box, 120.0), np.array(bounds))
