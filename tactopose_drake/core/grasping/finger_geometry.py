@@ -43,6 +43,12 @@ class FingerGeometry:
         """Whether the fingertip has an axis."""
         return bool(np.any(self.p_ST != self.p_SR))
 
+    @property
+    def on_last_links(self) -> NDArray[np.bool_]:
+        """Which of the spheres are on the finger's last two links, shape (s,)."""
+        last: NDArray[np.bool_] = self.body >= len(self.chain.bodies) - 2
+        return last
+
     def spheres(self, q: FloatArray) -> FloatArray:
         """Centres in P, shape (B, s, 3), for positions q (B, m), rad."""
         return self._spheres_on(self.chain.body_poses(q))

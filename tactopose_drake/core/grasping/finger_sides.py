@@ -34,7 +34,7 @@ class FingerShape:
     def of(cls, geometry: FingerGeometry, q: FloatArray) -> Self:
         """A finger at positions q (B, m), rad or m."""
         near = sides(geometry, q)
-        return cls(near, near if _is_slim(geometry) else _filling(geometry, q, 0))
+        return cls(near, near if _is_slim(geometry) else _filling(geometry, q, geometry.body >= 0))
 
     @classmethod
     def of_axis(cls, geometry: FingerGeometry, q: FloatArray, width: float) -> Self:
@@ -53,9 +53,8 @@ class FingerShape:
 
 def half_width(geometry: FingerGeometry) -> float:
     """How far a finger's last two links and its tip reach from the line through its joints, m."""
-    chain = geometry.chain
+    chain, last = geometry.chain, geometry.on_last_links
     middle = 0.5 * (chain.lower + chain.upper)[None]
-    last = geometry.body >= len(chain.bodies) - 2
     reach = _distance_to_polyline(geometry.spheres(middle)[0, last], geometry.axis(middle)[0]) + geometry.radius[last]
     return float(reach.max(initial=geometry.tip_radius))
 
@@ -68,16 +67,16 @@ def sides(geometry: FingerGeometry, q: FloatArray) -> Spheres:
     if _is_slim(geometry):
         axis = geometry.axis(q)
         return axis, np.full(axis.shape[1], half_width(geometry))
-    return _filling(geometry, q, len(geometry.chain.bodies) - 2)
+    return _filling(geometry, q, geometry.on_last_links)
 
 
 def _is_slim(geometry: FingerGeometry) -> bool:
     return half_width(geometry) <= _SLIM * geometry.tip_radius
 
 
-def _filling(geometry: FingerGeometry, q: FloatArray, first: int) -> Spheres:
-    """Spheres that fill a finger's links from one on, counted from the palm, and its tip, mere corners left out."""
-    chosen = (geometry.body >= first) & (geometry.radius > _SMALL)
+def _filling(geometry: FingerGeometry, q: FloatArray, some: NDArray[np.bool_]) -> Spheres:
+    """Some of the spheres that fill a finger's links (s,), and its tip, mere corners left out."""
+    chosen = some & (geometry.radius > _SMALL)
     tip = np.concatenate([geometry.along_straight_part(_PLACES), geometry.p_ST[None]])
     centres = np.concatenate([geometry.spheres(q)[:, chosen], geometry.fixed_points(q, tip)], axis=1)
     return centres, np.append(geometry.radius[chosen], np.full(len(tip), geometry.tip_radius))

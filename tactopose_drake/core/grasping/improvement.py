@@ -151,7 +151,7 @@ def finger_clearance(finger: FingerReach, q: FloatArray, others: HandGeometry) -
     The links before them hardly leave the place where they are fixed to the hand, and may touch it there.
     """
     geometry = finger.geometry
-    last = geometry.body >= geometry.body.max(initial=0) - 1
+    last = geometry.on_last_links
     centres = np.concatenate([geometry.spheres(q)[:, last], geometry.tip(q)[:, None]], axis=1)
     radius = np.append(geometry.radius[last], geometry.tip_radius)
     gaps = [(cdist(at, others.p_PH) - others.radius).min(axis=1) - radius for at in centres]

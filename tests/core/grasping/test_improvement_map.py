@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 import trimesh
@@ -103,6 +105,20 @@ def test_the_clearance_is_that_of_the_nearest_pair(finger: FingerReach) -> None:
     straight, bent = finger_clearance(finger, q, others)
     assert straight == pytest.approx(0.12 - 0.089 - 0.009 - 0.01)
     assert bent == pytest.approx(np.hypot(0.015, 0.12) - 0.007 - 0.01)
+
+
+def test_a_last_link_that_is_all_fingertip_is_one_of_the_last_two(finger: FingerReach) -> None:
+    q, whole = np.array([[0.0, np.pi / 2, 0.0]]), make_finger()
+    at_knuckle = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.005]])
+    bare = dataclasses.replace(whole, body=np.array([0, 1]), p_BH=at_knuckle, radius=np.full(2, 0.007))
+    others = HandGeometry(np.array([[0.0, 0.0, -0.02]]), np.array([0.02]))  # in which the knuckle is
+    # The proximal link's sphere lies 5 mm beside the joint, the fingertip farther out.
+    expected = np.hypot(0.005, 0.02) - 0.007 - 0.02
+    assert finger_clearance(FingerReach(bare, ReachParams(), np.random.default_rng(0)), q, others)[0] == pytest.approx(
+        expected
+    )
+    lone = dataclasses.replace(whole, body=np.array([0]), p_BH=at_knuckle[:1], radius=np.full(1, 0.007))
+    assert finger_clearance(FingerReach(lone, ReachParams(), np.random.default_rng(0)), q, others)[0] > 0.03
 
 
 def test_impossible_questions_are_refused(ball: ObjectModel) -> None:
