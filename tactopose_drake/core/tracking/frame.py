@@ -48,7 +48,7 @@ class PoseMeasurement:
         object.__setattr__(self, "time", float(limited("time", self.time, (), most=LATEST)))
         covariance = limited("covariance", self.covariance, (6, 6), most=_MOST_VARIANCE)
         scale = np.sqrt(np.abs(np.diag(covariance)))
-        if np.abs(covariance - covariance.T).max() > 1e-6 * scale.max() ** 2:
+        if np.any(np.abs(covariance - covariance.T) > 1e-6 * np.outer(scale, scale)):
             raise InvalidInputError("covariance: is not symmetric.")
         if scale.min() < _LEAST_SIGMA or np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() <= 0.0:
             raise InvalidInputError(

@@ -436,6 +436,15 @@ def test_a_measurement_is_in_metres_and_one_line_to_read() -> None:
         PoseMeasurement(1.25, far, np.eye(6))
 
 
+def test_the_covariance_of_a_place_that_is_well_known_is_symmetric_as_one_of_a_turn_that_is_not() -> None:
+    covariance = np.diag(np.repeat([0.3, 0.001], 3) ** 2)
+    covariance[3, 4] = 5e-8  # Little beside the turn's variance, and not beside the place's.
+    with pytest.raises(InvalidInputError, match="covariance: is not symmetric"):
+        PoseMeasurement(1.25, X_PO, covariance)
+    covariance[4, 3] = np.nextafter(covariance[3, 4], 1.0)  # but for rounding
+    assert PoseMeasurement(1.25, X_PO, covariance).covariance[3, 4] == 5e-8
+
+
 def test_parameters_out_of_range_are_refused() -> None:
     with pytest.raises(InvalidInputError, match="slip_time"):
         PoseTracker(make_box(), PoseTrackerParams(slip_time=0.0))
