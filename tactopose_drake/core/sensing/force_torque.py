@@ -83,10 +83,12 @@ def measure(F_S: FloatArray, normal_noise: FloatArray, model: ForceTorqueModel, 
     each = F_S.tolist(), normal_noise.tolist(), model.noise, model.bias, model.drift, model.range, model.resolution
     for load, normal, sigma, bias, drift, largest, step in zip(*each, strict=True):  # Six numbers: no work for numpy.
         signal = load + bias + time * drift + sigma * normal
-        clipped = min(max(signal, -largest), largest)
-        is_rounded = step > 0.0 and math.isfinite(clipped)
-        reading.append(step * round(clipped / step) if is_rounded else clipped)
-        saturated.append(abs(signal) >= largest)
+        is_rounded = step > 0.0 and math.isfinite(signal)
+        rounded = step * round(signal / step) if is_rounded else signal
+        # The range need not be a whole number of steps; an axis at its end reads it all the same.
+        is_at_end = abs(signal) >= largest
+        reading.append(math.copysign(largest, signal) if is_at_end else min(max(rounded, -largest), largest))
+        saturated.append(is_at_end)
     return Measurement(np.array(reading), np.array(saturated))
 
 

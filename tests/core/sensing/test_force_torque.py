@@ -40,6 +40,13 @@ def test_a_load_beyond_the_range_is_held_at_its_end_and_named() -> None:
     assert measurement.status == "saturated: m_y, f_x"
 
 
+@pytest.mark.parametrize("load", [0.9, 0.99, 1.0, 5.0, -5.0, np.inf])
+def test_a_range_that_is_no_whole_number_of_steps_is_read_at_its_end_and_never_exceeded(load: float) -> None:
+    measurement = measure(np.full(6, load), np.zeros(6), ForceTorqueModel(range=[1.0] * 6, resolution=[0.35] * 6))
+    np.testing.assert_array_equal(measurement.F_S, np.sign(load) * np.ones(6))
+    assert measurement.saturated.all() == (abs(load) >= 1.0)
+
+
 def test_a_load_that_is_nan_is_no_signal() -> None:
     measurement = measure(np.full(6, np.nan), np.zeros(6), ForceTorqueModel(range=[1.0] * 6, resolution=[0.1] * 6))
     assert np.all(np.isnan(measurement.F_S))
