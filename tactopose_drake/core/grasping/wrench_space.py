@@ -124,8 +124,10 @@ class WrenchSpace:
         """The largest multiple of a set of disturbing wrenches (t, 6), N, that the contacts resist, each one at a time.
 
         They are as the module says, (torque / length, force). Those of length 0 demand nothing; the scale of a set of
-        nothing else is infinite.
+        nothing else is infinite, unless there is no force closure.
         """
+        if not np.any(wrenches):
+            return np.inf if self.is_force_closure else 0.0
         return self.fit(lambda normals: _support(normals, -wrenches))
 
     @cached_property

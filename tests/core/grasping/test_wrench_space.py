@@ -110,6 +110,7 @@ def test_what_is_resisted_is_what_a_linear_program_finds(norm: str) -> None:
     np.testing.assert_allclose(scales, [reach_by_program(space, -wrench) for wrench in wrenches], rtol=1e-6)
     assert space.scale(wrenches) == pytest.approx(min(scales), rel=1e-9)
     assert min(scales) * np.linalg.norm(wrenches, axis=1).max() >= space.radius
+    assert space.scale(np.zeros((2, 6))) == space.scale(np.zeros((0, 6))) == np.inf
 
 
 def test_three_frictional_fingers_on_a_sphere() -> None:
@@ -148,7 +149,7 @@ def test_two_fingers_without_friction_hold_nothing(norm: str) -> None:
     assert space.primitives.shape == (2, 1, 6)
     assert not space.is_force_closure
     assert space.radius == space.volume == 0.0
-    assert space.scale(np.eye(6)) == 0.0
+    assert space.scale(np.eye(6)) == space.scale(np.zeros((1, 6))) == 0.0
 
 
 @pytest.mark.parametrize("norm", ["L1", "Linf"])
