@@ -90,19 +90,19 @@ def rest_positions(config: HandConfig, finger: str) -> FloatArray:
 def rest_posture(
     plant: MultibodyPlant, hand: Hand, waiting: Mapping[str, FloatArray] = MappingProxyType({})
 ) -> FloatArray:
-    """The hand's joint positions when no finger takes part, shape (nq,), rad.
+    """The hand's joint positions when no finger takes part, shape (nq,), rad; coupled joints follow theirs.
 
     Args:
         plant: holds the hand.
         hand: the hand in it.
         waiting: actuated joint positions of the fingers that wait elsewhere than they usually do, by finger.
     """
-    places, q = HandJoints.of(plant, hand).position, np.zeros(plant.num_positions(hand.model_instance))
+    joints, q = HandJoints.of(plant, hand), np.zeros(plant.num_positions(hand.model_instance))
     for finger in hand.config.fingers:
         positions = waiting.get(finger.name, rest_positions(hand.config, finger.name))
         for name, position in zip(finger.joints, positions, strict=True):
-            q[places[name]] = position
-    return q
+            q[joints.position[name]] = position
+    return joints.with_followers(q, hand.config.couplings)
 
 
 def _finger_geometry(

@@ -9,7 +9,6 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.contact_properties import leave_friction_out, let_overlap, self_collisions
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import add_fixed_hand
-from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.hand_reach import rest_posture
 
 
@@ -30,7 +29,6 @@ class SelfCollision:
         posture = self._plant.GetMyContextFromRoot(self._diagram.CreateDefaultContext())
         let_overlap(self._plant, scene_graph, posture, self._hand.model_instance)
         self._context = self._plant.GetMyContextFromRoot(self._diagram.CreateDefaultContext())
-        self._joints = HandJoints.of(self._plant, self._hand)
 
     def __call__(self, positions: Mapping[str, FloatArray]) -> bool:
         """Whether links are in each other.
@@ -39,6 +37,6 @@ class SelfCollision:
             positions: of some fingers' actuated joints, shape (m,), rad or m, by finger; the others wait where they
                 usually do, and coupled joints follow.
         """
-        q = self._joints.with_followers(rest_posture(self._plant, self._hand, positions), self._hand.config.couplings)
+        q = rest_posture(self._plant, self._hand, positions)
         self._plant.SetPositions(self._context, self._hand.model_instance, q)
         return bool(self_collisions(self._plant, self._context, self._hand.model_instance))

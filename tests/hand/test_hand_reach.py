@@ -97,6 +97,8 @@ def test_a_coupling_with_an_offset_is_followed(tmp_path: Path) -> None:
     matrix, offsets = (function(plant, hand, ["left_slide"]) for function in (joint_matrix, joint_offsets))
     np.testing.assert_allclose(matrix @ [0.02] + offsets, [0.02, 0.02])
     np.testing.assert_allclose(joint_offsets(plant, hand, ["left_slide", "right_slide"]), 0.0)
+    places = [plant.GetJointByName(name).position_start() for name in ("left_slide", "right_slide")]
+    np.testing.assert_allclose(rest_posture(plant, hand, {"right": np.array([0.02])})[places], [0.02, 0.02])
 
 
 def test_a_hand_whose_fingers_feel_no_forces_cannot_be_planned_for() -> None:
