@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.calibration.annealed_fit import ContactNoise, anneal, start_noise
-from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts
+from tactopose_drake.core.calibration.annealed_fit import ContactNoise, _by_components, anneal, start_noise
+from tactopose_drake.core.calibration.shared_least_squares import Linearization, Solution
+from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts, SurfaceRows
 from tactopose_drake.core.poses import random_rotations
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tests.core.calibration.shifted_contacts import SHIFT, SIGMA, Shifted
@@ -48,3 +49,30 @@ def test_what_the_poses_take_up_of_the_noise_is_not_taken_for_less_noise(blob: O
         told = ContactNoise(shifted.noise(0.0, 0.0), noise, 0.02)
         found.append(anneal(shifted.problem, np.zeros(3), shifted.X_PO, told, (0.004, 0.2)).noise.position)
     assert np.sqrt(np.mean(np.square(found))) == pytest.approx(noise, rel=0.1)
+
+
+@pytest.mark.parametrize("told", [1.0, 3.0])
+def test_the_sums_of_squares_tell_the_noise_that_unknowns_have_not_taken_up(told: float) -> None:
+    """Of least squares' residuals, and what was told as much as ten of them would; what has no weight tells nothing."""
+    generator, count, unknowns, sigma = np.random.default_rng(1), 12, 5, np.array([0.001, 0.05])
+    assumed, weights = 1.7 * sigma, np.repeat([1.0, 0.0], [count, 2])
+    basis = np.linalg.qr(generator.normal(size=(3 * count, unknowns)))[0]
+    leverage = np.zeros((count + 2, 4))
+    leverage[:count, [0, 1, 3]] = np.sum(basis**2, axis=1).reshape(count, 3)
+    squares = []
+    for _ in range(2000):
+        # Of the difference of two normals one of three components is zero.
+        noise = generator.normal(size=(count, 3)) * sigma[[0, 1, 1]] / assumed[[0, 1, 1]]
+        left = noise.ravel() - basis @ (basis.T @ noise.ravel())
+        residual = np.full((count + 2, 4), 1e3)
+        residual[:count] = np.insert(left.reshape(count, 3), 2, 0.0, axis=1)
+        nothing = np.zeros((count + 2, 4, 0))
+        touches = GraspContacts(*np.zeros((5, count + 2), dtype=np.int64))  # type: ignore[arg-type]
+        at = Linearization(touches, SurfaceRows(residual, nothing, nothing, residual[:, 0]), weights, weights, 0.0)
+        solution = Solution(np.zeros(0), np.zeros((0, 3, 4)), np.zeros((0, 0)), leverage, at, True)
+        none = ContactSigmas(np.zeros(count + 2), np.zeros(count + 2))
+        found = _by_components(solution, ContactNoise(none, *assumed), ContactNoise(none, *(told * sigma)))
+        squares.append(np.square(found))
+    redundancy = np.array([1.0, 2.0]) * count - [leverage[:, 0].sum(), leverage[:, 1:].sum()]
+    expected = sigma**2 * (redundancy + 10.0 * told**2) / (redundancy + 10.0)
+    np.testing.assert_allclose(np.mean(squares, axis=0), expected, rtol=0.03)

@@ -6,12 +6,13 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import BiasModel
 from tactopose_drake.core.tracking.contact_update import ContactUpdate, update_with_contacts
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
-from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
+from tactopose_drake.core.tracking.tracker_params import ContactUpdateParams, PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases, make_box, n_OC, p_OC, read, touch
 
 CALIBRATION = BiasModel((0.0005, math.radians(2.5)), (0.0, 0.0))
@@ -129,6 +130,33 @@ def test_another_order_of_the_contacts_changes_nothing(box: ObjectModel) -> None
     other = update_modes(box, swapped, order, CALIBRATION, X_PO, P, C, EVEN)
     np.testing.assert_allclose(one.X_PO, other.X_PO, atol=1e-9)
     np.testing.assert_allclose(one.cross_covariance, other.cross_covariance, rtol=1e-5, atol=1e-10)
+
+
+@pytest.mark.parametrize("seed", [0, 4, 7])
+def test_what_is_regressed_beside_the_surface_gives_way_to_the_minimum(box: ObjectModel, seed: int) -> None:
+    """Contacts 1.5 mm from edges, over which the spread of the guess reaches."""
+    points = p_OC.copy()
+    points[2:, 0] = [0.0285, -0.0285, 0.0285, 0.0285]
+    contacts = Contacts(points, n_OC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
+    spread = np.repeat([0.1, 0.008], 3)
+    X = retract(np.eye(3, 4)[None], 0.5 * spread * np.random.default_rng(seed).normal(size=(1, 6)))
+    modes, cost = TrackedModes.independent(X, np.diag(spread**2)[None], 6), {}
+    for as_good in (1e-9, 0.3, 1e9):
+        params = PoseTrackerParams(contact_update=ContactUpdateParams(as_good=as_good))
+        update = update_with_contacts(box, params, read(contacts, params=params), modes)
+        cost[as_good] = SurfaceContact(box.grid, contacts).cost(update.X_PO)[0]
+    assert cost[1e9] > cost[0.3] + 1.0
+    assert cost[0.3] == cost[1e-9]
+
+
+def test_what_is_regressed_on_the_surface_stands(box: ObjectModel) -> None:
+    contacts, spread = touch(np.eye(3, 4), np.random.default_rng(0)), np.repeat([0.3, 0.01], 3)
+    modes, found = TrackedModes.independent(np.eye(3, 4)[None], np.diag(spread**2)[None], 6), []
+    for as_good in (1e-9, 0.3, 1e9):
+        params = PoseTrackerParams(contact_update=ContactUpdateParams(as_good=as_good))
+        found.append(update_with_contacts(box, params, read(contacts, params=params), modes).X_PO)
+    np.testing.assert_array_equal(found[1], found[2])
+    assert np.abs(found[0] - found[1]).max() > 1e-6
 
 
 def test_contacts_without_normals_say_their_distance_alone(box: ObjectModel) -> None:

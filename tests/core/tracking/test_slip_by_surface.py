@@ -1,12 +1,21 @@
+import math
+
 import numpy as np
 import pytest
 
+from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.motion_prediction import Motion, move_with_palm
-from tactopose_drake.core.tracking.slip_by_surface import PoseChange, SlipTest, _between, detect_by_surface
+from tactopose_drake.core.tracking.slip_by_surface import (
+    PoseChange,
+    SlipTest,
+    _between,
+    _has_slipped,
+    detect_by_surface,
+)
 from tactopose_drake.core.tracking.tracker_params import MotionNoise, SlipParams
-from tests.core.tracking.boxes import draw_biases, make_box, read, touch
+from tests.core.tracking.boxes import SIGMA_POSITION, draw_biases, make_box, read, touch
 
 PARAMS = SlipParams()
 X_PO = make_poses(random_rotations(np.random.default_rng(0), 1), np.array([[0.02, 0.0, 0.1]]))[0]
@@ -43,6 +52,25 @@ def test_a_motion_counts_by_how_far_it_takes_the_frames_apart_that_are_compared(
     share = poses[-recent:].mean(axis=0) - poses[:earlier].mean(axis=0)
     motions = np.random.default_rng(0).uniform(size=(count + 3, 1, 1)) * np.eye(6)
     np.testing.assert_allclose(_between(motions, recent, earlier), np.tensordot(share, motions[3:], 1))
+
+
+@pytest.mark.parametrize("earlier", [3, 10])
+@pytest.mark.parametrize(("recent", "threshold"), [(2, PARAMS.few_threshold), (5, PARAMS.many_threshold)])
+def test_a_slip_is_told_by_what_the_means_of_both_parts_are_known_to(
+    box: ObjectModel, recent: int, threshold: float, earlier: int
+) -> None:
+    """Two contacts across a slide, by frames of known noise: the difference of two means has both means' variances."""
+    params = SlipParams(**{f"{'many' if recent == 2 else 'few'}_threshold": 1e9})
+    contacts = touch(X_PO, np.random.default_rng(0))
+    J = SurfaceContact(box.grid, contacts).rows_of_contacts(X_PO[None])[1][0, :, :4]
+    still = Motion(np.zeros(6), np.zeros((6, 6)))
+    along = np.concatenate([np.zeros(3), X_PO[:, 2]])  # of the increment, in P; across the last two faces
+    way = SIGMA_POSITION * math.sqrt(0.5 * threshold * (1.0 / recent + 1.0 / earlier))
+    for share, slips in ((0.95, False), (1.05, True)):
+        history = np.zeros((earlier + 2 * recent, 6, 4))
+        history[-recent:] = J @ (share * way * along)
+        test = SlipTest(history, np.zeros((len(history), 6, 6)), (1.0, 1.0), X_PO)
+        assert _has_slipped(params, test, J, read(contacts), change(X_PO, still)) == slips
 
 
 def test_an_object_that_is_held_does_not_slip_however_wrong_the_hand_is(box: ObjectModel) -> None:
