@@ -99,9 +99,10 @@ def test_a_grasp_whose_residuals_are_at_the_limit_is_as_likely_explained_as_not(
     assert squares[0] > grasp_limit(np.array([CONTACTS]))[0] > squares[1]
 
 
-def test_poses_are_as_probable_as_the_touch_is_about_them(blob: ObjectModel) -> None:
+@pytest.mark.parametrize("variance", [1e-12, 2.0])
+def test_poses_are_as_probable_as_the_touch_is_about_them(blob: ObjectModel, variance: float) -> None:
     """By Laplace: of poses that explain a grasp alike, the one that it determines less is the more probable."""
-    shifted, known = Shifted(blob, np.zeros(3)), Knowledge(np.zeros(3), 1e-12 * np.eye(3))
+    shifted, known = Shifted(blob, np.zeros(3)), Knowledge(np.zeros(3), variance * np.eye(3))
     one = GraspTouches.of(shifted.touch(known.mean), shifted.noise(0.002, 0.6), shifted.problem.grids, GRASP)
     turns = np.random.default_rng(0).normal(size=(12, 6)) * np.repeat([1.5, 0.01], 3)
     found = explain(one, retract(shifted.X_PO[[GRASP] * 12], turns), known)
@@ -109,9 +110,11 @@ def test_poses_are_as_probable_as_the_touch_is_about_them(blob: ObjectModel) -> 
     log_density, log_volume = [], []
     for X_PO in found.X_PO:
         alone = one.touches._replace(grasp=np.zeros(CONTACTS, dtype=np.int64))
-        residual, by_pose, _, log_scale = surface_rows([one.grid], X_PO[None], alone, one.noise)
-        information = np.einsum("nri,nrj->ij", by_pose, by_pose) + POSE_INFORMATION
-        log_density.append(-0.5 * np.sum(residual**2) - log_scale.sum())
+        residual, by_pose, by_shared, log_scale = surface_rows([one.grid], X_PO[None], alone, one.noise)
+        r, J, B = residual.ravel(), by_pose.reshape(-1, 6), by_shared.reshape(-1, 3)
+        spread = np.eye(len(r)) + B @ known.covariance @ B.T
+        information = J.T @ np.linalg.solve(spread, J) + POSE_INFORMATION
+        log_density.append(-0.5 * (r @ np.linalg.solve(spread, r) + np.linalg.slogdet(spread)[1]) - log_scale.sum())
         log_volume.append(-0.5 * np.linalg.slogdet(information)[1])
     assert np.ptp(log_volume) > 0.5
     log_mass = np.add(log_density, log_volume)

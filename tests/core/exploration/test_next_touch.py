@@ -68,6 +68,8 @@ def test_a_touch_is_foreseen_as_unsure_as_the_surface_leans_away(mug: ObjectMode
     assert found.hit.all()
     np.testing.assert_allclose(np.sqrt(found.covariance[0, :3, 0, 0]), 0.001 / np.cos(lean[:3]), rtol=0.02)
     assert np.sqrt(found.covariance[0, 3, 0, 0]) == pytest.approx(0.001 / noise.least_facing, rel=0.02)
+    with_normal = foresee(mug, sure, moves, TouchNoise(position=0.001, normal=0.05)).covariance[0, 0]
+    np.testing.assert_allclose(with_normal[1:, 1:], 0.05**2 * np.eye(3), atol=1e-6)
 
 
 def test_a_motion_that_meets_the_object_wherever_it_is_leaves_the_mode_as_wide_as_it_is(mug: ObjectModel) -> None:
@@ -181,6 +183,16 @@ def test_whether_there_is_a_touch_tells_what_it_narrows_and_one_bit_at_the_most(
     assert told_within_modes(np.ones(1), foreseen, tolerance)[0] == pytest.approx(told, rel=1e-3)
 
 
+def test_what_an_answer_narrows_counts_as_often_as_there_is_one() -> None:
+    tolerance = Tolerance(translation=1e-5, rotation=1e-4)
+    wide = np.diag(np.repeat([0.3, 0.02], 3) ** 2)[None]
+    narrow = wide.copy()
+    narrow[0, 3, 3] *= 0.1**2
+    answer = np.zeros((1, 1, 1)), np.ones((1, 1, 1, 1))
+    foreseen = Foreseen(np.array([[0.25]]), *answer, wide, wide[:, None], wide[:, None], narrow[:, None])
+    assert told_within_modes(np.ones(1), foreseen, tolerance)[0] == pytest.approx(0.25 * math.log(10.0), rel=1e-3)
+
+
 def test_a_mode_within_the_tolerance_leaves_little_to_tell(mug: ObjectModel) -> None:
     assert information(mug, shifted(0.0005), inward(np.pi))[0] < 0.02
     finer = TouchCriterion(tolerance=Tolerance(translation=0.0005))
@@ -241,6 +253,12 @@ def test_a_finger_that_is_needed_stays(mug: ObjectModel) -> None:
         assert not is_allowed(mug, Hold(Contacts(HELD[:3]), NAMES[:3], 0.7), belief, name, inward(np.pi)).any()
 
 
+def test_a_finger_that_holds_nothing_may_go_however_the_others_hold(mug: ObjectModel) -> None:
+    two = Hold(Contacts(HELD[:2]), NAMES[:2], 0.7)
+    assert is_allowed(mug, two, spins(0.0), "ring", inward(np.pi / 4)).all()
+    assert not is_allowed(mug, two, spins(0.0), "first", inward(np.pi / 4)).any()
+
+
 def test_a_motion_must_be_clear_at_each_likely_mode(mug: ObjectModel) -> None:
     # A knuckle ahead of the fingertip to the side, which only the lug would meet.
     tips = inward(0.7)
@@ -293,6 +311,17 @@ def test_the_name_is_told_where_objects_differ_and_not_where_poses_do(mug: Objec
     # Where the mug's spin alone is asked, this touch tells it; of the name it tells nothing.
     (told,) = name_information([Candidate(mug, spins(0.0, np.pi), 1.0)], inward(0.0))
     assert told < 1e-9
+
+
+def test_what_tells_poses_of_one_object_apart_does_not_name_it(mug: ObjectModel) -> None:
+    """Three places along the way, that no noise confuses: two of one object and one of another."""
+    X = make_poses(np.tile(np.eye(3), (3, 1, 1)), np.array([[0.0, 0.0, 0.0], [-0.01, 0.0, 0.0], [-0.02, 0.0, 0.0]]))
+    covariance = np.tile(1e-10 * np.eye(6), (3, 1, 1))
+    for share in (0.5, 0.8):
+        one = Candidate(mug, GaussianMixture(X[:2], np.full(2, 0.5), covariance[:2]), share)
+        other = Candidate(mug, GaussianMixture(X[2:], np.ones(1), covariance[2:]), 1.0 - share)
+        name = -share * math.log(share) - (1.0 - share) * math.log(1.0 - share)
+        assert name_information([one, other], inward(np.pi))[0] == pytest.approx(name, rel=0.1)
 
 
 def test_the_touch_that_names_the_object_is_chosen(mug: ObjectModel, can: ObjectModel) -> None:
