@@ -15,6 +15,10 @@ from tactopose_drake.core.validation import FloatArray
 RANDOM_ROTATION_VARIANCE = (np.pi**2 / 3.0 + 2.0) / 3.0
 """The mean square of each coordinate of a uniformly random rotation's vector, rad^2: nothing is known of such a one."""
 
+ANY_POSE = np.repeat([3.0, 0.3], 3)
+"""Standard deviations of the increments (w, v) of a pose in the hand of which nothing is known, rad and m."""
+ANY_POSE.setflags(write=False)
+
 
 def make_poses(R: FloatArray, p: FloatArray) -> FloatArray:
     """Joins rotations (..., 3, 3) and translations (..., 3) to poses (..., 3, 4)."""

@@ -15,6 +15,7 @@ from pydrake.multibody.tree import BodyIndex, Frame, ModelInstanceIndex
 from pydrake.systems.framework import Context
 
 from tactopose_drake.core.evidence import hand_geometry
+from tactopose_drake.core.searches import spread_out
 from tactopose_drake.core.shape.sphere_packing import Spheres, pack_box, pack_capsule, pack_convex
 from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.errors import InvalidInputError
@@ -183,20 +184,10 @@ def corner_spheres(plant: MultibodyPlant, inspector: SceneGraphInspector, bodies
                 points = (0.5 * np.asarray(shape.size()) - _CORNER) * _BOX_EDGES
             elif isinstance(shape, Mesh | Convex):
                 vertices = hull_vertices(shape.GetConvexHull())
-                points = vertices[farthest_points(vertices, _MOST_CORNERS)]
+                points = vertices[spread_out(vertices, _MOST_CORNERS)]
             body.append(np.full(len(points), index, dtype=np.int64))
             centres.append(inspector.GetPoseInFrame(geometry).multiply(points.T).T)
     return BodySpheres(np.concatenate(body), np.concatenate(centres), np.full(sum(map(len, body)), _CORNER))
-
-
-def farthest_points(points: FloatArray, count: int) -> NDArray[np.intp]:
-    """Indices of at most `count` of some points (n, 3) that are far from each other."""
-    chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
-    distance = np.full(len(points), np.inf)
-    while len(chosen) < min(count, len(points)):
-        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
-        chosen.append(int(np.argmax(distance)))
-    return np.array(chosen, dtype=np.intp)
 
 
 def _pack(shape: Shape) -> Spheres:

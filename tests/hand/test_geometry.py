@@ -7,7 +7,7 @@ from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.geometry import BodySpheres, HandGeometry, corner_spheres, farthest_points
+from tactopose_drake.hand.geometry import BodySpheres, HandGeometry, corner_spheres
 
 SHAPES = [
     Sphere(0.01),
@@ -102,14 +102,6 @@ def test_corners_and_middles_of_edges_have_small_spheres(shape: Shape, count: in
         edges = X_WG.multiply(0.02 * np.vstack([np.zeros(3), np.eye(3)])[:count].T).T
     away = np.linalg.norm(edges[:, None] - p_WH, axis=2).min(axis=1, initial=np.inf) if count else np.zeros(0)
     assert np.all(away < 0.001)
-
-
-def test_far_points_are_one_of_each_heap() -> None:
-    generator = np.random.default_rng(0)
-    heaps = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.08, 0.0], [0.0, 0.0, 0.06], [0.05, 0.05, 0.05]])
-    points = np.concatenate([heap + 0.002 * generator.normal(size=(20, 3)) for heap in heaps])
-    assert sorted(farthest_points(points, 5) // 20) == [0, 1, 2, 3, 4]
-    assert sorted(farthest_points(points[:4], 30)) == [0, 1, 2, 3]
 
 
 def test_of_many_spheres_those_go_that_hardly_stick_out_of_larger_ones_of_their_body() -> None:

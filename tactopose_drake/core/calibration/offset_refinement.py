@@ -18,14 +18,12 @@ import numpy as np
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact, along_normals
 from tactopose_drake.core.parameter_checks import check_numbers
-from tactopose_drake.core.poses import skew
+from tactopose_drake.core.poses import ANY_POSE, skew
 from tactopose_drake.core.posterior.chi_square import chi_square_limit
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
-# Nothing is known of the pose, rad and m.
-_ANY_POSE = np.repeat([3.0, 0.3], 3)
-_LEAST_CONTACTS = 3
+_LEAST_CONTACTS = 3  # with normals: whatever fewer measure, a pose explains nearly all of it
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -119,7 +117,7 @@ def _update(
     params: OffsetRefinementParams, r: FloatArray, J: FloatArray, B: FloatArray, noise: FloatArray, left: JointOffsets
 ) -> JointOffsets:
     """By residuals (m,) with the derivatives J by the pose and B by the offsets."""
-    S = noise + (J * _ANY_POSE**2) @ J.T + B @ left.covariance @ B.T
+    S = noise + (J * ANY_POSE**2) @ J.T + B @ left.covariance @ B.T
     weighed = np.linalg.solve(S, np.column_stack([r, B @ left.covariance]))
     if r @ weighed[:, 0] > chi_square_limit(len(r) - 6, params.chance):
         return left

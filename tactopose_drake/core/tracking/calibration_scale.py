@@ -17,6 +17,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact, along_normals
+from tactopose_drake.core.poses import ANY_POSE
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import BiasModel
@@ -28,9 +29,7 @@ from tactopose_drake.core.validation import FloatArray
 _LEAST_BELIEVED = 0.25
 # A mode of less probability has no part in it.
 _LEAST_WEIGHT = 0.01
-# Nothing is known of the pose, rad and m.
-_ANY_POSE = np.repeat([3.0, 0.3], 3)
-_LEAST_CONTACTS = 3
+_LEAST_CONTACTS = 3  # with normals: whatever fewer measure, a pose explains nearly all of it
 
 
 class _Scales(NamedTuple):
@@ -106,7 +105,7 @@ def _log_evidence(residuals: FloatArray, jacobian: FloatArray, variances: FloatA
     J, r = jacobian.reshape(-1, 6), residuals.reshape(-1)
     flat = variances.reshape(len(variances), -1)
     weighted = J.T / flat[:, None]
-    information = weighted @ J + np.diag(_ANY_POSE**-2)
+    information = weighted @ J + np.diag(ANY_POSE**-2)
     slope = weighted @ r
     explained = np.einsum("gi,gi->g", slope, np.linalg.solve(information, slope[..., None])[..., 0])
     spread = np.log(flat).sum(axis=1) + np.linalg.slogdet(information)[1]

@@ -65,6 +65,14 @@ def test_opposite_normals_leave_the_spin_open(blob: ObjectModel) -> None:
     assert spins > 1
 
 
+def test_far_points_are_one_of_each_heap() -> None:
+    generator = np.random.default_rng(0)
+    heaps = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.08, 0.0], [0.0, 0.0, 0.06], [0.05, 0.05, 0.05]])
+    points = np.concatenate([heap + 0.002 * generator.normal(size=(20, 3)) for heap in heaps])
+    assert sorted(spread_out(points, 5) // 20) == [0, 1, 2, 3, 4]
+    assert sorted(spread_out(points[:4], 30)) == [0, 1, 2, 3]
+
+
 def test_contacts_are_taken_far_apart() -> None:
     points = np.array([[0, 0, 0], [0.1, 0, 0], [5, 0, 0], [5, 0.1, 0], [0, 3, 0]])
     assert set(spread_out(points, 3).tolist()) in ({0, 3, 4}, {1, 3, 4}, {0, 2, 4}, {1, 2, 4})
