@@ -10,6 +10,7 @@ from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
 from tactopose_drake.core.exploration.next_touch import Hold, NextTouch, TouchCriterion, allowed_moves, information
 from tactopose_drake.core.exploration.tolerance import merged_modes
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.posterior.moved_origin import about_middle
 from tactopose_drake.core.shape.object_model import ObjectModel
 
 
@@ -37,6 +38,7 @@ def choose_by_chance(
     Raises:
         InvalidInputError: a belief without a mode.
     """
+    model, belief = about_middle(model, belief)
     distinct = merged_modes(model, belief, criterion.tolerance)
     allowed = {
         finger: mask & moves[finger].feel(model, distinct.X_PO[:1]).is_hit[0]

@@ -28,6 +28,7 @@ from tactopose_drake.core.exploration.guarded_moves import GuardedMoves
 from tactopose_drake.core.exploration.tolerance import Tolerance, merged_modes
 from tactopose_drake.core.grasping.quality import grasp_quality
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
+from tactopose_drake.core.posterior.moved_origin import about_middle
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, limited
 from tactopose_drake.errors import InvalidInputError
@@ -146,7 +147,8 @@ def choose_touch(
     Raises:
         InvalidInputError: a belief without a mode.
     """
-    distinct = merged_modes(model, checked_mixture("belief", belief), criterion.tolerance)
+    model, belief = about_middle(model, checked_mixture("belief", belief))
+    distinct = merged_modes(model, belief, criterion.tolerance)
     value = {finger: information(model, distinct, options, criterion) for finger, options in moves.items()}
     allowed = allowed_moves(model, hold, distinct, moves, others, criterion)
     return _best(value, allowed, entropy(distinct, criterion.tolerance))
@@ -175,9 +177,10 @@ def choose_telling_touch(
         InvalidInputError: no candidate, probabilities that are negative or all 0, or a belief without a mode.
     """
     weights = _shares_of(candidates)
+    near = [about_middle(each.model, each.belief) for each in candidates]
     distinct = [
-        Candidate(each.model, merged_modes(each.model, each.belief, criterion.tolerance), weight)
-        for each, weight in zip(candidates, weights, strict=True)
+        Candidate(model, merged_modes(model, belief, criterion.tolerance), weight)
+        for (model, belief), weight in zip(near, weights, strict=True)
     ]
     value = {finger: name_information(distinct, options, criterion) for finger, options in moves.items()}
     allowed = {finger: np.ones(len(options), dtype=np.bool_) for finger, options in moves.items()}

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.poses import compose, increments_between, inverse, skew
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
+from tactopose_drake.core.posterior.moved_origin import about_middle, has_far_origin, mixture_of_origin, move_origin
 from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -25,7 +26,7 @@ class Tolerance:
     """How near to each other poses are one and the same.
 
     Attributes:
-        translation: between the objects' origins, m.
+        translation: between the objects' origins, m; between their middles, where these are far from the origins.
         rotation: between their orientations, rad.
 
     Raises:
@@ -60,6 +61,12 @@ class Twins(NamedTuple):
 
 def nearest_twins(model: ObjectModel, X_PO: FloatArray, X_reference: FloatArray, tolerance: Tolerance) -> Twins:
     """Of poses (n, 3, 4) the symmetric twins that are nearest to another one (3, 4)."""
+    if has_far_origin(model):
+        p_OC = model.middle
+        of_middle = (move_origin(X, p_OC) for X in (X_PO, X_reference))
+        found = nearest_twins(model.about_middle, *of_middle, tolerance)
+        X_twin = move_origin(found.X_PO, -p_OC)
+        return Twins(X_twin, increments_between(X_reference, X_twin), found.same)
     twins = compose(X_PO[:, None], model.symmetry_poses[None])
     shape = twins.shape[:2]
     twins = turn_toward(twins.reshape(-1, 3, 4), X_reference, model.symmetries)
@@ -82,6 +89,8 @@ def merged_modes(model: ObjectModel, belief: GaussianMixture, tolerance: Toleran
         InvalidInputError: a belief without a mode.
     """
     belief = checked_mixture("belief", belief)
+    if has_far_origin(model):
+        return mixture_of_origin(merged_modes(*about_middle(model, belief), tolerance), model.middle)
     left = belief.likely(_LEAST_WEIGHT)
     left = left[np.argsort(-belief.weights[left], kind="stable")]
     poses, masses, covariances = [], [], []
@@ -126,7 +135,7 @@ def resolved_share(model: ObjectModel, belief: GaussianMixture, tolerance: Toler
     Raises:
         InvalidInputError: a belief without a mode.
     """
-    belief = checked_mixture("belief", belief)
+    model, belief = about_middle(model, checked_mixture("belief", belief))
     drawn = belief.sample(_SAMPLES, np.random.default_rng(0))
     best = merged_modes(model, belief, tolerance).X_PO[0]
     return float(nearest_twins(model, drawn, best, tolerance).same.mean())

@@ -23,6 +23,7 @@ from tactopose_drake.core.geometry_checks import pose_near
 from tactopose_drake.core.grasping.wrench_space import Norm, WrenchSpace, cone_wrenches
 from tactopose_drake.core.plain_values import seal
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
+from tactopose_drake.core.posterior.moved_origin import about_middle
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import (
     MOST_FRICTION,
@@ -179,7 +180,7 @@ def force_closure_probability(
             a million, a belief without a mode, or a value of another type.
     """
     friction, length = _check(model, contacts, friction, edges, None, "L1")
-    belief = checked_mixture("belief", belief)
+    model, belief = about_middle(model, checked_mixture("belief", belief))
     samples = whole_number("samples", samples, least=1, most=_MOST_SAMPLES)
     seed = whole_number("seed", seed, least=0)
     X_PO = belief.sample(samples, np.random.default_rng(seed))

@@ -70,3 +70,21 @@ def mixture_of_origin(mixture: GaussianMixture, p_OC: FloatArray) -> GaussianMix
     J = increments_of_origin(R, p_OC)
     covariance = J @ mixture.covariance @ np.swapaxes(J, 1, 2) + arc_covariance(R, mixture.covariance, p_OC)
     return dataclasses.replace(mixture, X_PO=move_origin(mixture.X_PO, -p_OC), covariance=covariance)
+
+
+def mixture_of_middle(mixture: GaussianMixture, p_OC: FloatArray) -> GaussianMixture:
+    """A mixture over poses of C, which is at p_OC, shape (3,), m, by one over those of O."""
+    R = mixture.X_PO[:, :, :3]
+    J = increments_of_origin(R, -p_OC)
+    # Of a belief that leaves the arc out no more is taken off than there is.
+    left = mixture.covariance - arc_covariance(R, mixture.covariance, p_OC)
+    values, vectors = np.linalg.eigh(J @ left @ np.swapaxes(J, 1, 2))
+    covariance = vectors * np.maximum(values, 0.0)[:, None] @ np.swapaxes(vectors, 1, 2)
+    return dataclasses.replace(mixture, X_PO=move_origin(mixture.X_PO, p_OC), covariance=covariance)
+
+
+def about_middle(model: ObjectModel, mixture: GaussianMixture) -> tuple[ObjectModel, GaussianMixture]:
+    """The same object in a frame near it, and the same belief of its pose, where its origin is far away."""
+    if not has_far_origin(model):
+        return model, mixture
+    return model.about_middle, mixture_of_middle(mixture, model.middle)

@@ -29,6 +29,7 @@ from tactopose_drake.core.exploration.next_touch import (
 from tactopose_drake.core.exploration.tolerance import Tolerance
 from tactopose_drake.core.poses import exp_so3, make_poses
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.posterior.moved_origin import mixture_of_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 
@@ -232,6 +233,32 @@ def test_the_best_allowed_motion_is_chosen(mug: ObjectModel) -> None:
     assert found.entropy > np.log(2)
     assert found.expected_entropy == pytest.approx(found.entropy - found.information)
     assert found.allowed["little"].all()
+
+
+def test_what_a_touch_tells_does_not_hang_on_the_frame_of_the_object(mug: ObjectModel) -> None:
+    mesh = trimesh.Trimesh(np.add(mug.vertices, [-0.8, 0.5, 1.1]), mug.faces)
+    far = ObjectModel.from_mesh(mesh, symmetry="none", max_grid_bytes=8_000_000, samples=300)
+    near, moves = spins(0.0, 2.0), {"free": inward(0.0, np.pi)}
+    hold, belief = Hold(Contacts(HELD), NAMES, 0.7), mixture_of_origin(near, far.middle - mug.middle)
+    found, expected = choose_touch(far, hold, belief, moves), choose_touch(mug, hold, near, moves)
+    assert found is not None
+    assert expected is not None
+    assert found.entropy == pytest.approx(expected.entropy, rel=1e-2)
+    np.testing.assert_allclose(found.value["free"], expected.value["free"], rtol=1e-2)
+    named, by_mug = (
+        choose_telling_touch([Candidate(model, known, 1.0)], hold, moves)
+        for model, known in ((far, belief), (mug, near))
+    )
+    assert named is not None
+    assert by_mug is not None
+    assert named.information == pytest.approx(by_mug.information, abs=1e-6)
+    by_chance, of_mug = (
+        choose_by_chance(model, hold, known, moves, np.random.default_rng(0))
+        for model, known in ((far, belief), (mug, near))
+    )
+    assert by_chance is not None
+    assert of_mug is not None
+    assert by_chance.information == pytest.approx(of_mug.information, rel=1e-2)
 
 
 def test_a_belief_without_a_mode_is_refused(mug: ObjectModel) -> None:

@@ -3,8 +3,9 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.exploration.tolerance import Tolerance, merged_modes, nearest_twins, resolved_share
-from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations
+from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations, retract
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.posterior.moved_origin import mixture_of_middle, mixture_of_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 
@@ -84,6 +85,30 @@ def test_one_wide_mode_does_not_pass_for_one_pose(can: ObjectModel) -> None:
     assert resolved_share(can, mixture(here, [1.0], sigmas[3])) == pytest.approx(0.95, abs=0.02)
     two = mixture(at((0.0, 0.0, 0.0), (0.1, 0.0, 0.0)), [0.7, 0.3], 0.001)
     assert resolved_share(can, two) == pytest.approx(0.7, abs=0.05)
+
+
+def test_where_the_frame_of_an_object_is_changes_nothing(can: ObjectModel) -> None:
+    """Of a mesh that was never moved to its frame, a turn of a degree moves the origin by centimetres."""
+    p_OC = np.array([1.2, -0.3, 0.7])
+    mesh = trimesh.Trimesh(can.vertices + p_OC, can.faces)
+    far = ObjectModel.from_mesh(mesh, max_grid_bytes=3_200_000, samples=300)
+    X_PC = at((0.0, 0.0, 0.1), (0.002, 0.0, 0.1), (0.05, 0.0, 0.1))
+    X_PC[:, :, :3] = exp_so3(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.5], [0.0, 0.3, 0.0]]))
+    near = mixture(X_PC, [0.5, 0.3, 0.2], 0.002, turn=np.radians(3.0))
+    belief = mixture_of_origin(near, far.middle)
+    assert resolved_share(far, belief) == pytest.approx(resolved_share(can, near), abs=0.02)
+    joined, expected = merged_modes(far, belief), merged_modes(can, near)
+    np.testing.assert_allclose(joined.weights, expected.weights)
+    back = mixture_of_middle(joined, far.middle)
+    np.testing.assert_allclose(back.X_PO, expected.X_PO, atol=1e-6)
+    np.testing.assert_allclose(back.covariance, expected.covariance, atol=1e-6)
+    twins, of_can = (
+        nearest_twins(far, belief.X_PO, belief.X_PO[0], Tolerance()),
+        nearest_twins(can, X_PC, X_PC[0], Tolerance()),
+    )
+    np.testing.assert_array_equal(twins.same, of_can.same)
+    np.testing.assert_allclose(compose(twins.X_PO, at(tuple(far.middle))), of_can.X_PO, atol=1e-3)
+    np.testing.assert_allclose(retract(np.repeat(belief.X_PO[:1], 3, axis=0), twins.increments), twins.X_PO, atol=1e-9)
 
 
 def test_bad_tolerances_and_beliefs_are_refused(can: ObjectModel) -> None:

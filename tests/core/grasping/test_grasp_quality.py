@@ -9,6 +9,7 @@ from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.grasping.quality import force_closure_probability, grasp_quality, lever, on_surface
 from tactopose_drake.core.poses import inverse, make_poses, random_rotations, transform_points
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.posterior.moved_origin import mixture_of_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.estimation.estimate import estimate_pose
@@ -194,6 +195,20 @@ def test_the_probability_is_the_share_of_the_poses_with_force_closure(box: Objec
     assert found.standard_error == pytest.approx(np.sqrt(0.21 / 400), rel=0.1)
     assert found == force_closure_probability(box, contacts, belief, friction=0.6, samples=400)
     assert found != force_closure_probability(box, contacts, belief, friction=0.6, samples=400, seed=1)
+
+
+def test_where_the_frame_of_the_object_is_makes_a_grasp_no_less_sure(box: ObjectModel) -> None:
+    mesh = trimesh.creation.box(EXTENTS)
+    mesh.apply_translation([2.0, -1.0, 1.0])
+    far = ObjectModel.from_mesh(mesh, **SMALL)  # type: ignore[arg-type]
+    # The three fingers stay off the edges within the spread of the middle, not within that of the origin's arc.
+    near = GaussianMixture(np.eye(3, 4)[None], np.ones(1), np.diag(np.repeat([0.1, 0.0005], 3) ** 2)[None])
+    belief, contacts = mixture_of_origin(near, far.middle), Contacts(P_OC)
+    values = [
+        force_closure_probability(model, contacts, known, friction=0.4, samples=300).value
+        for model, known in ((box, near), (far, belief))
+    ]
+    assert values[1] == pytest.approx(values[0], abs=0.05)
 
 
 def test_the_less_is_known_the_less_sure_it_is(box: ObjectModel) -> None:
