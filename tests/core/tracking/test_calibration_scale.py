@@ -130,3 +130,14 @@ def test_the_factors_are_a_mean_in_which_later_estimates_count_at_least_as_told(
         errors = follow_scale(errors, np.full(2, now), settings)
         np.testing.assert_allclose(errors.calibration, expected)
     assert errors.estimates == 3
+
+
+def test_what_the_surface_is_off_by_is_not_taken_for_the_hand(box: ObjectModel) -> None:
+    rough = PoseTrackerParams(surface_position=4.0 * TOLD[0], surface_normal_deg=4.0 * PARAMS.calibration_normal_deg)
+    found = []
+    for params in (PARAMS, rough):
+        inlier, modes = np.ones((1, 6)), modes_at(X_PO)
+        each = [estimate_scale(box, params, *feel(seed, 4.0), modes, inlier) for seed in range(4)]
+        found.append(np.exp(np.mean([np.log(factors) for factors in each if factors is not None])))
+    assert found[0] > 8.0
+    assert found[1] < 0.5 * found[0]

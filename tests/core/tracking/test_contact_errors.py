@@ -61,6 +61,38 @@ def test_a_calibration_that_seems_worse_adds_what_it_errs_beyond_what_is_told() 
     np.testing.assert_allclose(read(surer).parts.new[:, 0], least**2)
 
 
+def test_what_a_hand_declares_beside_its_sensors_and_calibration_lasts() -> None:
+    """The variances are those of all parts; where less is told than the calibration's, nothing is beside it."""
+    frame = PARAMS.frame_position, math.radians(PARAMS.frame_normal_deg)
+    beside, bias = np.array([0.001, 0.05]), np.square([PARAMS.surface_position, math.radians(1.0)])
+    told = np.square(frame) + np.square(TOLD) + np.square(beside)
+    covariance = np.tile(np.diag(np.repeat(told, 3)), (6, 1, 1))
+    reading = read(Contacts(p_OC, n_OC, covariance=covariance))
+    np.testing.assert_allclose(reading.parts.told, np.tile(told, (6, 1)))
+    np.testing.assert_allclose(reading.parts.declared, np.tile(np.square(beside), (6, 1)))
+    np.testing.assert_allclose(reading.parts.new, np.tile(np.square(frame), (6, 1)))
+    many = averaged_variances(reading.contacts, PARAMS, 10**9)
+    np.testing.assert_allclose(many, np.tile(np.square(beside) + np.square(TOLD) + bias, (6, 1)), rtol=1e-6)
+    sure = read(Contacts(p_OC, n_OC, covariance=1e-3 * covariance))
+    np.testing.assert_array_equal(sure.parts.declared, 0.0)
+    # However sure they are told to be, a mean of them is no less sure.
+    np.testing.assert_allclose(averaged_variances(sure.contacts, PARAMS, 8), sure.parts.told)
+
+
+def test_a_doubted_contact_is_less_sure_by_what_lasts_of_its_mean() -> None:
+    contacts = Contacts(p_OC, n_OC, covariance=np.tile(np.diag(np.repeat([0.002**2, 0.2**2], 3)), (6, 1, 1)))
+    doubt = np.array([9.0, 1.0, 1.0, 2.0, 1.0, 1.0])
+    errors = SeemingErrors(doubt=dict(zip("abcdef", doubt, strict=True)))
+    reading = with_errors(read(contacts), errors, PARAMS)
+    lasts = averaged_variances(contacts, PARAMS, PARAMS.window.max_frames)
+    more = (doubt - 1.0)[:, None] * lasts
+    np.testing.assert_allclose(reading.parts.excess, reading.parts.declared + more)
+    # What was declared is told already.
+    seeming = as_doubted(reading).evidence.contacts
+    np.testing.assert_allclose(np.square(seeming.sigma_position), reading.parts.told[:, 0] + more[:, 0])
+    np.testing.assert_allclose(np.square(seeming.sigma_normal), reading.parts.told[:, 1] + more[:, 1])
+
+
 def test_a_source_whose_contacts_seem_false_is_doubted_from_then_on() -> None:
     names = tuple("abcdef")
     doubt = follow_doubt({}, np.array([0.05, 1, 1, 1, 1, 1]), 2.0, names, 1.0)

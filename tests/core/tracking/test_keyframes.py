@@ -2,6 +2,7 @@ import dataclasses
 
 import numpy as np
 
+from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import (
     compose,
     exp_so3,
@@ -11,8 +12,11 @@ from tactopose_drake.core.poses import (
     retract,
     transform_points,
 )
+from tactopose_drake.core.tracking.contact_errors import averaged_variances, calibration_excess, with_errors
+from tactopose_drake.core.tracking.frame import PoseMeasurement, SeemingErrors
 from tactopose_drake.core.tracking.keyframes import (
     Keyframe,
+    Touch,
     follow_touch,
     make_window,
     move_keyframes,
@@ -115,6 +119,21 @@ def test_the_same_touch_again_is_averaged_and_another_one_is_kept() -> None:
     assert len(window.now.p_PC) == 4
     assert window.past is not None
     assert len(window.past) == 6
+
+
+def test_the_mean_of_a_touch_is_as_sure_as_the_calibration_seems_to_be() -> None:
+    params, contacts = PoseTrackerParams(), touch(X_PO, np.random.default_rng(0))
+    factors = np.array([4.0, 2.25])
+    reading = with_errors(read(contacts), SeemingErrors(calibration=factors), params)
+    mean = dataclasses.replace(feel(), p_PC=contacts.p_PC + 0.001, frames=5)
+    seen = PoseMeasurement(0.0, X_PO, np.diag(np.repeat([0.1, 0.01], 3) ** 2))
+    felt = Touch(Evidence(contacts), reading, (mean,), seen).averaged(params)
+    expected = averaged_variances(contacts, params, 5) + calibration_excess(contacts, params, factors)
+    np.testing.assert_allclose(np.square(felt.contacts.sigma_position), expected[:, 0])
+    np.testing.assert_allclose(np.square(felt.contacts.sigma_normal), expected[:, 1])
+    np.testing.assert_array_equal(felt.contacts.p_PC, mean.p_PC)
+    assert felt.prior is not None
+    np.testing.assert_allclose(felt.prior.sigmas, np.repeat([0.1, 0.01], 3))
 
 
 def test_a_touch_is_forgotten_when_the_motion_since_is_not_known() -> None:
