@@ -283,3 +283,13 @@ def test_what_is_no_knowledge_any_more_does_not_grow() -> None:
         np.testing.assert_allclose(np.linalg.eigvalsh(modes.covariance[0][3:, 3:]), 0.09)
         # The mean square of a random rotation's angle is pi^2 / 3 + 2.
         assert np.trace(modes.covariance[0][:3, :3]) == pytest.approx(np.pi**2 / 3.0 + 2.0)
+
+
+def test_what_is_no_knowledge_any_more_shares_as_much_less_with_the_biases() -> None:
+    limits = np.repeat([(np.pi**2 + 6.0) / 9.0, 0.3**2], 3)
+    modes = TrackedModes.independent(random_pose(3)[None], np.diag(4.0 * limits)[None], 2)
+    cross = np.random.default_rng(0).normal(size=(1, 6, 12))
+    modes = dataclasses.replace(modes, cross_covariance=cross)
+    after = predict_modes(modes, Motion(np.zeros(6), np.zeros((6, 6))), 0.3)
+    np.testing.assert_allclose(after.covariance[0], np.diag(limits), atol=1e-12)
+    np.testing.assert_allclose(after.cross_covariance, 0.5 * cross)

@@ -27,10 +27,10 @@ from tactopose_drake.core.tracking.contact_errors import (
 )
 from tactopose_drake.core.tracking.contact_update import begin_modes
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement, SeemingErrors
-from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, make_window, past_information
+from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, make_window, past_cost, past_information
 from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
-from tactopose_drake.core.tracking.relocalisation import relocalise
+from tactopose_drake.core.tracking.relocalisation import _mean_weights, relocalise
 from tactopose_drake.core.tracking.sliced_search import SearchState, TouchWeighing, search_on
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
@@ -131,6 +131,30 @@ def test_a_mode_of_the_filter_is_no_better_known_than_by_the_touches_of_now_and_
     window = make_window(longer, PARAMS.window)
     np.testing.assert_allclose(told, past_information(box, PARAMS, window, X_PO[None])[0], rtol=1e-4, atol=1.0)
     np.testing.assert_allclose(after[2], wide.covariance[0], rtol=1e-9, atol=1e-15)
+
+
+def test_what_now_does_not_tell_apart_the_touches_of_the_past_do(box: ObjectModel) -> None:
+    now = read(touch(X_PO, np.random.default_rng(1))[:3])
+    others = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(2))[3:]), NAMES[3:])
+    touched = Touch(now.evidence, now, (others, Keyframe.of_now(now, NAMES[:3])), None)
+    X = np.stack([X_PO, retract(X_PO, np.array([0.0, 0, 0, 0.003, 0.003, 0.003]))])
+    spread = np.tile(np.diag(np.repeat([1e-4, 1e-6], 3)), (2, 1, 1))
+    posterior = Modes(GaussianMixture(X, np.array([0.4, 0.6]), spread), np.zeros(2), (np.empty((0, 6)),) * 2, 0.0)
+    after = relocalise(box, PARAMS, touched, TrackedModes.empty(6), posterior, 1.0)
+    cost = past_cost(box, PARAMS, make_window(touched.keyframes, PARAMS.window), X)
+    assert abs(cost[1] - cost[0]) > 0.3
+    weight = {float(pose[0, 3]): weight for pose, weight in zip(after.X_PO, after.log_weight, strict=True)}
+    odds = weight[float(X[1, 0, 3])] - weight[float(X[0, 0, 3])]
+    assert odds == pytest.approx(math.log(0.6 / 0.4) - (cost[1] - cost[0]), rel=1e-9)
+
+
+def test_modes_that_are_one_by_way_of_others_share_what_the_filter_held_of_all() -> None:
+    before, now = np.log([0.5, 0.5]), np.log([0.2, 0.3, 0.5])
+    same = np.array([[True, False], [True, True], [False, True]])
+    np.testing.assert_allclose(_mean_weights(before, now, same, 0.3), now)
+    # What the filter has not is as probable as it is now; what it has, by the mean of both.
+    apart = np.array([[True, True], [False, False], [False, False]])
+    np.testing.assert_allclose(_mean_weights(before, now, apart, 0.3), [0.3 * now[0], *now[1:]])
 
 
 @pytest.mark.parametrize(("sigma", "stays"), [(1e-3, True), (5e-5, False)])

@@ -136,7 +136,31 @@ def test_fingers_that_have_long_been_at_equal_ratios_hold_while_the_load_grows()
 
 
 def test_fingers_below_anothers_ratio_are_not_at_the_limit() -> None:
-    assert not any(feel(load(50, most=0.65, larger=0.8 - HELD[2])))
+    assert not any(feel(load(50, most=0.75, larger=0.85 - HELD[2])))
+    assert any(feel(load(50, most=0.75)))
+
+
+def test_below_the_least_ratio_nothing_slides() -> None:
+    for most, slides in ((0.25, False), (0.35, True)):
+        readings = []
+        for i in range(150):
+            ratios = np.array([0.0, 0.0, 0.2, 0.2, 0.15, 0.15])
+            ratios[:2] = min(0.01 * max(i - 50, 0), most)
+            readings.append(press(ratios, 2.0 * 1.014 ** np.array([0, 0, i, i, i, i])))
+        assert any(feel(readings)) == slides
+
+
+def test_a_finger_that_bears_hardly_a_part_of_the_load_has_no_say() -> None:
+    """Whatever its ratio is, it is that of noise."""
+    for light in (0.08, 0.8):
+        normal = np.array([2.0, 2.0, 2.0, 2.0, 2.0, light])
+        reach = [press(np.append(np.minimum(HELD[:5] + 0.01 * i, 0.8), 0.95), normal) for i in range(100)]
+        assert any(feel(reach)) == (light < 0.1)
+
+
+def test_fingers_that_have_been_at_the_limit_all_along_do_not_slide_as_the_load_grows() -> None:
+    """They have shared it alike since they closed: where friction ends, nothing has shown."""
+    assert not any(feel([press(np.full(6, 0.35 + 0.003 * i)) for i in range(100)]))
 
 
 def test_without_forces_nothing_is_said_of_them() -> None:

@@ -54,10 +54,11 @@ def test_a_motion_counts_by_how_far_it_takes_the_frames_apart_that_are_compared(
     np.testing.assert_allclose(_between(motions, recent, earlier), np.tensordot(share, motions[3:], 1))
 
 
+@pytest.mark.parametrize("roughness", [0.0, 0.0015])
 @pytest.mark.parametrize("earlier", [3, 10])
 @pytest.mark.parametrize(("recent", "threshold"), [(2, PARAMS.few_threshold), (5, PARAMS.many_threshold)])
 def test_a_slip_is_told_by_what_the_means_of_both_parts_are_known_to(
-    box: ObjectModel, recent: int, threshold: float, earlier: int
+    box: ObjectModel, recent: int, threshold: float, earlier: int, roughness: float
 ) -> None:
     """Two contacts across a slide, by frames of known noise: the difference of two means has both means' variances."""
     params = SlipParams(**{f"{'many' if recent == 2 else 'few'}_threshold": 1e9})
@@ -65,12 +66,24 @@ def test_a_slip_is_told_by_what_the_means_of_both_parts_are_known_to(
     J = SurfaceContact(box.grid, contacts).rows_of_contacts(X_PO[None])[1][0, :, :4]
     still = Motion(np.zeros(6), np.zeros((6, 6)))
     along = np.concatenate([np.zeros(3), X_PO[:, 2]])  # of the increment, in P; across the last two faces
-    way = SIGMA_POSITION * math.sqrt(0.5 * threshold * (1.0 / recent + 1.0 / earlier))
+    rough = PoseChange(X_PO, np.tile([roughness**2, 0.0], (6, 1)), still)  # of which a share changes
+    variance = SIGMA_POSITION**2 * (1.0 / recent + 1.0 / earlier) + params.rough_share * roughness**2
+    way = math.sqrt(0.5 * threshold * variance)
     for share, slips in ((0.95, False), (1.05, True)):
         history = np.zeros((earlier + 2 * recent, 6, 4))
         history[-recent:] = J @ (share * way * along)
         test = SlipTest(history, np.zeros((len(history), 6, 6)), (1.0, 1.0), X_PO)
-        assert _has_slipped(params, test, J, read(contacts), change(X_PO, still)) == slips
+        assert _has_slipped(params, test, J, read(contacts), rough) == slips
+
+
+def test_what_moves_less_than_the_least_distance_is_no_slip_however_sure_it_is(box: ObjectModel) -> None:
+    contacts, still = touch(X_PO, np.random.default_rng(0)), Motion(np.zeros(6), np.zeros((6, 6)))
+    J = SurfaceContact(box.grid, contacts).rows_of_contacts(X_PO[None])[1][0, :, :4]
+    for share, slips in ((0.9, False), (1.1, True)):
+        history = np.zeros((14, 6, 4))
+        history[-2:] = J @ np.concatenate([np.zeros(3), share * PARAMS.least_distance * X_PO[:, 2]])
+        test = SlipTest(history, np.zeros((14, 6, 6)), (0.001, 0.001), X_PO)
+        assert _has_slipped(PARAMS, test, J, read(contacts), change(X_PO, still)) == slips
 
 
 def test_an_object_that_is_held_does_not_slip_however_wrong_the_hand_is(box: ObjectModel) -> None:

@@ -144,6 +144,31 @@ def test_a_picture_counts_as_the_share_of_the_correlation_time_since_the_last() 
     np.testing.assert_allclose(shares, [1.0, 0.1, 0.2, 1.0])
 
 
+def test_a_picture_that_comes_again_after_another_counts_once() -> None:
+    record, params = VisionRecord(), VisionParams()
+    pictures = [PoseMeasurement(0.1 * i, retract(X_PO, np.array([0, 0, 0, 0.001 * i, 0, 0])), SEEN) for i in range(2)]
+    for i, is_used in ((0, True), (1, True), (0, False), (1, False)):
+        history = MotionHistory((0.0, 0.2), (Motion(np.zeros(6), np.zeros((6, 6))),))
+        sighting, record = read_vision(record, pictures[i], history, 0.2, params)
+        assert (sighting is not None) == is_used
+        assert not record.remark
+
+
+def test_a_picture_tells_of_the_hand_what_a_mode_has_learnt_with_it(box: ObjectModel) -> None:
+    """As the Kalman update of the pose and the biases together says."""
+    generator, before = np.random.default_rng(0), mode(0.01)
+    biases, gain = np.square([0.001] * 3 + [0.05] * 3), 0.5 * generator.normal(size=(6, 6))
+    cross = gain * biases * np.repeat([0.5, 0.1], 3)[:, None]
+    before = dataclasses.replace(before, cross_covariance=cross[None])
+    after, is_inlier = update_with_pose(box, before, seen(0.004, 1.0), LOG_OUTLIER)
+    assert is_inlier[0]
+    joint = np.block([[before.covariance[0], cross], [cross.T, np.diag(biases)]])
+    K = joint[:, :6] @ np.linalg.inv(before.covariance[0] + SEEN)
+    expected = joint - K @ joint[:6]
+    np.testing.assert_allclose(after.covariance[0], expected[:6, :6], atol=1e-12)
+    np.testing.assert_allclose(after.cross_covariance[0], expected[:6, 6:], atol=1e-12)
+
+
 @pytest.mark.parametrize(("scale", "is_news"), [(1.0, False), (4.0, False), (0.25, True)])
 def test_the_same_pose_is_news_where_it_is_surer(scale: float, is_news: bool) -> None:
     params = VisionParams()
