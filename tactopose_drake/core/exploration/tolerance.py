@@ -63,8 +63,8 @@ def nearest_twins(model: ObjectModel, X_PO: FloatArray, X_reference: FloatArray,
     """Of poses (n, 3, 4) the symmetric twins that are nearest to another one (3, 4)."""
     if has_far_origin(model):
         p_OC = model.middle
-        of_middle = (move_origin(X, p_OC) for X in (X_PO, X_reference))
-        found = nearest_twins(model.about_middle, *of_middle, tolerance)
+        X_PC, X_near = move_origin(X_PO, p_OC), move_origin(X_reference, p_OC)
+        found = nearest_twins(model.about_middle, X_PC, X_near, tolerance)
         X_twin = move_origin(found.X_PO, -p_OC)
         return Twins(X_twin, increments_between(X_reference, X_twin), found.same)
     twins = compose(X_PO[:, None], model.symmetry_poses[None])
