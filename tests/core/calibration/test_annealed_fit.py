@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.calibration.annealed_fit import ContactNoise, _by_components, anneal, start_noise
+from tactopose_drake.core.calibration.annealed_fit import ContactNoise, _by_components, _by_medians, anneal, start_noise
 from tactopose_drake.core.calibration.shared_least_squares import Linearization, Solution
 from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts, SurfaceRows
 from tactopose_drake.core.poses import random_rotations
@@ -76,3 +76,18 @@ def test_the_sums_of_squares_tell_the_noise_that_unknowns_have_not_taken_up(told
     redundancy = np.array([1.0, 2.0]) * count - [leverage[:, 0].sum(), leverage[:, 1:].sum()]
     expected = sigma**2 * (redundancy + 10.0 * told**2) / (redundancy + 10.0)
     np.testing.assert_allclose(np.mean(squares, axis=0), expected, rtol=0.03)
+
+
+@pytest.mark.parametrize("taken_up", [0.0, 0.4])
+def test_the_middle_residuals_tell_the_noise_whatever_some_false_ones_are(taken_up: float) -> None:
+    generator, count, sigma = np.random.default_rng(2), 20_000, np.array([0.001, 0.05])
+    assumed = 1.7 * sigma
+    residual = np.insert(generator.normal(size=(count, 3)), 2, 0.0, axis=1) * np.sqrt(1.0 - taken_up) / 1.7
+    residual[:40] = 1e3
+    leverage = taken_up * np.tile([1.0, 1.0, 0.0, 1.0], (count, 1))
+    nothing, ones = np.zeros((count, 4, 0)), np.ones(count)
+    touches = GraspContacts(*np.zeros((4, count), dtype=np.int64), ones.astype(np.bool_))  # type: ignore[arg-type]
+    at = Linearization(touches, SurfaceRows(residual, nothing, nothing, ones), ones, ones, 0.0)
+    solution = Solution(np.zeros(0), np.zeros((0, 3, 4)), np.zeros((0, 0)), leverage, at, True)
+    none = ContactSigmas(np.zeros(count), np.zeros(count))
+    np.testing.assert_allclose(_by_medians(solution, ContactNoise(none, *assumed)), sigma, rtol=0.03)

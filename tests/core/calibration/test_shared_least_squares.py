@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.calibration.shared_least_squares import solve_shared
+from tactopose_drake.core.calibration.shared_least_squares import linearize, solve_shared
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tests.core.calibration.shifted_contacts import CONTACTS, GRASPS, SHIFT, SIGMA, Shifted
@@ -55,3 +55,18 @@ def test_a_direct_reading_is_taken(blob: ObjectModel) -> None:
     solution = solve_shared(problem, np.zeros(3), shifted.X_PO, shifted.noise(0.0005, 0.05))
     assert solution.shared[0] == pytest.approx(SHIFT[0] / SIGMA, abs=1e-3)
     assert solution.covariance[0, 0] < 1e-7
+
+
+def test_the_weights_are_those_by_which_the_cost_changes(blob: ObjectModel) -> None:
+    """By differences, where some contacts, and a grasp as a whole, count for a part."""
+    shifted = Shifted(blob, SHIFT, noise=0.0003)
+    shifted.p[[1, 8]] += 0.004 * shifted.n[[1, 8]]
+    shifted.p[shifted.grasp == 3] += 0.0019 * shifted.n[shifted.grasp == 3]
+    noise, unit, step = shifted.noise(0.0007, 0.07), SHIFT / SIGMA, 1e-5
+    at = linearize(shifted.problem, unit, shifted.X_PO, noise)
+    assert np.any((at.grasp_weights > 0.1) & (at.grasp_weights < 0.9))
+    gradient = unit + np.einsum("n,nr,nrd->d", at.weights, at.rows.residual, at.rows.by_shared)
+    costs = [
+        [linearize(shifted.problem, unit + s * e, shifted.X_PO, noise).cost for s in (step, -step)] for e in np.eye(3)
+    ]
+    np.testing.assert_allclose(gradient, -np.diff(costs, axis=1)[:, 0] / (2.0 * step), rtol=0.02, atol=0.02)

@@ -106,3 +106,7 @@ def test_residuals_of_noise_have_unit_variance_where_the_surface_bends_too() -> 
     rows = surface_rows([ball.grid], np.eye(3, 4)[None], touches, noise)
     assert np.mean(rows.residual[:, 0] ** 2) == pytest.approx(1.0, abs=0.1)
     assert np.mean(np.sum(rows.residual[:, 1:] ** 2, axis=1)) == pytest.approx(2.0, abs=0.15)
+    # What they were whitened by: of a normal the whole of it, the bend's part among it.
+    _, n_O = ball.grid.distance_and_normal(p)
+    by_normal = np.linalg.norm(n_O - turned, axis=1) / np.linalg.norm(rows.residual[:, 1:], axis=1)
+    np.testing.assert_allclose(rows.log_scale, np.log(sigma_position * by_normal**2), atol=1e-9)

@@ -54,6 +54,13 @@ def test_forces_that_always_change_so_much_are_noise() -> None:
     assert not any(feel(shaking)[100:])
 
 
+def test_forces_that_change_by_more_than_where_friction_gives_way_are_noise_where_they_always_do() -> None:
+    """Also where a finger is at the limit of friction."""
+    generator, at_limit = np.random.default_rng(0), np.array([0.9, 0.3, 0.6, 0.2, 0.4, 0.5])
+    shaking = [press(at_limit, 2.0 * (1.0 + 0.5 * generator.uniform(-1.0, 1.0, 6))) for _ in range(400)]
+    assert not any(feel(shaking)[200:])
+
+
 def test_a_single_reading_that_is_far_off_is_no_slip() -> None:
     """Neither as it comes nor later, when forces are compared with it."""
     held = np.array([0.9, 0.3, 0.6, 0.2, 0.4, 0.5])
