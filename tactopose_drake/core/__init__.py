@@ -4,8 +4,8 @@ import importlib
 from types import ModuleType
 
 _ROOMS = frozenset({
-    "calibration", "evidence", "exploration", "grasping", "identification", "kernels", "mesh", "objectives",
-    "posterior", "searches", "sensing", "shape", "surfaces", "synthetic", "tracking", "vision",
+    "calibration", "evidence", "exploration", "grasping", "identification", "kernels", "mesh", "motion", "objectives",
+    "posterior", "searches", "sensing", "shape", "slip", "surfaces", "synthetic", "tracking", "vision",
 })  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""The motion of a held object and what it makes of poses, compiled; see `motion_prediction.py`."""
+"""The motion of a held object and what it makes of poses, compiled; see `object_motion.py` and `rigid_motion.py`."""
 
 import numpy as np
 

@@ -14,8 +14,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from tactopose_drake.core.evidence.contact_reading import ContactReading, ErrorParts, SeemingErrors, told_variances
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.tracking.frame import ContactReading, ErrorParts, Frame, SeemingErrors, told_variances
+from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 

@@ -44,6 +44,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels import gain_kernels
 from tactopose_drake.core.kernels.joint_state_kernels import ContactArrays, ModePriors
@@ -57,7 +58,7 @@ from tactopose_drake.core.posterior.hypotheses import increments_of_one_metre
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import BiasModel
-from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement
+from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray

@@ -14,14 +14,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.evidence.contact_reading import ContactReading, told_variances
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.motion.rigid_motion import Motion
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import point_jacobians
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import averaged_variances, calibration_excess
-from tactopose_drake.core.tracking.frame import ContactReading, PoseMeasurement, told_variances
-from tactopose_drake.core.tracking.motion_prediction import Motion
+from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, WindowParams
 from tactopose_drake.core.validation import FloatArray
 

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.evidence.contact_reading import SeemingErrors
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.motion.rigid_motion import MotionHistory
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.plain_values import copied, counted, numbers, seal
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
@@ -22,14 +24,13 @@ from tactopose_drake.core.posterior.plausibility import explain_touch
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams, PlausibilityParams
 from tactopose_drake.core.shape.free_spin import continuous_turns
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.slip.slip_by_forces import ForceTest
+from tactopose_drake.core.slip.slip_by_motion import RigidityTest
+from tactopose_drake.core.slip.slip_by_surface import SlipTest
 from tactopose_drake.core.statuses import BeliefStatus
-from tactopose_drake.core.tracking.frame import PoseMeasurement, SeemingErrors
+from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import Keyframe
-from tactopose_drake.core.tracking.motion_prediction import MotionHistory
 from tactopose_drake.core.tracking.sliced_search import SearchState
-from tactopose_drake.core.tracking.slip_by_forces import ForceTest
-from tactopose_drake.core.tracking.slip_by_motion import RigidityTest
-from tactopose_drake.core.tracking.slip_by_surface import SlipTest
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray

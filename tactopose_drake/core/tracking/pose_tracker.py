@@ -6,13 +6,19 @@ import dataclasses
 
 import numpy as np
 
+from tactopose_drake.core.evidence.contact_reading import ContactReading, SeemingErrors
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernel_library import make_kernels_ready
+from tactopose_drake.core.motion.object_motion import move_freely, move_with_fingertips, move_with_palm
+from tactopose_drake.core.motion.rigid_motion import Motion, MotionHistory
 from tactopose_drake.core.plain_values import copied, seal
 from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior.moved_origin import has_far_origin, mixture_of_origin
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.slip.slip_by_forces import BY_FORCES, detect_by_forces
+from tactopose_drake.core.slip.slip_by_motion import BY_MOTION, detect_by_motion
+from tactopose_drake.core.slip.slip_by_surface import BY_SURFACE, PoseChange, SlipTest, detect_by_surface
 from tactopose_drake.core.tracking.calibration_scale import follow_scale
 from tactopose_drake.core.tracking.contact_errors import (
     as_doubted,
@@ -22,22 +28,12 @@ from tactopose_drake.core.tracking.contact_errors import (
     with_errors,
 )
 from tactopose_drake.core.tracking.contact_update import follow_lasting_errors, update_modes
-from tactopose_drake.core.tracking.frame import ContactReading, Frame, SeemingErrors
+from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, follow_touch, move_keyframes
-from tactopose_drake.core.tracking.motion_prediction import (
-    Motion,
-    MotionHistory,
-    move_freely,
-    move_with_fingertips,
-    move_with_palm,
-    predict_modes,
-)
 from tactopose_drake.core.tracking.pose_belief import Explanation, PoseBelief, summarise
 from tactopose_drake.core.tracking.relocalisation import relocalise
 from tactopose_drake.core.tracking.sliced_search import SearchState, search_on
-from tactopose_drake.core.tracking.slip_by_forces import BY_FORCES, detect_by_forces
-from tactopose_drake.core.tracking.slip_by_motion import BY_MOTION, detect_by_motion
-from tactopose_drake.core.tracking.slip_by_surface import BY_SURFACE, PoseChange, SlipTest, detect_by_surface
+from tactopose_drake.core.tracking.tracked_modes import predict_modes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_update import move_standing, see
 from tactopose_drake.core.validation import FloatArray, instance_of

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.motion.rigid_motion import Motion
 from tactopose_drake.core.poses import compose
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.importance_sampling import Weighing, begin_weighing, weigh_on
@@ -29,7 +30,6 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.calibration_scale import estimate_scale, follow_scale
 from tactopose_drake.core.tracking.contact_errors import LEAST_INLIER
 from tactopose_drake.core.tracking.keyframes import Touch
-from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, RelocalisationParams
 from tactopose_drake.core.tracking.weighed_modes import WeighedModes

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from tactopose_drake.core.motion.rigid_motion import Motion, carry, three_each
 from tactopose_drake.core.plain_values import copied
+from tactopose_drake.core.poses import RANDOM_ROTATION_VARIANCE
 from tactopose_drake.core.tracking.tracker_params import MixtureParams
 from tactopose_drake.core.validation import FloatArray
 
@@ -129,3 +131,31 @@ class TrackedModes:
         modes = self.chosen(order)
         total = np.logaddexp.reduce(modes.log_weight) if len(modes) else 0.0
         return copied(modes, log_weight=modes.log_weight - total)
+
+
+def predict_modes(modes: TrackedModes, motion: Motion, max_sigma_translation: float) -> TrackedModes:
+    """The modes after a motion of the object; what is no knowledge any more does not grow further.
+
+    Args:
+        modes: before.
+        motion: of the object.
+        max_sigma_translation: of a translation with this standard deviation nothing is known, m.
+    """
+    X_PO, covariance, cross = carry(modes.X_PO, modes.covariance, modes.cross_covariance, motion)
+    limits = three_each(RANDOM_ROTATION_VARIANCE, max_sigma_translation**2)
+    is_beyond = np.diagonal(covariance, axis1=1, axis2=2) > limits
+    for b in np.flatnonzero(is_beyond.any(axis=1)) if is_beyond.any() else ():
+        shrink = _shrink(covariance[b], limits)
+        covariance[b], cross[b] = shrink @ covariance[b] @ shrink.T, shrink @ cross[b]
+    most = motion.increment_map @ modes.most_information @ motion.increment_map.T  # The map is orthogonal.
+    return copied(modes, X_PO=X_PO, covariance=covariance, cross_covariance=cross, most_information=most)
+
+
+def _shrink(covariance: FloatArray, limits: FloatArray) -> FloatArray:
+    """The map (6, 6) of increments after which no direction of rotation or of translation is above its limit."""
+    shrink = np.eye(6)
+    for part in (slice(0, 3), slice(3, 6)):
+        values, vectors = np.linalg.eigh(covariance[part, part])
+        scale = np.sqrt(np.minimum(1.0, limits[part] / np.maximum(values, 1e-300)))
+        shrink[part, part] = vectors @ np.diag(scale) @ vectors.T
+    return shrink

@@ -10,13 +10,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.motion.rigid_motion import Motion, MotionHistory, predict_poses
 from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_update import limit_gain
-from tactopose_drake.core.tracking.frame import ContactReading, Frame, PoseMeasurement
-from tactopose_drake.core.tracking.motion_prediction import Motion, MotionHistory, predict_poses
+from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief, VisionRecord
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import VisionParams
@@ -66,12 +67,13 @@ def read_vision(
     times = (*record.times[-params.remembered :], measurement.time)
     if record.last is not None and not measurement.is_news_after(record.last):
         return None, dataclasses.replace(record, times=times, remark="vision is frozen")
-    now = history.predict(measurement)
+    now = history.predict(measurement.time, measurement.X_PO, measurement.covariance)
     record = dataclasses.replace(record, times=times, last=measurement, remark="")
     if now is None:
         return None, record
     since = min((abs(measurement.time - earlier) for earlier in times[:-1]), default=params.correlation_time)
-    return Sighting(now, min(1.0, max(since / params.correlation_time, 1e-3))), record
+    predicted = measurement.moved_to(time, *now)
+    return Sighting(predicted, min(1.0, max(since / params.correlation_time, 1e-3))), record
 
 
 def see(

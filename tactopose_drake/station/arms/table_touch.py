@@ -9,9 +9,8 @@ from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
+from tactopose_drake.core.motion.object_motion import MotionNoise, move_with_fingertips
 from tactopose_drake.core.poses import log_so3
-from tactopose_drake.core.tracking.motion_prediction import move_with_fingertips
-from tactopose_drake.core.tracking.tracker_params import MotionNoise
 
 Poses = Mapping[str, RigidTransform]
 

@@ -6,13 +6,14 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from tactopose_drake.core.evidence.contact_reading import ContactReading, SeemingErrors
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.motion.object_motion import MotionNoise
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import split_errors
-from tactopose_drake.core.tracking.frame import ContactReading, SeemingErrors
-from tactopose_drake.core.tracking.tracker_params import MotionNoise, PoseTrackerParams
+from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 
 DEFAULT_PARAMS = PoseTrackerParams()
 SIGMA_POSITION, SIGMA_NORMAL = 0.0009, math.radians(5.0)

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from tactopose_drake.core.evidence.contact_reading import ContactReading, SeemingErrors
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.calibration_scale import estimate_scale, follow_scale
-from tactopose_drake.core.tracking.frame import ContactReading, SeemingErrors
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tests.core.tracking.boxes import draw_biases, make_box, read, touch
 

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from tactopose_drake.core.evidence.contact_reading import SeemingErrors
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import make_poses, random_rotations
@@ -15,7 +16,7 @@ from tactopose_drake.core.tracking.contact_errors import (
     surest_position,
     with_errors,
 )
-from tactopose_drake.core.tracking.frame import Frame, SeemingErrors
+from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, n_OC, p_OC, read, touch
 

@@ -2,7 +2,9 @@ import dataclasses
 
 import numpy as np
 
+from tactopose_drake.core.evidence.contact_reading import SeemingErrors
 from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.motion.rigid_motion import Motion
 from tactopose_drake.core.poses import (
     compose,
     exp_so3,
@@ -13,7 +15,7 @@ from tactopose_drake.core.poses import (
     transform_points,
 )
 from tactopose_drake.core.tracking.contact_errors import averaged_variances, calibration_excess, with_errors
-from tactopose_drake.core.tracking.frame import PoseMeasurement, SeemingErrors
+from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import (
     Keyframe,
     Touch,
@@ -23,7 +25,6 @@ from tactopose_drake.core.tracking.keyframes import (
     past_cost,
     past_information,
 )
-from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, WindowParams
 from tests.core.tracking.boxes import make_box, read, touch
 

@@ -8,15 +8,16 @@ import trimesh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
+from tactopose_drake.core.motion.object_motion import MotionNoise, move_with_fingertips
 from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.posterior.moved_origin import arc_covariance, increments_of_origin, move_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.slip.slip_params import SlipParams
 from tactopose_drake.core.tracking import pose_tracker
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
-from tactopose_drake.core.tracking.motion_prediction import move_with_fingertips
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
-from tactopose_drake.core.tracking.tracker_params import MixtureParams, MotionNoise, PoseTrackerParams, SlipParams
+from tactopose_drake.core.tracking.tracker_params import MixtureParams, PoseTrackerParams
 from tactopose_drake.errors import InvalidInputError
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, touch
 from tests.core.tracking.follower import GUESS, NAMES, X_PO, Follower
@@ -458,3 +459,9 @@ def test_parameters_out_of_range_are_refused() -> None:
         PoseTracker(make_box(), PoseTrackerParams(slip=SlipParams(rough_share=1.5)))
     with pytest.raises(InvalidInputError, match="max_modes"):
         PoseTracker(make_box(), PoseTrackerParams(mixture=MixtureParams(max_modes=0)))
+
+
+@pytest.mark.parametrize("name", ["rolling", "free_rotation", "friction"])
+def test_noise_that_is_none_is_refused(name: str) -> None:
+    with pytest.raises(InvalidInputError, match=name):
+        PoseTrackerParams(noise=MotionNoise(**{name: -1.0})).validate()

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from tactopose_drake.core.evidence.contact_reading import SeemingErrors
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.motion.rigid_motion import Motion
 from tactopose_drake.core.poses import compose, increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.posterior import importance_sampling
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
@@ -26,9 +28,8 @@ from tactopose_drake.core.tracking.contact_errors import (
     with_errors,
 )
 from tactopose_drake.core.tracking.contact_update import begin_modes
-from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement, SeemingErrors
+from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, make_window, past_cost, past_information
-from tactopose_drake.core.tracking.motion_prediction import Motion
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.relocalisation import _mean_weights, relocalise
 from tactopose_drake.core.tracking.sliced_search import SearchState, TouchWeighing, search_on

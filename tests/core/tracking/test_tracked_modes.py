@@ -3,9 +3,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tactopose_drake.core.tracking.tracked_modes import TrackedModes
+from tactopose_drake.core.motion.rigid_motion import Motion, predict_poses
+from tactopose_drake.core.poses import make_poses, random_rotations
+from tactopose_drake.core.tracking.tracked_modes import TrackedModes, predict_modes
 from tactopose_drake.core.tracking.tracker_params import MixtureParams
 from tests.core.tracking.rough_modes import HAND, SOURCES, make_rough_modes
+
+COVARIANCE = np.diag([0.01, 0.02, 0.03, 1e-4, 2e-4, 3e-4])
 
 
 @pytest.mark.parametrize("factor", [0.25, 1.0, 4.0])
@@ -77,3 +81,38 @@ def test_larger_biases_widen_a_mode_by_how_it_depends_on_them() -> None:
     np.testing.assert_allclose(found.cross_covariance, expected.cross_covariance, rtol=1e-12)
     np.testing.assert_array_equal(found.roughness, expected.roughness)
     assert len(TrackedModes.empty(2).with_roughness(np.zeros((0, 2, 2)), variances)) == 0
+
+
+def random_pose(seed: int) -> np.ndarray:
+    generator = np.random.default_rng(seed)
+    return make_poses(random_rotations(generator, 1), 0.1 * generator.normal(size=(1, 3)))
+
+
+def test_the_most_that_touch_may_tell_turns_with_the_object() -> None:
+    spread = np.diag([4e-4, 1e-4, 2e-4, 1e-6, 9e-6, 4e-6])
+    modes = TrackedModes.independent(random_pose(4), spread[None], 1)
+    modes = dataclasses.replace(modes, most_information=np.linalg.inv(spread)[None])
+    motion = Motion(np.array([0.3, -0.9, 0.5, 0.05, 0.0, -0.03]), np.zeros((6, 6)))
+    turned = predict_poses(modes.X_PO, spread[None], motion)[1]
+    np.testing.assert_allclose(np.linalg.inv(predict_modes(modes, motion, 0.3).most_information), turned, atol=1e-12)
+    assert np.abs(turned - spread).max() > 1e-6
+
+
+def test_what_is_no_knowledge_any_more_does_not_grow() -> None:
+    modes = TrackedModes.independent(random_pose(3), COVARIANCE[None], 1)
+    motion = Motion(np.zeros(6), np.diag(np.repeat([9.0, 4.0], 3)))
+    for _ in range(3):
+        modes = predict_modes(modes, motion, 0.3)
+        np.testing.assert_allclose(np.linalg.eigvalsh(modes.covariance[0][3:, 3:]), 0.09)
+        # The mean square of a random rotation's angle is pi^2 / 3 + 2.
+        assert np.trace(modes.covariance[0][:3, :3]) == pytest.approx(np.pi**2 / 3.0 + 2.0)
+
+
+def test_what_is_no_knowledge_any_more_shares_as_much_less_with_the_biases() -> None:
+    limits = np.repeat([(np.pi**2 + 6.0) / 9.0, 0.3**2], 3)
+    modes = TrackedModes.independent(random_pose(3), np.diag(4.0 * limits)[None], 2)
+    cross = np.random.default_rng(0).normal(size=(1, 6, 12))
+    modes = dataclasses.replace(modes, cross_covariance=cross)
+    after = predict_modes(modes, Motion(np.zeros(6), np.zeros((6, 6))), 0.3)
+    np.testing.assert_allclose(after.covariance[0], np.diag(limits), atol=1e-12)
+    np.testing.assert_allclose(after.cross_covariance, 0.5 * cross)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from tactopose_drake.core.evidence.contact_reading import SeemingErrors
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import retract
@@ -18,7 +19,6 @@ from tactopose_drake.core.tracking.contact_update import (
     touch_information,
     update_modes,
 )
-from tactopose_drake.core.tracking.frame import SeemingErrors
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, make_box, n_OC, p_OC, read, touch

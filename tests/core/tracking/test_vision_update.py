@@ -8,10 +8,10 @@ import trimesh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
+from tactopose_drake.core.motion.rigid_motion import Motion, MotionHistory
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
-from tactopose_drake.core.tracking.motion_prediction import Motion, MotionHistory
 from tactopose_drake.core.tracking.pose_belief import VisionRecord
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
@@ -200,6 +200,7 @@ def test_a_sure_pose_takes_the_place_of_one_that_says_nothing(box: ObjectModel) 
 def test_what_is_seen_far_away_goes_farther_with_the_palm() -> None:
     far = PoseMeasurement(0.5, make_poses(np.eye(3), np.array([9.99, 0.0, 0.0])), SEEN)
     history = MotionHistory((0.0,)).followed_by(Motion(np.array([0, 0, 0, 0.1, 0, 0]), 1e-6 * np.eye(6)), 1.0, 1.0)
-    now = history.predict(far)
-    assert now is not None
-    np.testing.assert_allclose(now.X_PO[:, 3], [10.04, 0.0, 0.0])
+    sighting, _ = read_vision(VisionRecord(), far, history, 1.0, VisionParams())
+    assert sighting is not None
+    assert sighting.pose.time == 1.0
+    np.testing.assert_allclose(sighting.pose.X_PO[:, 3], [10.04, 0.0, 0.0])

@@ -4,34 +4,18 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.motion.object_motion import MotionNoise, move_freely, move_with_fingertips, move_with_palm
 from tactopose_drake.core.poses import (
     compose,
     exp_so3,
-    identity_poses,
-    increments_between,
     make_poses,
     random_rotations,
-    retract,
     skew,
 )
-from tactopose_drake.core.tracking.frame import PoseMeasurement
-from tactopose_drake.core.tracking.motion_prediction import (
-    Motion,
-    MotionHistory,
-    move_freely,
-    move_with_fingertips,
-    move_with_palm,
-    predict_modes,
-    predict_poses,
-)
-from tactopose_drake.core.tracking.tracked_modes import TrackedModes
-from tactopose_drake.core.tracking.tracker_params import MotionNoise
-from tactopose_drake.errors import InvalidInputError
 from tests.core.tracking.boxes import n_OC, p_OC
 
 NAMES = tuple("abcdef")
 NOISE = MotionNoise()
-COVARIANCE = np.diag([0.01, 0.02, 0.03, 1e-4, 2e-4, 3e-4])
 
 
 def velocities(twist: np.ndarray, slide: np.ndarray | None = None) -> dict[str, np.ndarray]:
@@ -199,97 +183,3 @@ def test_in_a_very_long_time_no_more_is_lost_than_there_is_to_know() -> None:
     sigma = np.sqrt(np.diag(move_freely(NOISE, 1e12, 0.3).covariance))
     np.testing.assert_allclose(sigma[3:], 0.3)
     assert sigma[:3].max() < np.pi
-
-
-@pytest.mark.parametrize("name", ["rolling", "free_rotation", "friction"])
-def test_noise_that_is_none_is_refused(name: str) -> None:
-    with pytest.raises(InvalidInputError, match=name):
-        MotionNoise(**{name: -1.0}).validate()
-
-
-def random_pose(seed: int) -> np.ndarray:
-    generator = np.random.default_rng(seed)
-    return make_poses(random_rotations(generator, 1), 0.1 * generator.normal(size=(1, 3)))[0]
-
-
-def test_covariances_move_as_samples_do() -> None:
-    generator = np.random.default_rng(0)
-    X_PO = random_pose(1)
-    P = np.diag([4e-4, 1e-4, 2e-4, 1e-6, 4e-6, 2e-6])
-    Q = np.diag([1e-4, 3e-4, 2e-4, 4e-6, 1e-6, 2e-6])
-    motion = Motion(np.array([0.3, -0.4, 0.2, 0.05, 0.0, -0.03]), Q)
-    moved, covariance = predict_poses(X_PO[None], P[None], motion)
-    count = 20_000
-    before = retract(np.tile(X_PO, (count, 1, 1)), generator.normal(size=(count, 6)) * np.sqrt(np.diag(P)))
-    noise = generator.normal(size=(count, 6)) * np.sqrt(np.diag(Q))
-    after = compose(retract(identity_poses(count), noise), compose(motion.pose, before))
-    u = increments_between(moved[0], after)
-    sampled = u.T @ u / count
-    scale = np.sqrt(np.diag(covariance[0]))
-    np.testing.assert_allclose(sampled / np.outer(scale, scale), covariance[0] / np.outer(scale, scale), atol=0.04)
-
-
-def test_a_late_pose_is_brought_along_by_what_moved_since() -> None:
-    twist = np.array([0.02, -0.01, 0.03, 0.001, 0.002, -0.001])
-    history = MotionHistory((0.0,))
-    poses = [random_pose(2)]
-    for i in range(50):
-        motion = Motion(twist * np.cos(0.1 * i), 1e-8 * np.eye(6))
-        history = history.followed_by(motion, 0.01 * (i + 1), 1.0)
-        poses.append(compose(motion.pose, poses[-1]))
-    for index in (0, 17, 49, 50):
-        now = history.predict(PoseMeasurement(0.01 * index, poses[index], COVARIANCE))
-        assert now is not None
-        assert now.time == pytest.approx(0.5)
-        np.testing.assert_allclose(now.X_PO, poses[-1], atol=1e-9)
-        grown = np.trace(now.covariance) - np.trace(COVARIANCE)
-        assert grown == pytest.approx((50 - index) * 6e-8, rel=0.1, abs=1e-12)
-
-
-def test_between_two_frames_a_share_of_the_motion_counts() -> None:
-    motion = Motion(np.array([0, 0, 0, 0.01, 0, 0.0]), np.diag(np.full(6, 1e-6)))
-    history = MotionHistory((0.0,)).followed_by(motion, 0.01, 1.0)
-    now = history.predict(PoseMeasurement(0.0025, np.eye(3, 4), COVARIANCE))
-    assert now is not None
-    np.testing.assert_allclose(now.X_PO[:, 3], [0.0075, 0.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(now.covariance[3:, 3:] - COVARIANCE[3:, 3:], 0.75e-6 * np.eye(3), atol=1e-9)
-
-
-def test_what_is_older_than_the_memory_is_forgotten() -> None:
-    history = MotionHistory((0.0,))
-    for i in range(100):
-        history = history.followed_by(Motion(np.zeros(6), 1e-8 * np.eye(6)), 0.01 * (i + 1), 0.2)
-    assert len(history.motions) <= 22
-    assert history.predict(PoseMeasurement(0.7, np.eye(3, 4), COVARIANCE)) is None
-    assert history.predict(PoseMeasurement(1.1, np.eye(3, 4), COVARIANCE)) is None
-    assert history.predict(PoseMeasurement(0.9, np.eye(3, 4), COVARIANCE)) is not None
-
-
-def test_the_most_that_touch_may_tell_turns_with_the_object() -> None:
-    spread = np.diag([4e-4, 1e-4, 2e-4, 1e-6, 9e-6, 4e-6])
-    modes = TrackedModes.independent(random_pose(4)[None], spread[None], 1)
-    modes = dataclasses.replace(modes, most_information=np.linalg.inv(spread)[None])
-    motion = Motion(np.array([0.3, -0.9, 0.5, 0.05, 0.0, -0.03]), np.zeros((6, 6)))
-    turned = predict_poses(modes.X_PO, spread[None], motion)[1]
-    np.testing.assert_allclose(np.linalg.inv(predict_modes(modes, motion, 0.3).most_information), turned, atol=1e-12)
-    assert np.abs(turned - spread).max() > 1e-6
-
-
-def test_what_is_no_knowledge_any_more_does_not_grow() -> None:
-    modes = TrackedModes.independent(random_pose(3)[None], COVARIANCE[None], 1)
-    motion = Motion(np.zeros(6), np.diag(np.repeat([9.0, 4.0], 3)))
-    for _ in range(3):
-        modes = predict_modes(modes, motion, 0.3)
-        np.testing.assert_allclose(np.linalg.eigvalsh(modes.covariance[0][3:, 3:]), 0.09)
-        # The mean square of a random rotation's angle is pi^2 / 3 + 2.
-        assert np.trace(modes.covariance[0][:3, :3]) == pytest.approx(np.pi**2 / 3.0 + 2.0)
-
-
-def test_what_is_no_knowledge_any_more_shares_as_much_less_with_the_biases() -> None:
-    limits = np.repeat([(np.pi**2 + 6.0) / 9.0, 0.3**2], 3)
-    modes = TrackedModes.independent(random_pose(3)[None], np.diag(4.0 * limits)[None], 2)
-    cross = np.random.default_rng(0).normal(size=(1, 6, 12))
-    modes = dataclasses.replace(modes, cross_covariance=cross)
-    after = predict_modes(modes, Motion(np.zeros(6), np.zeros((6, 6))), 0.3)
-    np.testing.assert_allclose(after.covariance[0], np.diag(limits), atol=1e-12)
-    np.testing.assert_allclose(after.cross_covariance, 0.5 * cross)

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
+from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.tracking.frame import ContactReading
-from tactopose_drake.core.tracking.slip_by_motion import RigidityTest, detect_by_motion
-from tactopose_drake.core.tracking.tracker_params import RigidityTestParams
+from tactopose_drake.core.slip.slip_by_motion import RigidityTest, detect_by_motion
+from tactopose_drake.core.slip.slip_params import RigidityTestParams
 from tests.core.tracking.boxes import n_OC, p_OC, read
 
 PARAMS, PERIOD = RigidityTestParams(), 0.01

@@ -15,10 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.kernels import slip_kernels
 from tactopose_drake.core.posterior.chi_square import chi_square_limit
-from tactopose_drake.core.tracking.frame import ContactReading
-from tactopose_drake.core.tracking.tracker_params import RigidityTestParams
+from tactopose_drake.core.slip.slip_params import RigidityTestParams
 from tactopose_drake.core.validation import FloatArray
 
 BY_MOTION = "the fingertips move otherwise than on one rigid object"

@@ -2,10 +2,10 @@ import dataclasses
 
 import numpy as np
 
+from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.tracking.frame import ContactReading
-from tactopose_drake.core.tracking.slip_by_forces import ForceTest, detect_by_forces
-from tactopose_drake.core.tracking.tracker_params import ForceTestParams
+from tactopose_drake.core.slip.slip_by_forces import ForceTest, detect_by_forces
+from tactopose_drake.core.slip.slip_params import ForceTestParams
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, n_OC, p_OC, read
 
 ACROSS = np.roll(n_OC, 1, axis=1)

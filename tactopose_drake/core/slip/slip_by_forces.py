@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.tracking.frame import ContactReading
-from tactopose_drake.core.tracking.tracker_params import ForceTestParams
+from tactopose_drake.core.evidence.contact_reading import ContactReading
+from tactopose_drake.core.slip.slip_params import ForceTestParams
 from tactopose_drake.core.validation import FloatArray
 
 BY_FORCES = "friction gives way, as the forces show"

@@ -3,18 +3,13 @@ import math
 import numpy as np
 import pytest
 
+from tactopose_drake.core.motion.object_motion import MotionNoise, move_with_palm
+from tactopose_drake.core.motion.rigid_motion import Motion
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.tracking.motion_prediction import Motion, move_with_palm
-from tactopose_drake.core.tracking.slip_by_surface import (
-    PoseChange,
-    SlipTest,
-    _between,
-    _has_slipped,
-    detect_by_surface,
-)
-from tactopose_drake.core.tracking.tracker_params import MotionNoise, SlipParams
+from tactopose_drake.core.slip.slip_by_surface import PoseChange, SlipTest, _between, _has_slipped, detect_by_surface
+from tactopose_drake.core.slip.slip_params import SlipParams
 from tests.core.tracking.boxes import SIGMA_POSITION, draw_biases, make_box, read, touch
 
 PARAMS = SlipParams()

@@ -1,0 +1,148 @@
+"""How an object moves in the hand: with the palm, with the fingertips, or freely.
+
+Where a fingertip rolls on the object or sticks to it, the points of both that touch have the same velocity: three rows
+of the grasp matrix [P08] for each contact. A fingertip has some area, by which it also resists to spin about the
+normal: a fourth row. A fingertip that slides says only that it does not leave the surface. What the rows leave open,
+and their error, is a random walk.
+
+Source: [P08] D. Prattichizzo and J. Trinkle, Grasping, in Springer Handbook of Robotics, 2008, section 28.2 (grasp
+matrix; hard and soft finger contacts).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.kernels import prediction_kernels
+from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.motion.rigid_motion import Motion, three_each
+from tactopose_drake.core.poses import RANDOM_ROTATION_VARIANCE, compose, inverse, log_so3
+from tactopose_drake.core.validation import FloatArray
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class MotionNoise:
+    """Random walks: what is unknown of a motion after a second; of any time t it is the root of t times that."""
+
+    palm_translation: float = 0.002  # of an object that moves with the palm, m/s^0.5
+    palm_rotation: float = 0.03  # likewise, rad/s^0.5
+    rolling: float = 0.003  # of the object's surface under a fingertip that holds it, m/s^0.5
+    twisting: float = 0.2  # of its turn under the fingertip about the normal, rad/s^0.5
+    slipping: float = 0.01  # of the surface under a fingertip that slides, m/s^0.5
+    free_translation: float = 0.03  # of an object in the directions in which nothing holds it, m/s^0.5
+    free_rotation: float = 0.3  # likewise, rad/s^0.5
+    still_speed: float = 0.01  # of fingertips that hold an object, m/s: the slower, the more it rests in the palm
+    longest_gap: float = 10.0  # s between frames; after a longer one nothing is known to have held the object meanwhile
+    friction: float | None = None  # coefficient from which on a fingertip slides; None: it is not known
+    friction_margin: float = 0.9  # share of the friction cone within which it surely holds: forces are noisy
+
+
+def move_with_palm(noise: MotionNoise, duration: float, *, slips: bool) -> Motion:
+    """The motion of an object that nothing is known to move, held by still fingers.
+
+    Args:
+        noise: the random walks.
+        duration: s.
+        slips: whether it has been found to slip.
+    """
+    translation, rotation = noise.palm_translation, noise.palm_rotation
+    if slips:
+        rotation *= noise.slipping / translation
+        translation = noise.slipping
+    return Motion(np.zeros(6), np.diag(three_each(rotation**2, translation**2)) * duration)
+
+
+def move_freely(
+    noise: MotionNoise,
+    duration: float,
+    max_sigma_translation: float,
+    X_WP_before: FloatArray | None = None,
+    X_WP: FloatArray | None = None,
+) -> Motion:
+    """The motion of an object that nothing holds: it rests in the world, about, while the palm moves.
+
+    However long that is, the random walk ends where nothing is known of the pose any more.
+
+    Args:
+        noise: the random walks.
+        duration: s.
+        max_sigma_translation: of a translation with this standard deviation nothing is known, m.
+        X_WP_before: the palm's pose before, shape (3, 4); None where it is not known.
+        X_WP: that after, shape (3, 4); likewise.
+    """
+    twist = np.zeros(6)
+    if X_WP_before is not None and X_WP is not None:
+        X_PP = compose(inverse(X_WP), X_WP_before)
+        twist = np.concatenate([log_so3(X_PP[:, :3]), X_PP[:, 3]])
+    free = three_each(noise.free_rotation**2, noise.free_translation**2)
+    variances = np.minimum(free * duration, three_each(RANDOM_ROTATION_VARIANCE, max_sigma_translation**2))
+    return Motion(twist, np.diag(variances))
+
+
+def move_with_fingertips(
+    contacts: Contacts,
+    sources: Sequence[str],
+    tip_velocity: Mapping[str, FloatArray],
+    noise: MotionNoise,
+    duration: float,
+    *,
+    slips: bool,
+    settled: bool = False,
+) -> Motion:
+    """The motion of least squares by the contacts' velocities; contacts of unknown velocity say nothing.
+
+    What their velocities leave open is known from their speed. An object that resting fingertips have held for a while
+    rests, or it would have fallen: its random walk is that of `move_with_palm`. The faster they move, the more it is
+    that of an object that nothing holds.
+
+    Args:
+        contacts: where the fingertips touch, in P.
+        sources: the name of each contact's fingertip.
+        tip_velocity: spatial velocities [w, v] of the fingertips at the origin of P, by name, rad/s and m/s.
+        noise: the random walks.
+        duration: s; small, so that the contacts stay about where they are.
+        slips: whether the object has been found to slip: then no fingertip holds it by friction.
+        settled: whether the same fingertips have touched for a while.
+    """
+    known = [row for row, source in enumerate(sources) if source in tip_velocity]
+    velocity = np.array([tip_velocity[sources[row]] for row in known]).reshape(-1, 6)
+    of_rows = np.empty((len(known), 3))
+    of_rows[:, 0] = across = _tangential_noise(contacts, known, noise, slips)
+    # Along the normal they stay together, whether they slide or not.
+    of_rows[:, 1], of_rows[:, 2] = noise.rolling, across * (noise.twisting / noise.rolling)
+    n_PC = np.zeros((len(known), 3)) if contacts.n_PC is None else contacts.n_PC[known]
+    held = settled and not slips and len(known) > 1  # One fingertip may touch what lies on a table.
+    freedom = _freedom(noise, contacts.p_PC[known], velocity) if held else 1.0
+    rotation = noise.palm_rotation + freedom * (noise.free_rotation - noise.palm_rotation)
+    translation = noise.palm_translation + freedom * (noise.free_translation - noise.palm_translation)
+    information, right = np.diag(1.0 / three_each(rotation**2, translation**2)), np.zeros(6)
+    prediction_kernels.add_velocities(contacts.p_PC[known], n_PC, velocity, of_rows, information, right)
+    covariance = inverses(information[None])[0][0]
+    return Motion(covariance @ right * duration, covariance * duration)
+
+
+def _freedom(noise: MotionNoise, p_PC: FloatArray, velocity: FloatArray) -> float:
+    """How free an object is where fingertips at p_PC (k, 3) with velocities (k, 6) leave its motion open, in [0, 1]."""
+    at_contacts = velocity[:, 3:] + np.cross(velocity[:, :3], p_PC)
+    speed = math.sqrt(np.einsum("ki,ki->k", at_contacts, at_contacts).max())
+    return min(1.0, speed / noise.still_speed)
+
+
+def _tangential_noise(contacts: Contacts, known: list[int], noise: MotionNoise, slips: bool) -> FloatArray:
+    """The random walk across the normal of the contacts that are known, by whether they roll or slide."""
+    tangential = np.full(len(known), noise.rolling)
+    if slips:
+        # An object slips as a whole: the fingertips' errors are one, which more of them do not average out.
+        tangential[:] = noise.slipping * math.sqrt(len(known))
+    if noise.friction is not None and contacts.f_PC is not None and contacts.n_PC is not None:
+        n_PC, f_PC = contacts.n_PC[known], contacts.f_PC[known]
+        along = np.einsum("ki,ki->k", n_PC, f_PC)
+        across = np.linalg.norm(f_PC - along[:, None] * n_PC, axis=1)
+        slides = across > noise.friction_margin * noise.friction * along
+        tangential[slides] = np.maximum(tangential[slides], noise.slipping)
+    return tangential
