@@ -62,10 +62,12 @@ def test_between_two_frames_a_share_of_the_motion_counts() -> None:
 
 
 def test_what_is_older_than_the_memory_is_forgotten() -> None:
+    """A quarter of a second of frames at 1/64 s: what ended just that long ago is the oldest that is kept."""
     history = MotionHistory((0.0,))
     for i in range(100):
-        history = history.followed_by(Motion(np.zeros(6), 1e-8 * np.eye(6)), 0.01 * (i + 1), 0.2)
-    assert len(history.motions) <= 22
-    assert history.predict(0.7, np.eye(3, 4), COVARIANCE) is None
-    assert history.predict(1.1, np.eye(3, 4), COVARIANCE) is None
-    assert history.predict(0.9, np.eye(3, 4), COVARIANCE) is not None
+        history = history.followed_by(Motion(np.zeros(6), 1e-8 * np.eye(6)), (i + 1) / 64, 0.25)
+    assert history.times == tuple(i / 64 for i in range(83, 101))
+    assert len(history.motions) == 17
+    assert history.predict(82 / 64, np.eye(3, 4), COVARIANCE) is None
+    assert history.predict(101 / 64, np.eye(3, 4), COVARIANCE) is None
+    assert history.predict(83 / 64, np.eye(3, 4), COVARIANCE) is not None

@@ -48,6 +48,15 @@ def test_what_ratios_come_to_while_friction_gives_way_is_no_coefficient() -> Non
     assert feel([press(HELD)] * 50 + [*rising, loose, loose])[-1]
 
 
+def test_no_ratio_beyond_what_friction_gives_is_a_coefficient() -> None:
+    """A finger that is hooked behind an edge bears more across its normal than along it."""
+    test, hooked = ForceTest(), press(np.array([2.5, 0.3, 0.6, 0.2, 0.4, 0.5]))
+    for i in range(200):
+        test, slips = detect_by_forces(ForceTestParams(), test, hooked, PERIOD * i, is_new=i == 0)
+        assert not slips
+    assert test.ratio == ForceTestParams().most_ratio
+
+
 def test_forces_that_always_change_so_much_are_noise() -> None:
     generator = np.random.default_rng(0)
     shaking = [press(HELD, 2.0 * (1.0 + 0.15 * generator.normal(size=6))) for _ in range(300)]

@@ -66,6 +66,16 @@ def test_the_noise_that_frames_show_is_theirs() -> None:
     assert np.sqrt(np.mean(found[200:])) == pytest.approx(0.004, rel=0.1)
 
 
+def test_no_single_frame_makes_much_more_noise_of_a_little() -> None:
+    """By whatever it differs from the last one, it counts as four times the variance so far."""
+    generator, test, time = np.random.default_rng(5), RigidityTest(), 0.0
+    for velocity in [*noisy(generator, 200, TWIST, 0.002), moves(TWIST, 0.5 * generator.normal(size=(6, 3)))]:
+        before, time = test.noise, time + PERIOD
+        test, _ = detect_by_motion(PARAMS, test, touch(), velocity, time, PERIOD)
+    assert before is not None
+    assert test.noise == pytest.approx(before * (1.0 + 3.0 * PARAMS.noise_gain))
+
+
 def test_fingertips_that_turn_as_they_roll_do_not_slide() -> None:
     generator = np.random.default_rng(0)
     rolling = moves(TWIST, np.zeros((6, 3)))
