@@ -32,7 +32,7 @@ from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, follow_touch, move_keyframes
 from tactopose_drake.core.tracking.pose_belief import Explanation, PoseBelief, summarise
 from tactopose_drake.core.tracking.relocalisation import relocalise
-from tactopose_drake.core.tracking.sliced_search import SearchState, search_on
+from tactopose_drake.core.tracking.sliced_search import search_on
 from tactopose_drake.core.tracking.tracked_modes import predict_modes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_update import move_standing, see
@@ -250,7 +250,7 @@ class PoseTracker:
         """The belief after so many more slices of the search, or all of them, where one is due."""
         params, search = self._params, belief.search
         if search.X_PO is None:
-            if frame.time < search.time + self._search_period(search, is_urgent) - 1e-9:
+            if not search.is_due(frame.time, params.relocalisation, is_urgent=is_urgent):
                 return belief
             search = search._replace(time=frame.time)
         touch = Touch(frame.evidence, reading, belief.keyframes, belief.standing, frame.depth_in_hand)
@@ -269,13 +269,6 @@ class PoseTracker:
         touch = touch._replace(reading=reading)
         modes = relocalise(self._model, params, touch, belief.modes, weighed.modes, share)
         return copied(belief, modes=modes, search=step.state._replace(agreeing=step.state.agreeing + 1))
-
-    def _search_period(self, search: SearchState, is_urgent: bool) -> float:
-        """From the begin of the last search to that of the next one, s."""
-        settings = self._params.relocalisation
-        if is_urgent:
-            return settings.urgent_period
-        return settings.period if search.agreeing < settings.steady_searches else settings.steady_period
 
     def _follow_errors(
         self, belief: PoseBelief, reading: ContactReading, errors: SeemingErrors

@@ -81,6 +81,12 @@ class SearchState(NamedTuple):
         X_PO = None if self.X_PO is None else compose(self.X_PP, self.X_PO)
         return self._replace(X_PO=X_PO, minima=compose(self.X_PP, self.minima), X_PP=np.eye(3, 4))
 
+    def is_due(self, time: float, params: RelocalisationParams, *, is_urgent: bool) -> bool:
+        """Whether the next search may begin at a time, s."""
+        steady = self.agreeing >= params.steady_searches
+        period = params.urgent_period if is_urgent else params.steady_period if steady else params.period
+        return time >= self.time + period - 1e-9
+
     def ended(self) -> SearchState:
         """That before the next search."""
         return self._replace(X_PO=None, is_settled=False, is_scaled=False, weighing=None, searches=self.searches + 1)
