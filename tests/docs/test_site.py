@@ -102,7 +102,7 @@ def test_every_module_of_the_folder_is_in_the_reference(folder: str) -> None:
     assert told == modules
 
 
-@pytest.mark.parametrize("folder", ["objectives", "posterior"])
+@pytest.mark.parametrize("folder", ["motion", "objectives", "posterior", "slip"])
 def test_every_module_of_cores_folder_is_in_the_reference(folder: str) -> None:
     modules = {path.stem for path in (ROOT / "tactopose_drake" / "core" / folder).glob("[!_]*.py")}
     told = set(re.findall(rf"automodule:: tactopose_drake\.core\.{folder}\.(\w+)", PAGES["docs/reference/core.md"]))
