@@ -14,6 +14,7 @@ from tactopose_drake.cli.calibration_page import save_calibration_page
 from tactopose_drake.cli.calibration_reports import HEADINGS, calibration_rows, remaining_line
 from tactopose_drake.cli.consoles import ERRORS, OUT, print_written
 from tactopose_drake.cli.hand_name import HAND, HAND_HELP
+from tactopose_drake.cli.object_name import OBJECT, OBJECT_HELP, object_file
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.progress_bar import progress_bar
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -39,7 +40,7 @@ _MANY = (
 
 @click.command("calibrate")
 @click.option("--hand", type=HAND, required=True, help=f"{HAND_HELP}.")
-@click.option("--object", "mesh", type=PATH, required=True, help="Mesh of the object, or its SDF, URDF or MJCF.")
+@click.option("--object", "name", type=OBJECT, required=True, help=f"{OBJECT_HELP}.")
 @click.option("--scale", type=float, default=1.0, show_default=True, help="Metres in the mesh's unit: 0.001 for mm.")
 @click.option("--grasps", "folder", type=PATH, required=True, help="Folder of grasps: files or recordings.")
 @click.option(
@@ -51,15 +52,15 @@ _MANY = (
 )
 @click.option("--html", type=PATH, help="Writes a page with all residuals, before and after, finger by finger.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the searches for poses.")
-def calibrate(hand: str, mesh: Path, scale: float, folder: Path, out: Path, html: Path | None, seed: int) -> None:
+def calibrate(hand: str, name: str, scale: float, folder: Path, out: Path, html: Path | None, seed: int) -> None:
     """Finds what a hand is off by from grasps of one known object, in poses that need not be known.
 
     The folder holds a YAML or JSON file for each grasp, or folders that `tactopose run --record` has made.
     """
-    config = load_hand_config(hand, with_calibration=False)
+    config, mesh = load_hand_config(hand, with_calibration=False), object_file(name)
     is_anew = bool(config.calibration) and os.path.realpath(out) == os.path.realpath(config.calibration)
     check_outputs((out, html), inputs=(mesh, Path(hand), folder), renewed=out if is_anew else None)
-    with ERRORS.status(f"reading {mesh}"):
+    with ERRORS.status(f"reading {name}"):
         model = load_object(mesh, scale=scale)
     grasps = _grasps(folder, model)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())

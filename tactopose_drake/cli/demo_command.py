@@ -17,6 +17,7 @@ from tactopose_drake.cli.demo_run import DemoResult, earlier_results, prepare_de
 from tactopose_drake.cli.demo_scenario import demo_scenario
 from tactopose_drake.cli.estimate_tables import fingers_table, pads_table, poses_table
 from tactopose_drake.cli.hand_name import HAND, HAND_HELP
+from tactopose_drake.cli.object_name import OBJECT, OBJECT_HELP
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.estimation.descriptions import free_line, sigma_line, status_line
 from tactopose_drake.runs.grasp_simulation import GraspResult
@@ -44,9 +45,7 @@ class _Options:
 
 @click.command()
 @click.option("--hand", type=HAND, default="shadow", show_default=True, help=f"{HAND_HELP}.")
-@click.option(
-    "--object", "name", help="A shipped object by name, or a mesh or model by path; by default a shipped one."
-)
+@click.option("--object", "name", type=OBJECT, help=f"{OBJECT_HELP}; by default one of the package.")
 @click.option("--scale", type=float, default=1.0, show_default=True, help="Metres in the unit of the object's mesh.")
 @click.option("--mass", type=float, help="Of the object, kg; by default what its file says, or water's.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the grasp and all noise.")

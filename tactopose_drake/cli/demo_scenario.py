@@ -6,7 +6,7 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.station.own_hand import scenario_for
 from tactopose_drake.station.own_object import write_simulated_object
-from tactopose_drake.station.scenario import Scenario, load_scenario, shipped_objects
+from tactopose_drake.station.scenario import Scenario, load_scenario
 
 _WITH_SCENARIO = ("shadow_like", "barrett_like")  # hands, whose scenarios have their names
 _OBJECT = "cube"  # of a hand of one's own, unless another is asked for
@@ -24,8 +24,8 @@ def demo_scenario(hand: str, name: str | None, seed: int, folder: Path, scale: f
         mass: of the object, kg; by default what its file says, or that of water.
 
     Raises:
-        InvalidInputError: if the files cannot be used, there is no object of that name, a scale or mass is given for an
-            object of the package, or the hand grips an object of which it is not known where in the hand it is held.
+        InvalidInputError: if the files cannot be used, a scale or mass is given for an object of the package, or the
+            hand grips an object of which it is not known where in the hand it is held.
     """
     scenario = load_scenario(hand) if hand in _WITH_SCENARIO else None
     if scenario is not None and scenario.grip is not None and name is not None and name not in scenario.grip.X_PO:
@@ -35,11 +35,6 @@ def demo_scenario(hand: str, name: str | None, seed: int, folder: Path, scale: f
         )
     if name is not None and Path(name).suffix:
         name = str(write_simulated_object(load_object(name, scale=scale, mass=mass), folder))
-    elif name is not None and name not in shipped_objects():
-        raise InvalidInputError(
-            f"--object: is {name!r}; allowed are the package's objects, {', '.join(shipped_objects())}, and a mesh or "
-            "model by its path, ending included."
-        )
     elif scale != 1.0 or mass is not None:
         raise InvalidInputError("--scale, --mass: are for an object that --object names by its path.")
     if scenario is None:

@@ -12,6 +12,7 @@ from tactopose_drake import hand, visualization
 from tactopose_drake.cli.consoles import ERRORS, OUT, print_written
 from tactopose_drake.cli.estimate_tables import hypotheses_table
 from tactopose_drake.cli.hand_name import HAND, HAND_HELP
+from tactopose_drake.cli.object_name import OBJECT, OBJECT_HELP, object_file
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.symmetry_option import SYMMETRY_HELP, parse_symmetries
 from tactopose_drake.core.evidence.force_balance import ForceBalance
@@ -30,7 +31,7 @@ from tactopose_drake.estimation.search_methods import METHODS
 
 
 @click.command()
-@click.option("--object", "mesh", type=PATH, required=True, help="Mesh of the object, or its SDF, URDF or MJCF.")
+@click.option("--object", "name", type=OBJECT, required=True, help=f"{OBJECT_HELP}.")
 @click.option("--scale", type=float, default=1.0, show_default=True, help="Metres in the mesh's unit: 0.001 for mm.")
 @click.option("--symmetry", multiple=True, default=("auto",), show_default=True, help=SYMMETRY_HELP)
 @click.option("--mass", type=float, help="Of the object, kg; by default what its SDF, URDF or MJCF says.")
@@ -62,7 +63,7 @@ from tactopose_drake.estimation.search_methods import METHODS
 @click.option("--html", type=PATH, help="Writes the scene here, as a web page to turn and zoom.")
 @click.option("--meshcat-url", help="Draws the scene into the meshcat-server there, e.g. `tcp://127.0.0.1:6000`.")
 def estimate(
-    mesh: Path,
+    name: str,
     scale: float,
     symmetry: tuple[str, ...],
     mass: float | None,
@@ -80,7 +81,7 @@ def estimate(
     meshcat_url: str | None,
 ) -> None:
     """Estimates the pose of an object from what touches it."""
-    touch = hand.load_touch(contacts_file)
+    mesh, touch = object_file(name), hand.load_touch(contacts_file)
     prior = None if prior_file is None else load_prior(prior_file)
     own_hand = None if hand_name is None else hand.load_hand_config(hand_name)
     volumes = None if volume_file is None else hand.load_hand_volume(volume_file, own_hand)
@@ -92,10 +93,10 @@ def estimate(
     remote = None
     if meshcat_url is not None:
         remote = click.get_current_context().with_resource(visualization.RemoteMeshcat(meshcat_url))
-    with _progress(f"reading {mesh}"):
+    with _progress(f"reading {name}"):
         model = _load(mesh, scale, symmetry, mass)
     if balance is not None and not model.mass_is_known:
-        raise InvalidInputError(f"--gravity: the mass of {mesh} is not known; `--mass` tells it, kg.")
+        raise InvalidInputError(f"--gravity: the mass of {name} is not known; `--mass` tells it, kg.")
     searching = _progress("searching (the first run on a machine compiles its kernels, about a minute)")
     with searching, naming_contacts_of(contacts_file):
         found = estimate_pose(

@@ -9,6 +9,7 @@ from .model_files import named_file as named_file
 from .model_files import passing_builder as passing_builder
 from .model_files import resource_root as resource_root
 from .model_files import sensor_file as sensor_file
+from .model_files import shipped_objects as shipped_objects
 from .yaml_files import plain_data as plain_data
 from .yaml_files import read_yaml as read_yaml
 from .yaml_types import load_typed_yaml as load_typed_yaml

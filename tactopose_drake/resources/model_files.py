@@ -32,6 +32,11 @@ def model_path(*parts: str) -> Path:
     return resource_root().joinpath("models", *parts)
 
 
+def shipped_objects() -> list[str]:
+    """The names of the package's objects."""
+    return sorted(path.stem for path in model_path("objects").glob("*.sdf"))
+
+
 def named_file(name_or_path: str | Path, files: str, shipped: Iterable[Path], ending: str) -> Path:
     """A YAML file: one of the package's by its name, or any by its path.
 

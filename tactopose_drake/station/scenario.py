@@ -18,7 +18,15 @@ from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.simulated_body import read_mass
 from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
-from tactopose_drake.resources import drawn_pose, fixed_pose, load_typed_yaml, model_path, named_file, resource_root
+from tactopose_drake.resources import (
+    drawn_pose,
+    fixed_pose,
+    load_typed_yaml,
+    model_path,
+    named_file,
+    resource_root,
+    shipped_objects,
+)
 from tactopose_drake.station.can_senses import CanSenses, SimulatedDevices
 from tactopose_drake.station.message_channels import LcmPublishing, LcmSenses, Ros2Publishing, Ros2Senses, check_apart
 from tactopose_drake.station.scenario_limits import check_limits, check_plant
@@ -229,11 +237,6 @@ class Scenario:
         return ObjectModel.from_mesh(
             self.object_mesh(), surface_sigma=self.surface_sigma, scale_sigma=self.scale_sigma, **mass
         )
-
-
-def shipped_objects() -> list[str]:
-    """The names of the package's objects."""
-    return sorted(path.stem for path in model_path("objects").glob("*.sdf"))
 
 
 def scenario_file(name_or_path: str | Path) -> Path:

@@ -191,6 +191,20 @@ def test_bad_contacts_end_with_status_2(
     assert errors.count("\n") == 1
 
 
+def test_objects_of_the_package_have_names(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--contacts", folder / "contacts.yaml", "--prior", folder / "near.yaml", "--out"]
+    assert run("estimate", "--object", "spray_bottle", *arguments, folder / "named.json") == 0
+    assert run("estimate", "--object", folder / "bottle.obj", *arguments, folder / "by_path.json") == 0
+    named, by_path = (json.loads((folder / file).read_text()) for file in ("named.json", "by_path.json"))
+    assert named["hypotheses"] == by_path["hypotheses"]
+    capsys.readouterr()
+    assert run("estimate", "--object", "bottle", *arguments, folder / "none.json") == 2
+    errors = capsys.readouterr().err
+    assert errors.startswith("error: --object: is 'bottle'; allowed are the package's objects, bust, cube, ")
+    assert errors.count("\n") == 1
+    assert not (folder / "none.json").exists()
+
+
 def bad_meshes(folder: Path) -> dict[str, tuple[Path, str]]:
     empty = folder / "empty.obj"
     empty.write_text("")
@@ -224,8 +238,8 @@ def test_bad_meshes_end_with_status_2(
     ("arguments", "message"),
     [
         (["estimate"], "Missing option '--object'"),
-        (["estimate", "--object", "x", "--contacts", "y", "--method", "guess"], "'guess' is not one of 'pair_search'"),
-        (["estimate", "--object", "x", "--contacts", "absent.yaml"], "absent.yaml: cannot be read"),
+        (["estimate", "--object", "x.obj", "--contacts", "y", "--method", "guess"], "'guess' is not one of 'pair_search'"),
+        (["estimate", "--object", "x.obj", "--contacts", "absent.yaml"], "absent.yaml: cannot be read"),
         (["think"], "No such command 'think'"),
     ],
 )
