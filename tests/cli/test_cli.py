@@ -238,7 +238,10 @@ def test_bad_meshes_end_with_status_2(
     ("arguments", "message"),
     [
         (["estimate"], "Missing option '--object'"),
-        (["estimate", "--object", "x.obj", "--contacts", "y", "--method", "guess"], "'guess' is not one of 'pair_search'"),
+        (
+            ["estimate", "--object", "x.obj", "--contacts", "y", "--method", "guess"],
+            "'guess' is not one of 'pair_search'",
+        ),
         (["estimate", "--object", "x.obj", "--contacts", "absent.yaml"], "absent.yaml: cannot be read"),
         (["think"], "No such command 'think'"),
     ],
