@@ -17,6 +17,7 @@ from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_gains import thicker
+from tactopose_drake.hand.encoder_offsets import SLIDE
 from tactopose_drake.hand.hand_errors import FingertipErrors, HandErrors
 from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
 from tactopose_drake.hand.joint_matrices import joint_offsets
@@ -49,7 +50,8 @@ class ClosedGraspParams:
     local_torque: float = 0.0005  # about the normal, standard deviation, N m
     noise_moment: float = 0.0  # of each component of the moment, N m
     noise_force: float = 0.0  # of each component of the force, N
-    noise_joint_deg: float = 0.0  # of each joint's reading, anew in each grasp, deg
+    # Of each joint's reading, anew in each grasp, deg; of one that slides, 1 deg counts as 1 mm.
+    noise_joint_deg: float = 0.0
     noise_surface: float = 0.0  # of where the object's surface is, along the normal at each contact, m
     noise_normal_deg: float = 0.0  # of the object's normal there, about each axis, deg
 
@@ -104,6 +106,7 @@ class GraspCloser:
         limits = np.array([[j.position_lower_limits()[0], j.position_upper_limits()[0]] for j in joints])
         self._low, self._high = np.clip(limits, *_BENT).T
         self._rest = np.clip(0.0, self._low, self._high)
+        self._noise_joint = math.radians(self._params.noise_joint_deg) * np.where(errors.slides, SLIDE, 1.0)
         draw = np.random.default_rng(0)
         self._postures: dict[str, tuple[FloatArray, FloatArray]] = {}  # of each finger's joints, and X_PM at them
         for finger in errors.fingers:
@@ -130,7 +133,7 @@ class GraspCloser:
             positions, contacts = self._close(model, X_PO, generator)
             if len(contacts) >= self._least:
                 wrenches = {f: self._wrench(f, contact, time or 0.0, generator) for f, contact in contacts.items()}
-                noise = math.radians(self._params.noise_joint_deg) * generator.normal(size=len(positions))
+                noise = self._noise_joint * generator.normal(size=len(positions))
                 readings = positions + self._errors.offsets(self._vector) + noise
                 named = dict(zip(self._errors.joints, readings.tolist(), strict=True))
                 return ClosedGrasp(RecordedGrasp(model, named, wrenches, time=time), X_PO)

@@ -4,6 +4,7 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.hand import (
@@ -14,7 +15,7 @@ from tactopose_drake.hand import (
     load_hand_config,
     make_hand_plant,
 )
-from tests.hand.grippers import write_bending_gripper
+from tests.hand.grippers import write_bending_gripper, write_gripper
 
 
 def test_a_hand_closes_one_of_whose_joints_cannot_be_at_zero(tmp_path: Path) -> None:
@@ -35,3 +36,19 @@ def test_a_hand_closes_one_of_whose_joints_cannot_be_at_zero(tmp_path: Path) -> 
         assert at["f0"][0] >= 0.2
         for finger in still:
             assert at[finger] == ([0.2, 0.0] if finger == "f0" else [0.0, 0.0])
+
+
+@pytest.mark.parametrize("slides", [True, False])
+def test_readings_scatter_by_degrees_and_of_what_slides_by_as_many_millimetres(slides: bool, tmp_path: Path) -> None:
+    path = write_gripper(tmp_path) if slides else write_bending_gripper(tmp_path, 2)
+    grip = {"grip_low": [-0.01, -0.01, 0.08], "grip_high": [0.01, 0.01, 0.1]}
+    plant, hand = make_hand_plant(dataclasses.replace(load_hand_config(path), **grip))
+    errors, ball = HandErrors.of(plant, hand, HandUncertainty()), ObjectModel.from_sphere(0.03)
+    readings = []
+    for noise in (0.0, 0.2):
+        params = ClosedGraspParams(least_fingers=1, noise_joint_deg=noise)
+        closer = GraspCloser(plant, hand, errors, np.zeros(len(errors.sigma)), params)
+        grasps = [closer.grasp(ball, np.random.default_rng(seed)) for seed in range(30)]
+        readings.append([[grasp.recorded.joint_positions[joint] for joint in errors.joints] for grasp in grasps])
+    off = np.subtract(*readings[::-1])
+    assert np.sqrt(np.mean(off**2)) == pytest.approx(2e-4 if slides else np.radians(0.2), rel=0.35)
