@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, shown
 from tactopose_drake.errors import ProtocolError
 
 
@@ -75,6 +75,14 @@ class LcmReader:
     def texts(self, count: int) -> list[str]:
         """Strings; letters that are none are replaced."""
         return [self._take(self.counts(1)[0])[:-1].decode(errors="replace") for _ in range(count)]
+
+    def names(self, count: int) -> list[str]:
+        """Strings, no two of them the same: of two values by one name nobody knows which counts."""
+        names = self.texts(count)
+        double = next((name for name in names if names.count(name) > 1), None)
+        if double is not None:
+            raise ProtocolError(f"LCM message: a {self._kind} names {shown(double)} twice.")
+        return names
 
     def numbers(self, shape: Sequence[int]) -> FloatArray:
         """Doubles, as an array of a shape."""

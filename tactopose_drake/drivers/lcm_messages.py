@@ -66,15 +66,15 @@ class HandSensesMessage:
         """The message that was sent.
 
         Raises:
-            ProtocolError: if it is of another type, or damaged.
+            ProtocolError: if it is of another type, or damaged, or names a joint, a finger or a pad twice.
         """
         read = LcmReader(data, _HAND_SENSES, "lcmt_hand_senses")
         utime, sequence = read.integers(2)
-        names = read.texts(*read.counts(1))
+        names = read.names(*read.counts(1))
         joints = dict(zip(names, read.numbers((len(names),)).tolist(), strict=True))
-        names = read.texts(*read.counts(1))
+        names = read.names(*read.counts(1))
         wrenches = dict(zip(names, read.numbers((len(names), 6)), strict=True))
-        names = read.texts(*read.counts(1))
+        names = read.names(*read.counts(1))
         *cells, total = read.counts(len(names) + 1)
         if sum(cells) != total:
             raise ProtocolError(f"LCM message: a lcmt_hand_senses has {total} cells; its pads have {sum(cells)}.")

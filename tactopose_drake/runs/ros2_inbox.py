@@ -129,10 +129,14 @@ class Ros2Inbox:
         if len(said.name) != len(said.position):
             self._remarks.append(f"a joint state has {len(said.name)} names and {len(said.position)} positions")
             return
+        twice = {name for name in said.name if said.name.count(name) > 1 and self._is_ours(name)}
+        if twice:
+            self._remarks.append(f"a joint state names {', '.join(sorted(twice))} twice")
+            return
         ours = {
             name: float(position)
             for name, position in zip(said.name, said.position, strict=True)
-            if self._joints is None or name in self._joints
+            if self._is_ours(name)
         }
         if not ours:
             return  # It is of another part of the robot.
@@ -153,6 +157,9 @@ class Ros2Inbox:
         self._time = max(self._time, time)
         self._positions |= ours
         self._stamps |= dict.fromkeys(ours, time)
+
+    def _is_ours(self, joint: str) -> bool:
+        return self._joints is None or joint in self._joints
 
     def _on_wrench(self, finger: str, said: Any) -> None:
         torque, force = said.wrench.torque, said.wrench.force

@@ -141,6 +141,20 @@ def test_a_damaged_message_is_a_message_or_a_protocol_error(place: int, byte: in
     assert all(wrench.shape == (6,) for wrench in message.wrenches.values())
 
 
+@pytest.mark.parametrize("twice", ["joints", "wrenches", "pressures"])
+def test_a_message_that_names_a_part_twice_is_refused(twice: str) -> None:
+    names = {"joints": (b"J1", b"J2"), "wrenches": (b"f1", b"f2"), "pressures": (b"p1", b"p2")}
+    made = HandSensesMessage(
+        joints={"J1": 0.1, "J2": 0.9},
+        wrenches={"f1": np.zeros(6), "f2": np.ones(6)},
+        pressures={"p1": np.zeros(2), "p2": np.ones(3)},
+    )
+    HandSensesMessage.decode(made.encode())
+    first, second = names[twice]
+    with pytest.raises(ProtocolError, match=f"lcmt_hand_senses names '{first.decode()}' twice"):
+        HandSensesMessage.decode(made.encode().replace(second, first))
+
+
 def test_an_empty_message_is_one() -> None:
     for kind in (HandSensesMessage, ObjectPoseMessage, ObjectBeliefMessage):
         again = kind.decode(kind().encode())

@@ -325,3 +325,21 @@ def test_joint_states_of_another_part_or_that_were_overtaken_are_passed_over() -
     assert said.joints == {"a": 5.0}
     assert (inbox.received, inbox.passed_over) == (2, 1)
     assert inbox.take_remarks() == ()
+
+
+def test_a_joint_state_that_names_a_joint_of_the_hand_twice_is_left_out() -> None:
+    link = Beside()
+    inbox = Ros2Inbox(link, Ros2Senses(wrenches={"thumb": "/thumb"}), ("a", "b"))  # type: ignore[arg-type]
+
+    def joints(seconds: float, names: list[str]) -> None:
+        state = {"header": {"stamp": stamp_of(seconds)}, "name": names, "position": [0.1, 0.9, 0.2][: len(names)]}
+        link.say("/joint_states", "sensor_msgs/JointState", state)
+
+    joints(5.0, ["a", "a", "b"])
+    assert inbox.take() is None
+    assert inbox.take_remarks() == ("a joint state names a twice",)
+    joints(5.1, ["arm", "arm", "b"])  # What is of the arm counts for nothing.
+    said = inbox.take()
+    assert said is not None
+    assert said.joints == {"b": 0.2}
+    assert inbox.take_remarks() == ()
