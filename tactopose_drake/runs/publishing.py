@@ -47,6 +47,8 @@ def open_publisher(scenario: Scenario, known_url: str = "", known: LcmConnection
 def publishing(scenario: Scenario, observer: Observer) -> Observer:
     """An observer that also sends what a station believes, where the scenario publishes.
 
+    A pose that the estimate holds goes out with the time at which it was found.
+
     Args:
         scenario: of senses that are no messages.
         observer: is shown the same.
@@ -59,15 +61,18 @@ def publishing(scenario: Scenario, observer: Observer) -> Observer:
     if out is None:
         return observer
     prefix = "" if scenario.tracking is None else "tracked_"
+    known_by = 0.0
 
     def publish_and_show(view: RunView) -> None:
+        nonlocal known_by
         estimate, status = (
             view.diagram.GetOutputPort(prefix + name).Eval(view.context) for name in ("hypotheses", "status")
         )
         message = belief_message(estimate, status, out.max_modes)
-        known_by = view.context.get_time()
         if prefix:  # The belief over time may be late.
             known_by = view.diagram.GetOutputPort("tracked_belief").Eval(view.context).time
+        elif estimate is None or not status.startswith("held"):
+            known_by = view.context.get_time()
         begun = 0.0 if view.devices is None else next(iter(view.devices.buses.values())).origin
         message.utime = round(1e6 * (begun + known_by))
         out.send(message)
