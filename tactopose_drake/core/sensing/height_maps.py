@@ -18,6 +18,7 @@ from tactopose_drake.core.validation import FloatArray, number_array, positive_n
 from tactopose_drake.errors import InvalidInputError
 
 _MOST_PIXELS = 10**8
+_LEAST_ALPHA = 1e-13  # m/Pa: with less, what makes a depth would be more than any pressure that a patch takes
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -54,7 +55,7 @@ class HeightMapSensor:
             positive_number("HeightMapSensor.pixel", size, most=0.01)
         positive_number("HeightMapSensor.least_depth", self.least_depth)
         positive_number("HeightMapSensor.most_depth", self.most_depth, most=DEEPEST)
-        positive_number("HeightMapSensor.alpha", self.alpha, most=1.0)
+        positive_number("HeightMapSensor.alpha", self.alpha, least=_LEAST_ALPHA, most=1.0)
         whole_number("HeightMapSensor.most_cells", self.most_cells, least=8, most=10_000)
         if self.most_depth <= self.least_depth:
             raise InvalidInputError(
@@ -80,8 +81,8 @@ class HeightMapSensor:
                 all depths count.
 
         Raises:
-            InvalidInputError: shapes that do not fit, a map without a known pixel, depths that are infinite or
-                evidently not in metres, or a pose that is none.
+            InvalidInputError: shapes that do not fit, a map without a known pixel or with hardly one, depths that are
+                infinite or evidently not in metres, or a pose that is none.
         """
         depth = _checked(depth, mask)
         X_PT = pose_matrix("X_PT", X_PT)
@@ -89,6 +90,11 @@ class HeightMapSensor:
         width = min(max(1, math.ceil(math.sqrt((touched or depth.size) / self.most_cells))), *depth.shape)
         blocks = _block_means(depth, width)
         chosen = _worth_keeping(blocks > self.least_depth, self.most_cells)
+        if np.isnan(blocks[chosen]).all():
+            raise InvalidInputError(
+                f"depth: is known at {np.count_nonzero(~np.isnan(depth))} of {depth.size} pixels; allowed is a map "
+                "that is mostly known somewhere."
+            )
         along_rows, along_columns = self.pixel_size
         x, y = _middles(depth.shape[1], width) * along_rows, _middles(depth.shape[0], width) * along_columns
         rows, columns = np.nonzero(chosen)

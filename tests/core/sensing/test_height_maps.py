@@ -135,6 +135,13 @@ def test_a_map_that_is_none_is_refused(depth: np.ndarray, options: dict[str, np.
         SENSOR.patch(depth, X_PT, **options)
 
 
+def test_a_map_that_is_hardly_known_is_called_so() -> None:
+    depth = np.full((240, 320), np.nan)
+    depth[100:110, 100:103] = 1e-5
+    with pytest.raises(InvalidInputError, match="depth: is known at 30 of 76800 pixels"):
+        SENSOR.patch(depth, X_PT)
+
+
 @pytest.mark.parametrize(
     "options",
     [
@@ -144,6 +151,7 @@ def test_a_map_that_is_none_is_refused(depth: np.ndarray, options: dict[str, np.
         {"pixel": [1e-4]},
         {"pixel": 1e-4, "most_depth": 1e-5},
         {"pixel": 1e-4, "most_cells": 2},
+        {"pixel": 1e-4, "alpha": 1e-16},
     ],
 )
 def test_a_sensor_that_is_none_is_refused(options: dict[str, float]) -> None:
