@@ -53,6 +53,12 @@ def test_a_load_that_is_nan_is_no_signal() -> None:
     assert measurement.status == "no signal"
 
 
+def test_a_load_of_which_one_number_is_nan_is_no_signal() -> None:
+    measurement = measure(np.array([0.0, 0.0, 0.0, 1.0, np.nan, 5.0]), np.zeros(6), ForceTorqueModel(range=[2.0] * 6))
+    np.testing.assert_array_equal(measurement.F_S, [0.0, 0.0, 0.0, 1.0, np.nan, 2.0])
+    assert measurement.status == "no signal"
+
+
 def test_a_weight_acts_at_the_centre_of_mass() -> None:
     F_S = weight_matrix(0.02, np.array([0.0, 0.0, 0.03])) @ [9.81, 0.0, 0.0]
     np.testing.assert_allclose(F_S, [0, 0.03 * 0.1962, 0, 0.1962, 0, 0])

@@ -22,6 +22,13 @@ def test_long_cells_are_stretched_along_their_longer_side(count: tuple[int, int]
     np.testing.assert_allclose(np.abs(stretch) / np.linalg.norm(stretch), [0.0, 1.0, 0.0], atol=1e-9)
 
 
+def test_it_is_the_usual_cell_that_counts() -> None:
+    cells = np.concatenate([grid((0.002, 0.006), (12, 4)), [[0.035, 0.0, 0.0], [0.0, 0.034, 0.0]]])
+    stretch = find_stretch(cells, np.tile(OUT, (len(cells), 1)))
+    assert np.hypot(1.0, np.linalg.norm(stretch)) == pytest.approx(3.0)
+    np.testing.assert_allclose(np.abs(stretch) / np.linalg.norm(stretch), [0.0, 1.0, 0.0], atol=0.02)
+
+
 def test_long_cells_around_a_finger_are_stretched_along_it() -> None:
     angle = np.repeat(np.linspace(-1.0, 1.0, 9), 3)
     normals = np.stack([np.sin(angle), np.zeros(27), np.cos(angle)], axis=1)

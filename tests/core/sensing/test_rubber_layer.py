@@ -50,6 +50,30 @@ def test_between_springs_and_a_dome_pressure_falls_off_over_the_confinement() ->
     np.testing.assert_allclose(found[15, :15] / found[15, 15], 1.0 - np.exp(-x / confinement), atol=0.02)
 
 
+def test_a_pressure_that_rubber_only_scales_stays_as_it_is() -> None:
+    """A sine over the contact, the laplacian's own: every cell gives the same share, and the force is what it was."""
+    count, places = 40, 0.001 * (np.arange(40) + 0.5)
+    pressure = 1e4 * np.outer(*[np.sin(np.pi * places / 0.04)] * 2).ravel()
+    pressure = np.maximum(pressure, 0.03 * pressure.max())  # hardly changed, and touched up to the pad's edge
+    found = confined_pressure(pressure, find_neighbours(square_pad(count)), 0.01)
+    np.testing.assert_allclose(found, pressure, atol=0.04 * pressure.max())
+
+
+def test_what_is_pressed_more_flows_to_what_is_pressed_less() -> None:
+    """Two cells of 1 x 2 mm beside one another, a gap between them, by hand: p A + l^2 (flow to all sides) = p_w A."""
+    rows = [CellRow(center=[x, 0.0, 0.0], count=1, cell=[0.001, 0.002]) for x in (0.0, 0.0012)]
+    neighbours = find_neighbours(RowPattern(rows=rows).make())
+    np.testing.assert_allclose(neighbours.conductance, 0.002 / 0.0012 * (1.0 - np.eye(2)))
+    springs, l_squared, area = np.array([3e4, 1e4]), 0.002**2, 2e-6
+    to_outside = 0.002 / 0.0005 + 2.0 * 0.001 / 0.001  # half a cell to each edge
+    across = 0.002 / 0.0012
+    flow = (to_outside + across) * np.eye(2) - across * (1.0 - np.eye(2))
+    confined = np.linalg.solve(area * np.eye(2) + l_squared * flow, area * springs)
+    found = confined_pressure(springs, neighbours, 0.002)
+    np.testing.assert_allclose(found, confined * springs.sum() / confined.sum(), rtol=1e-9)
+    assert found[1] > springs[1]
+
+
 def test_neighbours_lie_side_by_side_on_a_curved_array() -> None:
     neighbours = find_neighbours(load_tactile_pad("bh280_finger").layout)
     beside = np.sort(np.sum(neighbours.others >= 0, axis=1))
