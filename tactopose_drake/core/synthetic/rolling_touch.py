@@ -20,7 +20,7 @@ from tactopose_drake.core.poses import exp_so3, make_poses
 from tactopose_drake.core.shape.distance_transform import pack_triangles
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.rolling_kernels import nearest_points
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, positive_number
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -88,8 +88,11 @@ class RollingTouch:
             tip_turn: angular velocities of the fingertips, shape (k, 3), rad/s.
             slides: whether the object slides under the fingertips, which then stay, rather than rolling on them.
             duration: s.
+
+        Raises:
+            InvalidInputError: a duration that is not above 0.
         """
-        before = self.p_PF
+        duration, before = positive_number("duration", duration), self.p_PF
         if not slides:
             carried = np.cross(twist[:3], self.p_PC) + twist[3:]
             self.p_PF = before + duration * (carried + np.cross(tip_turn, self._radius * self.n_PC))

@@ -5,6 +5,7 @@ import trimesh
 from tactopose_drake.core.poses import make_poses, random_rotations
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.rolling_touch import FingertipNoise, RollingTouch
+from tactopose_drake.errors import InvalidInputError
 
 SILENT = FingertipNoise(
     position=0.0001,
@@ -75,3 +76,11 @@ def test_the_stable_part_of_the_error_stays(ball: ObjectModel) -> None:
     errors = [touch.measure()[0].p_PC - touch.p_PC for _ in range(3)]
     np.testing.assert_allclose(errors[0], errors[1], atol=1e-5)
     assert np.abs(errors[0]).max() > 5e-4
+
+
+def test_a_move_takes_time(ball: ObjectModel) -> None:
+    touch = start(ball)
+    before = touch.X_PO
+    with pytest.raises(InvalidInputError, match="duration: is 0; allowed are numbers > 0"):
+        touch.move(np.ones(6), np.zeros((4, 3)), slides=False, duration=0.0)
+    np.testing.assert_array_equal(touch.X_PO, before)
