@@ -16,7 +16,8 @@ _STEP = 0.02  # s, at which the recording is looked at
 _A_GAP = 1e6  # as many degrees of motion: worse than any
 _WINDOW = 15  # steps, over which readings are averaged
 _TOUCHES = 0.3  # N: less may be a bias
-_STILL = np.repeat([0.001, 0.05], 3)  # changes of a wrench that weigh as much as one of a joint by a degree, N m and N
+# Changes of a wrench, N m and N, that weigh as much as one of a joint by a degree, or by 1 mm where it slides.
+_STILL = np.repeat([0.001, 0.05], 3)
 
 
 def quiet_grasp(run: RecordedRun, model: ObjectModel, name: str) -> RecordedGrasp:
@@ -47,7 +48,7 @@ def quiet_grasp(run: RecordedRun, model: ObjectModel, name: str) -> RecordedGras
         raise InvalidFileError(f"{name}: no finger presses with more than {_TOUCHES} N for 0.3 s.")
     # A joint that is known at other times is to be known at this one.
     gaps = np.isnan(q[windows]).any(axis=1)[:, np.isfinite(q).any(axis=0)].sum(axis=1)
-    unrest = np.nansum(np.ptp(q[windows], axis=1), axis=1) / math.radians(1.0) + _A_GAP * gaps
+    unrest = np.nansum(np.ptp(q[windows], axis=1) / run.units, axis=1) / math.radians(1.0) + _A_GAP * gaps
     unrest = unrest + np.nansum(np.ptp(F[windows], axis=1) / _STILL, axis=(1, 2))
     best = int(np.argmin(np.where(count == count.max(), unrest, np.inf)))
     rows = windows[best]

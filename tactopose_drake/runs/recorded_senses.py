@@ -10,8 +10,9 @@ from typing import Any
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
-from tactopose_drake.core.validation import told_of
+from tactopose_drake.core.validation import FloatArray, told_of
 from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.hand.encoder_offsets import radian_units
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
@@ -38,6 +39,8 @@ class RecordedRun:
         joints: names of the numbers of `joint_positions`.
         estimates: lines of `estimates.jsonl`, by rising time.
         problems: what could not be read to its end, in sentences.
+        units: how much of each of those numbers counts as a radian: 1, and of a joint that slides what `radian_units`
+            says, shape (nq,).
     """
 
     manifest: Manifest
@@ -45,6 +48,7 @@ class RecordedRun:
     joints: tuple[str, ...]
     estimates: tuple[dict[str, Any], ...]
     problems: tuple[str, ...]
+    units: FloatArray
 
 
 def read_recording(folder: Path) -> RecordedRun:
@@ -56,7 +60,7 @@ def read_recording(folder: Path) -> RecordedRun:
     """
     manifest = load_manifest(folder)
     with told_of(f"{folder / MANIFEST}: scenario.hand: "):
-        joints = NamedJoints(*make_hand_plant(load_hand_config(manifest.scenario.hand))).names
+        plant, hand = make_hand_plant(load_hand_config(manifest.scenario.hand))
     signals, cut = read_signals(folder / SIGNALS)
     problems = [cut] if cut else []
     if missing := missing_signals(signals, manifest.scenario):
@@ -65,7 +69,8 @@ def read_recording(folder: Path) -> RecordedRun:
         played, ends = _play(folder, manifest, signals)
         signals, problems = signals | played, problems + ends
     estimates, damage = _read_estimates(folder / ESTIMATES)
-    return RecordedRun(manifest, signals, joints, estimates, (*problems, *damage))
+    joints = NamedJoints(plant, hand).names
+    return RecordedRun(manifest, signals, joints, estimates, (*problems, *damage), radian_units(plant))
 
 
 def _play(folder: Path, manifest: Manifest, signals: dict[str, Signal]) -> tuple[dict[str, Signal], list[str]]:

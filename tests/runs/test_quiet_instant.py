@@ -5,6 +5,7 @@ import pytest
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.hand.encoder_offsets import SLIDE
 from tactopose_drake.runs.manifest import Manifest
 from tactopose_drake.runs.quiet_instant import quiet_grasp
 from tactopose_drake.runs.recorded_senses import RecordedRun
@@ -29,7 +30,7 @@ def recording(start: float = 0.0) -> RecordedRun:
         "wrench_two": Signal(TIMES.tolist(), list(2.0 * wrench)),
         "wrench_three": Signal(TIMES.tolist(), list(silent)),
     }
-    return RecordedRun(Manifest(start=start), signals, ("a", "b"), (), ())
+    return RecordedRun(Manifest(start=start), signals, ("a", "b"), (), (), np.ones(2))
 
 
 def test_the_quietest_instant_of_the_most_fingers_is_averaged(blob: ObjectModel) -> None:
@@ -54,6 +55,21 @@ def test_wrenches_that_change_are_not_quiet_and_the_rest_is_averaged(blob: Objec
     assert grasp.time is not None
     assert 1002.0 <= grasp.time <= 1003.0
     np.testing.assert_allclose(grasp.wrenches["one"], HELD, atol=0.002 / 14)
+
+
+def test_a_joint_that_slides_is_as_unquiet_by_a_millimetre_as_another_by_a_degree(blob: ObjectModel) -> None:
+    """Until 2 s it goes by 20 mm/s, and from then on it is still, while the wrenches change by a little."""
+    still = np.where(TIMES < 2.0, 0.02 * TIMES, 0.04)
+    wrench = HELD + np.where(TIMES < 2.0, 0.0, 0.03)[:, None] * np.outer(np.sin(20.0 * TIMES), [0, 0, 0, 0, 0, 1.0])
+    signals = {
+        "joint_positions": Signal(TIMES.tolist(), list(still[:, None])),
+        "wrench_one": Signal(TIMES.tolist(), list(wrench)),
+    }
+    run = RecordedRun(Manifest(start=1000.0), signals, ("slide",), (), (), np.array([SLIDE]))
+    grasp = quiet_grasp(run, blob, "run")
+    assert grasp.joint_positions == {"slide": pytest.approx(0.04)}
+    assert grasp.time is not None
+    assert grasp.time > 1002.0
 
 
 def test_times_of_a_simulation_count_for_nothing(blob: ObjectModel) -> None:
