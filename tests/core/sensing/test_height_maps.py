@@ -90,6 +90,16 @@ def test_pixels_that_are_not_known_leave_the_mean_of_the_others() -> None:
     np.testing.assert_allclose(patch.points[:, 2], -0.0008, rtol=1e-12)
 
 
+def test_a_block_is_known_where_most_of_its_pixels_are() -> None:
+    depth = np.full((12, 12), 0.0008)
+    depth[0, :3], depth[1, :2] = np.nan, np.nan  # of the first block of three by three pixels four are left
+    depth[0, 6:9], depth[1, 6] = np.nan, np.nan  # of the third one five
+    patch = HeightMapSensor(pixel=1e-4, most_cells=16).patch(depth, np.eye(3, 4))
+    assert len(patch.p_PT) == 16
+    np.testing.assert_array_equal(np.flatnonzero(patch.dead), [0])
+    np.testing.assert_allclose(patch.points[~patch.dead, 2], -0.0008, rtol=1e-12)
+
+
 def test_what_the_mask_leaves_out_is_not_touched() -> None:
     depth = np.full((120, 160), 0.0008)
     mask = np.zeros(depth.shape, dtype=np.bool_)

@@ -60,6 +60,13 @@ def test_without_normals_it_is_the_thesis_formula() -> None:
     assert turned.eigenvectors[2, 2] < 0 < patch.eigenvectors[2, 2]
 
 
+def test_without_normals_a_pad_may_lie_far_from_the_origin() -> None:
+    shift = np.array([0.2, -0.1, 0.3])
+    there, here = (tp.describe_patch(cells, noise(1), alpha=ALPHA) for cells in (CELLS + shift, CELLS))
+    np.testing.assert_allclose(there.n_PT, here.n_PT, atol=1e-12)
+    np.testing.assert_allclose(there.centroid, here.centroid + shift, rtol=1e-12)
+
+
 @given(seeds)
 def test_the_components_are_a_right_handed_frame_that_makes_the_covariance_diagonal(seed: int) -> None:
     patch = tp.describe_patch(CELLS, noise(seed), alpha=ALPHA, n_PT=OUT)
