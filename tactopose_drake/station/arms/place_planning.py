@@ -8,9 +8,11 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.grasping.held_axis import HeldAxis, find_held_axis
+from tactopose_drake.core.posterior.moved_origin import has_far_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.station.arms.carried_hand import ArmSpeeds, CarriedHand, PlacedHand, StraightDescent
 from tactopose_drake.station.arms.motion import AxisGoal
@@ -106,13 +108,15 @@ class PlacePlanner:
 
     def held_axis(self, estimate: PoseEstimate, contacts: Contacts) -> HeldAxis:
         """The rod's axis, and where it ends, as the hypotheses have it."""
-        hypotheses = estimate.hypotheses
+        # About an origin that is far away, a mere spin would seem to move the end.
+        hypotheses = [about_middle(hypothesis, self._model) for hypothesis in estimate.hypotheses]
+        middle = self._middle - self._model.middle if has_far_origin(self._model) else self._middle
         return find_held_axis(
             np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in hypotheses]),
             np.array([hypothesis.covariance for hypothesis in hypotheses]),
             np.array([hypothesis.probability for hypothesis in hypotheses]),
             axis=self._axis,
-            middle=self._middle,
+            middle=middle,
             half_length=self._half_length,
             towards=self._down_P,
             p_PG=contacts.p_PC.mean(axis=0),

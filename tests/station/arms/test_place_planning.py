@@ -5,11 +5,15 @@ import functools
 
 import numpy as np
 import pytest
+import trimesh
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 
 import tactopose_drake as tp
 from tactopose_drake.core.grasping.held_axis import HeldAxis
+from tactopose_drake.core.poses import make_poses
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.posterior.moved_origin import mixture_of_origin
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.results import PoseEstimate
@@ -212,3 +216,23 @@ def either_end_up(model: tp.ObjectModel, sigma: float) -> PoseEstimate:
     covariance = np.diag(np.repeat([(10.0 * sigma) ** 2, sigma**2], 3)) * 1e-2
     either = (PoseHypothesis(X_PO, 0.0, 0.5, covariance, np.zeros((0, 6))) for X_PO in (down, up))
     return PoseEstimate(tuple(either), "ambiguous", 0.0)
+
+
+def test_where_the_rod_s_origin_is_makes_its_axis_no_less_certain() -> None:
+    near = pencil()
+    shift = np.array([0.5, 0.0, 0.0])
+    mesh = trimesh.Trimesh(near.vertices + shift, near.faces, process=False)
+    far = tp.ObjectModel.from_mesh(mesh, mass=0.0055, symmetry=[near.symmetries[0].seen_from(-shift)])
+    R = RollPitchYaw(0.3, -1.4, 0.5).ToRotationMatrix().matrix()
+    # Its spin is known to 5 degrees, and its lean to one, about its middle.
+    covariance = np.diag(np.repeat([np.radians(1.0) ** 2, 0.0005**2], 3))
+    covariance[2, 2] = np.radians(5.0) ** 2
+    of_middle = GaussianMixture(make_poses(R[None], GRIP.p_PQ[None]), np.ones(1), covariance[None])
+    contacts, found = tp.Contacts(GRIP.p_PQ + 0.01 * np.eye(3)), []
+    for model in (near, far):
+        belief = mixture_of_origin(of_middle, model.middle)
+        pose = PoseHypothesis(RigidTransform(belief.X_PO[0]), 0.0, 1.0, belief.covariance[0], np.zeros((0, 6)))
+        found.append(make_planner(model).held_axis(PoseEstimate((pose,), "ok", 0.0), contacts))
+    np.testing.assert_allclose(found[1].point(found[1].end), found[0].point(found[0].end), atol=1e-6)
+    assert found[1].sigma == pytest.approx(found[0].sigma, rel=0.02)
+    assert found[1].sigma_end == pytest.approx(found[0].sigma_end, rel=0.02)
