@@ -38,6 +38,16 @@ def test_the_gains_are_those_of_the_noise(surface: Surface, layer: SoftLayer | N
     )
 
 
+@pytest.mark.parametrize("surface", SURFACES, ids=lambda surface: type(surface).__name__)
+def test_the_gains_say_which_way_a_contact_moves(surface: Surface) -> None:
+    wrench, change = pushes(surface, 1)[0], np.array([3e-6, -2e-6, 1e-6, -3e-4, 4e-4, 2e-4])
+    gains = contact_gains(wrench[None], surface, LAYER)
+    before, after = (solve_contact(F_S, surface, layer=LAYER) for F_S in (wrench, wrench + change))
+    moved, turned = gains.point[0, :, :6] @ change, gains.turn[0, :, :6] @ change
+    np.testing.assert_allclose(after.p_SC - before.p_SC, moved, atol=0.01 * np.linalg.norm(moved))
+    np.testing.assert_allclose(after.n_S - before.n_S, np.cross(turned, before.n_S), atol=0.01 * np.linalg.norm(turned))
+
+
 @pytest.mark.parametrize("layer", [None, LAYER], ids=["rigid", "soft"])
 def test_a_push_through_the_middle_of_a_thicker_sphere_is_felt_farther_out(layer: SoftLayer | None) -> None:
     n = np.array([0.6, 0.0, 0.8])
@@ -63,4 +73,7 @@ def test_thicker_is_thicker_along_every_normal(surface: Surface) -> None:
 
 def test_the_wrench_of_a_contact_is_that_which_it_was_found_from() -> None:
     wrench = pushes(SURFACES[1], 1)[0]
-    np.testing.assert_allclose(wrench_of(solve_contact(wrench, SURFACES[1])), wrench, atol=1e-9)
+    wrench[:3] += [0.001, -0.0005, 0.0008]  # a torque about the normal, and a contact elsewhere
+    solution = solve_contact(wrench, SURFACES[1])
+    assert np.linalg.norm(solution.local_torque) > 5e-4
+    np.testing.assert_allclose(wrench_of(solution), wrench, atol=1e-9)
