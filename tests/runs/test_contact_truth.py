@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.resources import make_parser, model_path
-from tactopose_drake.runs.contact_truth import ContactTruth, contact_truth
+from tactopose_drake.runs.contact_truth import ContactTruth, PartContact, _joined, contact_truth
 
 DEPTH = 2e-4  # m
 HALF = 0.03  # of the cube, m
@@ -95,6 +95,17 @@ def test_several_shapes_under_one_fingertip_are_one_contact():
     assert both.f_PC[2] < -0.5
     np.testing.assert_allclose(both.p_PC, one.p_PC, atol=1e-4)
     np.testing.assert_allclose(both.n_PC, [0.0, 0.0, -1.0], atol=0.02)
+
+
+def test_of_several_shapes_each_counts_by_its_normal_force():
+    n = np.array([0.0, 0.0, -1.0])
+    strong = PartContact(np.array([0.01, 0.0, 0.1]), n, np.array([0.5, 0.0, -3.0]), 2e-5)
+    weak = PartContact(np.array([0.0, 0.02, 0.1]), np.array([0.0, 0.6, -0.8]), np.array([0.0, 0.6, -0.8]), 1e-5)
+    joined = _joined([strong, weak])
+    np.testing.assert_allclose(joined.p_PC, [0.0075, 0.005, 0.1])
+    np.testing.assert_allclose(joined.f_PC, [0.5, 0.6, -3.8])
+    np.testing.assert_allclose(joined.n_PC, np.array([0.0, 0.6, -3.8]) / np.hypot(0.6, 3.8))
+    assert joined.area == pytest.approx(3e-5)
 
 
 def test_other_links_are_named():
