@@ -2,9 +2,12 @@ import numpy as np
 import pytest
 
 from tactopose_drake.drivers import barrett_protocol as protocol
+from tactopose_drake.drivers.barrett_cycle import EncoderState, HandCycle
 from tactopose_drake.drivers.barrett_hand import BarrettHand
-from tactopose_drake.drivers.barrett_protocol import INITIALIZE, Property, Puck, PuckStatus, TactileMode
+from tactopose_drake.drivers.barrett_joints import STRAIN_POLYNOMIAL
+from tactopose_drake.drivers.barrett_protocol import INITIALIZE, Property, Puck, PuckStatus, ReplyGroup, TactileMode
 from tactopose_drake.drivers.barrett_tactile import PASCALS_PER_RAW
+from tactopose_drake.drivers.frames import data_frame
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.drivers.simulation import faults
 from tactopose_drake.drivers.simulation.simulated_barrett_hand import HandState, SimulatedBarrettHand
@@ -185,6 +188,14 @@ def test_saturated_cells_and_overloaded_fingers_are_named(mode: TactileMode) -> 
     state = HandState(HAND_STATE.joint_positions, pressures, np.array([0.1, 1.6, 0.3]))
     with virtual_bus(SimulatedBarrettHand(lambda time: state, awake=True)) as bus, BarrettHand(bus, mode=mode) as hand:
         assert hand.read().status == "F2: fingertip torque beyond its limit; saturated: palm 4, 6"
+
+
+@pytest.mark.parametrize(("strain", "is_beyond"), [(666, True), (667, False), (3460, False), (3461, True)])
+def test_a_gauge_is_overloaded_beyond_its_limits(strain: int, is_beyond: bool) -> None:
+    cycle = HandCycle({(Puck.F1, "torque")}, {(Puck.F1, "torque")}, (STRAIN_POLYNOMIAL,) * 3, EncoderState())
+    identifier = protocol.reply_identifier(Puck.F1, ReplyGroup.ORDINARY)
+    assert cycle.collect(data_frame(identifier, protocol.encode_value(Property.STRAIN, strain)))
+    assert cycle.sample(0.0, ()).status == ("F1: fingertip torque beyond its limit" if is_beyond else "ok")
 
 
 def test_strain_gauges_have_their_own_calibrations() -> None:

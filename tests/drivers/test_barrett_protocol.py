@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactopose_drake.drivers import barrett_protocol as protocol
-from tactopose_drake.drivers.barrett_protocol import Property, Puck, ReplyGroup
+from tactopose_drake.drivers.barrett_protocol import Property, Puck, PuckStatus, ReplyGroup, TactileMode
 from tactopose_drake.errors import ProtocolError
 
 int22 = st.integers(-(2**21), 2**21 - 1)
@@ -52,6 +52,18 @@ def test_numbers_that_the_simulated_hand_takes_from_here_are_those_of_the_wire()
     assert (protocol.ROLE_HAND, protocol.ROLE_MASK) == (5, 0b11111)
     assert (protocol.ROLE_STRAIN, protocol.ROLE_TACTILE) == (1 << 11, 1 << 12)
     assert protocol.TACTILE_FAILED == -2
+    assert {name.name: int(name) for name in Property} == {
+        "ROLE": 1,
+        "STATUS": 5,
+        "STRAIN": 25,
+        "COMMAND": 29,
+        "POSITION": 48,
+        "TACTILE": 106,
+        "TACTILE_ID": 107,
+    }
+    assert [(mode.name, int(mode)) for mode in TactileMode] == [("OFF", 0), ("TOP", 1), ("FULL", 2), ("TARE", 3)]
+    assert [(status.name, int(status)) for status in PuckStatus] == [("MONITOR", 0), ("ERROR", 1), ("READY", 2)]
+    assert protocol.INITIALIZE == 13  # Another command may move the hand elsewhere.
 
 
 @given(int22, st.none() | int22)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.drivers.barrett_hand import BarrettHand
-from tactopose_drake.drivers.clock import SteadyClock
+from tactopose_drake.drivers.clock import SteadyClock, VirtualClock
 from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.drivers.reconnecting_bus import receive
@@ -55,6 +55,21 @@ def test_a_set_clock_moves_neither_the_time_nor_stamps(set_clock: SetClock, forw
                 break
         else:
             pytest.fail(f"stamps are {stamped - shown:g} s off")
+
+
+def test_a_clock_that_was_set_takes_the_same_off_all_stamps(set_clock: SetClock) -> None:
+    clock = SteadyClock()
+    set_clock(3600.0)
+    while clock.of_stamp(time.time()) > time.time() - 3000.0:  # until it is noticed
+        pass
+    assert len({clock.of_stamp(1.7e9) for _ in range(100)}) == 1
+
+
+def test_virtual_time_never_goes_back() -> None:
+    clock = VirtualClock(5.0)
+    for until, now in ((6.0, 6.0), (4.0, 6.0), (6.5, 6.5)):
+        clock.sleep_until(until)
+        assert clock.time() == now
 
 
 @pytest.mark.parametrize("forward", [-3600.0, 3600.0])

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactopose_drake.drivers import netcanoem_protocol as protocol
-from tactopose_drake.drivers.netcanoem_protocol import Firmware, ForceUnit, StatusBit, TorqueUnit
+from tactopose_drake.drivers.netcanoem_protocol import Firmware, ForceUnit, Opcode, StatusBit, TorqueUnit
 from tactopose_drake.errors import ProtocolError
 
 int16 = st.integers(-(2**15), 2**15 - 1)
@@ -35,6 +35,40 @@ def test_identifiers_have_eleven_bits_and_are_all_different(base: int, opcode: i
     identifier = protocol.identifier(base, opcode)
     assert identifier < 2**11
     assert (identifier >> 4, identifier & 0xF) == (base, opcode)
+
+
+def test_numbers_that_the_simulated_board_takes_from_here_are_those_of_the_wire() -> None:
+    opcodes = {"SAMPLE": 0, "MATRIX": 2, "CALIBRATION": 6, "COUNTS": 7, "UNITS": 8, "FIRMWARE": 15}
+    assert {opcode.name: int(opcode) for opcode in Opcode} == opcodes
+    forces = ["POUND", "NEWTON", "KILOPOUND", "KILONEWTON", "KILOGRAM", "GRAM"]
+    torques = ["POUND_INCH", "POUND_FOOT", "NEWTON_METER", "NEWTON_MILLIMETER", "KILOGRAM_CENTIMETER"]
+    assert [(unit.name, int(unit)) for unit in ForceUnit] == [(name, k) for k, name in enumerate(forces, 1)]
+    assert [unit.name for unit in TorqueUnit] == [*torques, "KILONEWTON_METER"]
+    assert [int(unit) for unit in TorqueUnit] == [1, 2, 3, 4, 5, 6]
+    assert protocol.GAUGE_LIMITS == (-(2**15), 2**15 - 1)
+    bits = {
+        "watchdog reset": 0x0001,
+        "adc check high": 0x0002,
+        "adc check low": 0x0004,
+        "analog ground": 0x0008,
+        "supply high": 0x0010,
+        "supply low": 0x0020,
+        "bad calibration": 0x0040,
+        "eeprom": 0x0080,
+        "configuration": 0x0100,
+        "temperature high": 0x0800,
+        "temperature low": 0x1000,
+        "can error": 0x4000,
+    }
+    for name, word in bits.items():
+        assert protocol.status_names(0x8000 | word) == [name]
+        assert protocol.is_rejected(word) == (name not in ("watchdog reset", "configuration", "can error"))
+
+
+@pytest.mark.parametrize(("version", "tells"), [((3, 6), False), ((3, 7), True), ((3, 10), True), ((2, 9), False)])
+def test_which_boards_tell_their_units(version: tuple[int, int], tells: bool) -> None:
+    assert Firmware(*version, 5).tells_units == tells
+    assert Firmware(4, 0, 0).tells_units
 
 
 @given(st.integers(1, 2**32 - 1), st.integers(1, 2**32 - 1))
