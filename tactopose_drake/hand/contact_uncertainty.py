@@ -6,7 +6,8 @@ elsewhere and otherwise; the fingertip is thicker or thinner; and what the senso
 moves a contact's point and what turns its normal by the same joint is one error.
 
 Of a finger that was calibrated, the errors are those that the calibration has left, with their correlations, and the
-noise of a single contact that it has found.
+noise of a single contact that it has found. Joints that its part of the calibration does not list are off as those of
+other fingers.
 """
 
 import math
@@ -70,8 +71,11 @@ class ContactUncertainty:
                 correlation = np.array(found.correlation) if found.correlation else np.eye(len(sigma))
                 shift, turn = (float(np.mean(np.square(part))) for part in (found.sigma[10:], found.sigma[7:10]))
                 self._tip_variance[finger] = shift + found.radius.sigma**2 + turn * turned[finger]
-                columns = by_joint[:, [joints.index(joint) for joint in found.joints]]
-                self._calibrated[finger] = _Calibrated(columns, correlation * np.outer(sigma, sigma))
+                listed = [joints.index(joint) for joint in found.joints]
+                others = np.delete(self._offsets, listed, axis=1)
+                self._calibrated[finger] = _Calibrated(
+                    by_joint[:, listed], others, correlation * np.outer(sigma, sigma)
+                )
 
     def covariance(
         self, finger: str, solution: ContactSolution, X_PS: RigidTransform, kinematics: HandKinematics
@@ -117,7 +121,8 @@ class ContactUncertainty:
         self, finger: str, solution: ContactSolution, X_PS: RigidTransform, kinematics: HandKinematics
     ) -> FloatArray:
         calibrated, noise, R = self._calibrated[finger], self._noise, X_PS.rotation().matrix()
-        by_joints = kinematics.jacobian(self._frames[finger], solution.p_SC) @ calibrated.gains
+        moved = kinematics.jacobian(self._frames[finger], solution.p_SC)
+        by_joints, by_others = moved @ calibrated.gains, moved @ calibrated.others
         gains = contact_gains(wrench_of(solution)[None], self._surfaces[finger], self._layers.get(finger))
         by_contact = np.concatenate([R @ gains.point[0], R @ gains.turn[0]])
         by_mounting = np.block([[-R @ skew(solution.p_SC), R], [R, np.zeros((3, 3))]])
@@ -125,6 +130,8 @@ class ContactUncertainty:
         by_offsets = -np.concatenate([by_joints[3:], by_joints[:3]])
         J = np.column_stack([by_offsets, -by_contact[:, :6], by_contact[:, 6:], by_mounting])
         covariance: FloatArray = J @ calibrated.covariance @ J.T
+        by_others = np.concatenate([by_others[3:], by_others[:3]])
+        covariance += by_others @ by_others.T
         by_noise = by_contact[:, :6] * np.repeat([noise.moment, noise.force], 3)
         covariance += by_noise @ by_noise.T
         covariance[:3, :3] += noise.position**2 * np.eye(3)
@@ -133,7 +140,10 @@ class ContactUncertainty:
 
 
 class _Calibrated(NamedTuple):
-    """What joints add to the plant's positions, shape (nq, k), and the covariance of all of a finger's errors."""
+    """What the listed joints add to the plant's positions, shape (nq, k), what a standard deviation of each other one
+    does, and the covariance of all of a finger's errors.
+    """
 
     gains: FloatArray
+    others: FloatArray
     covariance: FloatArray

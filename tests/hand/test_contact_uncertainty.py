@@ -12,6 +12,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import exp_so3, log_so3
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solve_contact, solve_contacts
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.calibration_file import FingerCalibration, HandCalibration, MeasuredNumber
 from tactopose_drake.hand.calibration_from_errors import calibration_of
 from tactopose_drake.hand.contact_gains import contact_gains, thicker
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
@@ -269,6 +270,24 @@ def test_what_is_left_of_single_contacts_widens_a_calibrated_one_every_way() -> 
     found.fingers[finger].radius.sigma = 0.002
     uncertainty = ContactUncertainty(plant, dataclasses.replace(hand, calibration=found), HandUncertainty(**NONE))
     assert uncertainty.surface_sigma(kinematics) == pytest.approx(0.002 / math.sqrt(len(hand.sensor_frames)))
+
+
+@pytest.mark.parametrize("left", [None, 0.2], ids=["declared", "left"])
+def test_joints_that_a_finger_s_calibration_does_not_list_are_as_uncertain_as_they_are(left: float | None) -> None:
+    """As of a file written by hand, which says how thick a fingertip was found to be, and of joints what is left."""
+    plant, hand = make_hand_plant(load_hand_config("shadow_like"))
+    told, finger = HandUncertainty(**NONE | {"encoder_offset_deg": 1.0}), hand.fingers[0]
+    found = HandCalibration(fingers={finger: FingerCalibration()})
+    found.noise.position = found.noise.normal_deg = found.noise.moment = found.noise.force = 1e-12
+    if left is not None:
+        found.joint_offsets = {joint: MeasuredNumber(sigma=left) for joint in encoder_gains(plant, hand).joints}
+    kinematics = HandKinematics(plant, hand.palm_frame)
+    X_PS, solution = kinematics.poses(hand.sensor_frames)[finger], touch(hand, finger)[1]
+    without, said = (
+        ContactUncertainty(plant, each, told).covariance(finger, solution, X_PS, kinematics)
+        for each in (hand, dataclasses.replace(hand, calibration=found))
+    )
+    np.testing.assert_allclose(said, without * (1.0 if left is None else left**2), atol=1e-12)
 
 
 def test_the_surface_of_a_hand_without_fingertips_is_off_by_what_is_told() -> None:
