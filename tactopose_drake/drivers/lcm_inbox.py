@@ -49,7 +49,7 @@ class LcmInbox:
 
     Attributes:
         received: messages of senses so far.
-        lost: how many were sent meanwhile and never came, by their sequence.
+        lost: how many had not come when a later one did, by their sequence.
         passed_over: how many were received and not taken, since a newer one was there or had been.
         remarks: what is to be said of what came since the last was taken.
     """

@@ -57,6 +57,36 @@ def test_what_is_missing_is_counted_and_said_once() -> None:
     assert inbox.take_remarks() == ()
 
 
+@pytest.mark.parametrize(("sequences", "lost"), [((0, 2), 1), ((3, 3 + 10**6), 10**6 - 1), ((3, 4 + 10**6), 0)])
+def test_a_gap_is_lost_messages_unless_it_is_another_counter(sequences: tuple[int, int], lost: int) -> None:
+    link = open_lcm("memq://")
+    inbox = LcmInbox(link, "SENSES")
+    send(link, *sequences)
+    inbox.wait(0.1)
+    assert (inbox.received, inbox.lost) == (2, lost)
+    (remark,) = inbox.take_remarks()
+    assert remark == (f"{lost} messages of the senses were lost" if lost else "the senses' sender began anew")
+
+
+def test_what_was_overtaken_or_comes_twice_is_passed_over() -> None:
+    link = open_lcm("memq://")
+    inbox = LcmInbox(link, "SENSES")
+    send(link, 5, 7, 6, 7, 8)
+    inbox.wait(0.1)
+    newest = inbox.take()
+    assert newest is not None
+    assert newest.sequence == 8
+    assert (inbox.received, inbox.lost, inbox.passed_over) == (5, 1, 4)
+    assert inbox.take_remarks() == ("1 messages of the senses were lost",)
+    # A second of its own clock earlier, it is another sender.
+    send(link, 1009, 9)
+    inbox.wait(0.1)
+    newest = inbox.take()
+    assert newest is not None
+    assert newest.sequence == 9
+    assert inbox.take_remarks()[-1] == "the senses' sender began anew"
+
+
 def test_a_sender_that_begins_anew_is_said_and_nothing_is_lost() -> None:
     link = open_lcm("memq://")
     inbox = LcmInbox(link, "SENSES")
