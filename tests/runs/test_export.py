@@ -1,25 +1,30 @@
 """Recordings in other formats, read back message by message and cell by cell."""
 
 import csv
+import dataclasses
 import json
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import mcap.reader
 import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, retract
+from tactopose_drake.hand.calibration_file import HandCalibration, MeasuredNumber, save_calibration
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
+from tactopose_drake.runs import csv_export, mcap_export
 from tactopose_drake.runs.manifest import load_manifest
 from tactopose_drake.runs.recorded_senses import read_recording
 from tactopose_drake.runs.scenario_run import run_scenario
-from tactopose_drake.station.scenario import load_scenario
+from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.systems.signals import read_signals
 from tests import held_can, held_cube
 from tests.cli.test_cli import run as tactopose
+from tests.hand.grippers import write_bending_gripper, write_gripper
 
 rosbags_types = pytest.importorskip("rosbags.typesys")
 STORE = rosbags_types.get_typestore(rosbags_types.Stores.ROS2_HUMBLE)
@@ -121,6 +126,11 @@ def test_a_simulated_run_gives_every_change_of_its_signals(simulated: Path, tmp_
     for name, topic in (("joint_positions", "/joint_states"), ("prior", "/prior"), ("true_pose", "/true_pose")):
         values = [value for value in signals[name].values if value is not None]
         assert len(found[topic]) == len(values) > 0
+    for (_, said), prior in zip(found["/prior"], filter(None, signals["prior"].values), strict=True):
+        sigmas = np.repeat([prior.sigma_translation, prior.sigma_rotation], 3)
+        np.testing.assert_allclose(said.pose.covariance.reshape(6, 6), np.diag(sigmas**2), atol=1e-12)
+        at = said.pose.pose.position
+        np.testing.assert_allclose([at.x, at.y, at.z], prior.mean[:, 3], atol=1e-12)
     for state, q in zip(found["/joint_states"], signals["joint_positions"].values, strict=True):
         np.testing.assert_array_equal(state[1].position, q)
     for pad in load_hand_config("barrett_like").pads:
@@ -190,12 +200,6 @@ def test_a_table_has_all_numbers_to_the_last_bit(simulated: Path, tmp_path: Path
         [float(row["true/p_z_m"]) for row in truths],
         [X_PO.translation()[2] for X_PO in run.signals["true_pose"].values],
     )
-    found = [row for row in table if row["object/p_x_m"]]
-    best = [line["hypotheses"][0] for line in estimates(simulated) if line["hypotheses"]]
-    assert [float(row["object/probability"]) for row in found] == [line["probability"] for line in best]
-    np.testing.assert_allclose(
-        [float(row["object/sigma_v_x_m"]) ** 2 for row in found], [line["covariance"][3][3] for line in best]
-    )
 
 
 def test_a_file_that_was_there_is_said_to_be_replaced(
@@ -214,6 +218,44 @@ def test_a_table_of_a_run_on_devices_has_its_wrenches(recording: Path, tmp_path:
         last = [row for row in rows(out) if row[f"wrench/{finger}/f_x_N"]][-1]
         names = [f"m_{axis}_Nm" for axis in "xyz"] + [f"f_{axis}_N" for axis in "xyz"]
         np.testing.assert_allclose([float(last[f"wrench/{finger}/{name}"]) for name in names], F_S, atol=0.02)
+    found = [row for row in rows(out) if row["object/p_x_m"]]
+    best = [line["hypotheses"][0] for line in estimates(recording) if line["hypotheses"]]
+    assert len(best) > 3
+    assert [float(row["object/probability"]) for row in found] == [line["probability"] for line in best]
+    sigmas = [f"object/sigma_w_{axis}_rad" for axis in "xyz"] + [f"object/sigma_v_{axis}_m" for axis in "xyz"]
+    np.testing.assert_allclose(
+        [[float(row[name]) ** 2 for name in sigmas] for row in found], [np.diag(line["covariance"]) for line in best]
+    )
+    np.testing.assert_array_equal(
+        [[float(row[f"object/q_{part}"]) for part in "wxyz"] for row in found],
+        [line["quaternion_wxyz"] for line in best],
+    )
+
+
+def test_joints_that_slide_have_columns_in_metres(tmp_path: Path) -> None:
+    for path, joint, unit in (
+        (write_gripper(tmp_path), "left_slide", "m"),
+        (write_bending_gripper(tmp_path, 2), "f0_j0", "rad"),
+    ):
+        run = SimpleNamespace(manifest=SimpleNamespace(scenario=Scenario(hand=str(path))), joints=(joint,))
+        assert csv_export._columns("joint_positions", run, ()) == (f"joint/{joint}_{unit}",)  # type: ignore[arg-type]
+
+
+def test_a_calibrated_hand_is_in_tf_where_it_is(tmp_path: Path) -> None:
+    path, offset = write_bending_gripper(tmp_path, 2), np.radians(4.0)
+    save_calibration(tmp_path / "calibration.yaml", HandCalibration(joint_offsets={"f0_j0": MeasuredNumber(value=4.0)}))
+    calibrated = tmp_path / "calibrated.hand.yaml"
+    calibrated.write_text(f"{path.read_text()}calibration: calibration.yaml\n")
+    found = []
+    for hand, read in ((path, 0.3), (calibrated, 0.3 + offset)):
+        scenario = dataclasses.replace(held_cube.scenario(), hand=str(hand))
+        plant, _ = make_hand_plant(scenario.hand_config())
+        q = np.zeros(plant.num_positions())
+        q[plant.GetJointByName("f0_j0").position_start()] = read
+        run = SimpleNamespace(manifest=SimpleNamespace(scenario=scenario))
+        found.append({child: X for _, child, X in mcap_export._Hand(run).links(q)})  # type: ignore[arg-type]
+    assert found[0].keys() == found[1].keys()
+    assert all(X.IsNearlyEqualTo(found[1][link], 1e-9) for link, X in found[0].items())
 
 
 def test_what_cannot_be_exported_is_refused(
