@@ -9,6 +9,7 @@ from tactopose_drake.core.identification.library_index import (
     SAMPLES,
     LibraryIndex,
     PairCounts,
+    _weights,
     count_pairs,
 )
 from tactopose_drake.core.poses import random_rotations
@@ -93,6 +94,34 @@ def test_densities_are_those_of_the_samples_pairs(
     found = np.exp(index.scores(contacts)[0]) - LEAST_DENSITY
     # Bins beyond 2.5 standard deviations, a hundredth of each direction, are left out.
     assert found == pytest.approx(expected, rel=0.06)
+
+
+def test_bins_of_distances_begin_at_zero_and_those_of_angles_have_their_middle_there() -> None:
+    generator, table = np.random.default_rng(0), index_kernels.DISTANCE_BINS * index_kernels.ANGLE_BINS**3
+    width = np.array([index_kernels.DISTANCE, *np.full(3, index_kernels.ANGLE)])
+    for _ in range(20):
+        points, normals = (
+            0.01 * generator.normal(size=(2, 3)),
+            np.ascontiguousarray(random_rotations(generator, 2)[:, 0]),
+        )
+        counts = np.zeros(table, dtype=np.int64)
+        index_kernels.count_features(points, normals, counts)
+        for a, b in ((0, 1), (1, 0)):
+            feature = pair_feature(points[a], normals[a], points[b], normals[b]) / width
+            d, *angles = int(np.floor(feature[0])), *np.rint(feature[1:]).astype(int).tolist()
+            assert counts[np.ravel_multi_index((d, *angles), (table // 13**3, 13, 13, 13))] >= 1
+        assert counts.sum() == 2
+
+
+def test_weights_are_highest_where_a_feature_is_and_fall_alike_to_both_sides() -> None:
+    width = np.array([index_kernels.DISTANCE, *np.full(3, index_kernels.ANGLE)])
+    low, weights = _weights(np.array([20.5, 4.0, 6.0, 8.0]) * width, 0.6 * width)
+    np.testing.assert_array_equal(low + weights.argmax(axis=1), [20, 4, 6, 8])
+    for row in weights:
+        row = row[row > 0.0]
+        np.testing.assert_allclose(row, row[::-1], rtol=1e-9)
+        assert row.max() > 1.1 * np.sort(row)[-2]
+        assert row.sum() == pytest.approx(1.0, abs=0.02)
 
 
 def test_normals_that_are_any_count_as_none(models: list[ObjectModel], index: LibraryIndex) -> None:

@@ -57,6 +57,16 @@ def test_a_straight_push_on_a_sphere_moves_in_by_force_over_stiffness() -> None:
     assert solution.deformation == pytest.approx(8e-4)
 
 
+def test_a_layer_is_not_pressed_in_by_more_than_the_surface_s_radius_where_it_is_touched() -> None:
+    """A lens, whose radius at the rim is c^2 / a = 1.8 mm, less than its layer's thickness."""
+    lens, layer = Ellipsoid((0.009, 0.009, 0.004)), SoftLayer(thickness=0.003, stiffness=1000.0)
+    at_rim, folded = (solve_contact([0, 0, 0, -force, 0, 0], lens, layer=layer) for force in (1.7, 1.9))
+    np.testing.assert_allclose(at_rim.p_SC, [0.009 - 0.0017, 0.0, 0.0], atol=1e-12)
+    assert not folded.valid
+    assert folded.reason == "the soft layer is pressed in by more than its thickness or the surface's radius"
+    assert solve_contact([0, 0, 0, 0, 0, -2.5], lens, layer=layer).valid  # Its middle is flat.
+
+
 def test_neglecting_the_layer_costs_accuracy() -> None:
     layer = SoftLayer(thickness=0.003, stiffness=5000.0)
     surface = Capsule(radius=0.009, length=0.014)
