@@ -19,6 +19,19 @@ def test_the_integrals_keep_their_digits_far_from_the_origin(offset: float) -> N
     np.testing.assert_allclose(properties.inertia, INERTIA, rtol=1e-9, atol=1e-9 * INERTIA.max())
 
 
+def test_a_body_that_is_no_alike_on_all_sides_turns_about_its_centroid() -> None:
+    """A tetrahedron of edges a, b and c from a right corner, as tables have it."""
+    a, b, c = 0.03, 0.05, 0.08
+    vertices = np.array([[0.0, 0.0, 0.0], [a, 0.0, 0.0], [0.0, b, 0.0], [0.0, 0.0, c]]) + 0.02
+    properties = solid_properties(vertices, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
+    mass = DENSITY * a * b * c / 6.0
+    assert properties.volume == pytest.approx(a * b * c / 6.0)
+    np.testing.assert_allclose(properties.centroid, 0.02 + np.array([a, b, c]) / 4.0)
+    diagonal = 3.0 / 80.0 * mass * np.array([b**2 + c**2, a**2 + c**2, a**2 + b**2])
+    products = mass / 80.0 * np.array([[0.0, a * b, a * c], [a * b, 0.0, b * c], [a * c, b * c, 0.0]])
+    np.testing.assert_allclose(properties.inertia, np.diag(diagonal) + products, rtol=1e-9)
+
+
 def test_an_edge_without_a_second_face_is_refused() -> None:
     vertices, faces = arrays(cube())
     with pytest.raises(InvalidMeshError, match="is not closed after all repairs: 3 edges have no face beyond"):

@@ -25,6 +25,11 @@ def matches(
     return found[:count]
 
 
+def test_samples_are_as_far_apart_as_the_area_of_each_says(box: ObjectModel) -> None:
+    features = build_pair_features(box.samples, box.area, NO_SYMMETRY)
+    assert features.spacing**2 * len(features.points) == pytest.approx(box.area)
+
+
 def test_no_motion_changes_a_feature() -> None:
     generator = np.random.default_rng(0)
     X = make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)))[0]

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from tactopose_drake.core.shape.surface_samples import sample_surface
+from tactopose_drake.core.shape.surface_samples import points_along_surface, sample_surface
 from tests.core.meshes import arrays, ball, create, random_pose, shape_poor_in_symmetry
 
 SHAPES = {
@@ -15,6 +15,12 @@ SHAPES = {
     "boxes": shape_poor_in_symmetry(),
 }
 every_shape = pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
+
+
+@every_shape
+def test_patches_along_the_surface_cover_it(shape: trimesh.Trimesh) -> None:
+    points, _, share = points_along_surface(*arrays(shape), 777)
+    assert len(points) * share == pytest.approx(shape.area)
 
 
 @every_shape

@@ -9,7 +9,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import DENSITY_FLOOR, SurfaceDensity
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.shape.surfels import LEAST_SPACING, SPACING_SIGMAS, Surfels, surfel_spacing
+from tactopose_drake.core.shape.surfels import LEAST_SPACING, SPACING_SIGMAS, Surfels, make_surfels, surfel_spacing
 from tactopose_drake.core.validation import FloatArray
 
 SIGMA, BEND = 0.001, 0.1
@@ -25,6 +25,23 @@ def discs_of(surfels: Surfels) -> FloatArray:
     """One disc a column, without those that fill blocks, shape (9, n)."""
     rows = np.concatenate(list(surfels.blocks), axis=1).astype(np.float64)
     return np.asarray(rows[:, rows[6] > 0.0])
+
+
+def test_discs_of_a_ball_are_as_rough_as_they_are_wide() -> None:
+    """On a ball of radius r a place that is d off has a normal that is d / r off."""
+    mesh, r = trimesh.creation.icosphere(5, 0.03), 0.03
+    discs = discs_of(make_surfels(mesh.vertices, mesh.faces.astype(np.int32), mesh.area, 0.006))
+    whole = discs[:, discs[6] > 0.5 * np.median(discs[6])]
+    assert np.mean(whole[8] * r**2 / whole[7]) == pytest.approx(1.0, rel=0.1)
+    assert discs[6].sum() == pytest.approx(mesh.area, rel=1e-3)
+
+
+def test_discs_of_what_is_much_bent_are_single_points_of_even_squares() -> None:
+    mesh = trimesh.creation.icosphere(4, 0.001)
+    discs = discs_of(make_surfels(mesh.vertices, mesh.faces.astype(np.int32), mesh.area, 0.002))
+    single = discs[:, discs[8] == 0.0]
+    assert single.shape[1] > 0.9 * discs.shape[1]
+    np.testing.assert_allclose(single[7], single[6] / 12.0, rtol=1e-5)
 
 
 def cost(model: ObjectModel, p: list[float], n: list[float] | None, sigma: float = SIGMA) -> float:

@@ -51,3 +51,27 @@ def test_axes_that_belong_to_no_finite_group_are_refused() -> None:
 def test_impossible_symmetries_are_refused(axis: list[float], point: list[float], order: int, message: str) -> None:
     with pytest.raises(InvalidInputError, match=message):
         RotationalSymmetry(np.array(axis, dtype=float), np.array(point, dtype=float), order)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=20)
+def test_an_axis_off_the_origin_moves_it_and_may_be_seen_from_elsewhere(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    point, p_OC, places = generator.uniform(-0.1, 0.1, (3, 3))
+    symmetry = RotationalSymmetry(random_pose(generator)[:3, 2], point, 3)
+    step = 1e-6
+    back, forth = (point - exp_so3(turn * symmetry.axis) @ point for turn in (-step, step))
+    np.testing.assert_allclose((forth - back) / (2.0 * step), symmetry.moment, atol=1e-9)
+    # The same points of the object go to the same places.
+    by_O, by_C = symmetry.poses(), symmetry.seen_from(p_OC).poses()
+    in_C = transform_points(by_C, (places - p_OC)[None])
+    np.testing.assert_allclose(in_C + p_OC, transform_points(by_O, places[None]), atol=1e-12)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=20)
+def test_a_half_turn_is_a_turn_that_puts_the_axis_upside_down(seed: int) -> None:
+    symmetry = RotationalSymmetry(random_pose(np.random.default_rng(seed))[:3, 2], np.zeros(3), 0)
+    np.testing.assert_allclose(symmetry.half_turn @ symmetry.axis, -symmetry.axis, atol=1e-12)
+    np.testing.assert_allclose(symmetry.half_turn @ symmetry.half_turn.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(symmetry.half_turn) == pytest.approx(1.0)
