@@ -21,6 +21,7 @@ from tactopose_drake.hand.calibration_from_errors import calibration_of
 from tactopose_drake.hand.closed_grasps import ClosedGrasp
 from tactopose_drake.hand.hand_check import check_hand
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config
+from tactopose_drake.hand.hand_errors import HandErrors
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.hand.named_joints import NamedJoints
@@ -258,3 +259,18 @@ def test_it_is_plain_yaml(exactly_known: tuple[WrongHand, HandCalibration], tmp_
     read = yaml.safe_load((tmp_path / "calibration.yaml").read_text())
     assert read["joint_offsets"]["FFJ4"].keys() == {"value", "sigma"}
     assert len(read["fingers"]["thumb"]["correlation"]) == 5 + 13
+
+
+def test_biases_that_drift_are_those_of_the_time_that_is_asked_for() -> None:
+    plant, hand = make_hand_plant(load_hand_config("shadow_like"))
+    errors = HandErrors.of(plant, hand, HandUncertainty(), span=100.0)
+    finger, vector = errors.fingers[0], np.zeros(len(errors.sigma))
+    bias, drift = errors.place(finger, "bias"), errors.place(finger, "drift")
+    vector[bias], vector[drift] = [1e-3, 2e-3, 3e-3, 0.1, 0.2, 0.3], np.repeat([1e-5, -1e-3], 3)
+    covariance = np.zeros((len(vector),) * 2)
+    covariance[bias, bias], covariance[drift, drift] = 0.04 * np.eye(6), 1e-6 * np.eye(6)
+    covariance[bias, drift] = covariance[drift, bias] = -1e-4 * np.eye(6)
+    found = calibration_of(errors, vector, covariance, 50.0).fingers[finger]
+    np.testing.assert_allclose(found.bias, [1.5e-3, 2.5e-3, 3.5e-3, 0.05, 0.15, 0.25])
+    np.testing.assert_allclose(found.sigma[:6], math.sqrt(0.04 + 50.0**2 * 1e-6 - 2.0 * 50.0 * 1e-4), rtol=1e-5)
+    np.testing.assert_array_equal(found.sigma[6:], 0.0)

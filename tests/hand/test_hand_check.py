@@ -42,6 +42,15 @@ def test_a_gripper_is_usable_and_described(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(("radius", "outside", "inside"), [(0.014, 2.0, 0.0), (0.0105, 0.0, 1.5)])
+def test_how_far_a_surface_is_off_its_shape_is_said(
+    tmp_path: Path, radius: float, outside: float, inside: float
+) -> None:
+    yaml = YAML.replace("radius: 0.012", f"radius: {radius}")
+    (text, *_) = (text for _, text in verdicts(check_hand(write_gripper(tmp_path, yaml=yaml)), "fingertip left")[1:])
+    assert f"up to {outside} mm outside of them and {inside} mm inside" in text
+
+
 @pytest.mark.parametrize(
     ("right", "wrong", "part", "text"),
     [

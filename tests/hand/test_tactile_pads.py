@@ -156,3 +156,11 @@ def test_an_array_lies_beside_the_hand_that_names_it(tmp_path: Path) -> None:
     hand = write_gripper(tmp_path, yaml=YAML + "pads: [{name: tip, frame: left_tip, array: pad.yaml, alpha: 1e-8}]\n")
     (pad,) = load_hand_config(hand).pads
     assert len(load_tactile_pad(pad.array).layout) == 3
+
+
+def test_a_pressure_a_little_beyond_the_range_is_the_range_and_more_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "pad.yaml"
+    path.write_text(POINTS + "model: {range: 1.0e+5, dead_cells: [2]}\n")
+    known, beyond = load_tactile_pad(path).known_pressures(np.array([1.0005e5, 1.002e5, 5e4]))
+    np.testing.assert_array_equal(known, [1e5, np.nan, np.nan])
+    np.testing.assert_array_equal(beyond, [False, True, False])
