@@ -122,6 +122,7 @@ def test_pressures_of_the_pads(can: ObjectModel) -> None:
 
 def test_a_run_that_falls_behind_its_devices_says_by_how_much() -> None:
     assert slowness_of(2.0, 2.2) == ""
+    assert slowness_of(2.0, 2.3) != ""
     assert slowness_of(2.0, 9.0).startswith("the run of 2.00 s took 9.00 s: estimates take longer than their period")
 
 
