@@ -6,6 +6,7 @@ import trimesh
 
 from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
 from tactopose_drake.core.grasping.finger_reach import FingerReach, ReachParams, alignment
+from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tests.core.grasping.fingers import RADIUS, make_finger, translation
@@ -64,6 +65,22 @@ def test_closing_presses_inwards_with_the_stated_force(touches, finger):
         # The springs' torques at one newton of push are those of one newton against the normal.
         np.testing.assert_allclose(params.stiffness * touches.closing[i], -J[0].T @ touches.n_PC[i], atol=0.02)
         assert touches.n_PC[i] @ J[0] @ touches.closing[i] < 0
+
+
+def test_a_joint_that_slides_gives_way_as_if_it_turned_at_its_arm(finger, ball):
+    chain = finger.chain
+    limits = {"lower": np.append(-0.02, chain.lower[1:]), "upper": np.append(0.02, chain.upper[1:])}
+    sliding = dataclasses.replace(finger, chain=dataclasses.replace(chain, sliding=frozenset({0}), **limits))
+    params = ReachParams()
+    found = FingerReach(sliding, params, np.random.default_rng(0)).touches(
+        ball.grid, X_PO, np.random.default_rng(1), 20
+    )
+    assert len(found) >= 3
+    _, J = sliding.chain.point_jacobians(found.q, sliding.p_ST)
+    spring = params.stiffness / np.array([SLIDING_ARM, 1.0, 1.0]) ** 2  # N/m, and N m/rad
+    pressed = -np.einsum("nim,ni->nm", J, found.n_PC)  # by 1 N
+    np.testing.assert_allclose(found.closing * spring, pressed, atol=1e-9)
+    assert np.abs(pressed[:, 0]).max() > 0.05
 
 
 def test_opening_lifts_the_fingertip(touches, finger):
