@@ -69,8 +69,9 @@ def first_hits(
 ) -> None:
     """The first place of each motion's tip (m, s, 3) within a radius of the object, into place (B, m); else s.
 
-    The gaps to the object there and at the place before it go to after and before (B, m); a motion that starts within
-    the object has hit at its second place.
+    The gaps to the object there and at the place before it go to after and before (B, m), which stay as they are where
+    nothing is hit. The first place never counts: a motion that starts within the object and is still there at its
+    second place has hit at that.
     """
     places = tip.shape[1]
     for b in range(X.shape[0]):
