@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.math import RigidTransform, RotationMatrix
 
 from tactopose_drake.core.poses import random_rotations
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -154,22 +154,6 @@ def test_a_hole_is_no_collision(capsule: HandConfig, mug: ObjectModel) -> None:
     filled = coarse_model(hull)
     assert check_collisions(capsule, mug, [0.0], at(*inside)).depth[0] == 0.0
     assert check_collisions(capsule, filled, [0.0], at(*inside)).depth[0] == pytest.approx(0.009)
-
-
-def test_poses_are_in_the_palm_s_frame_wherever_that_is_on_its_link(
-    capsule: HandConfig, wall: ObjectModel, tmp_path: Path
-) -> None:
-    frame = '<frame name="P" attached_to="palm"><pose>0.01 -0.02 0.03 0.3 -0.2 0.5</pose></frame>'
-    path, X_BP = tmp_path / "tiny.sdf", RigidTransform(RollPitchYaw(0.3, -0.2, 0.5), [0.01, -0.02, 0.03])
-    path.write_text(Path(capsule.model).read_text().replace("</model>", f"{frame}</model>"))
-    moved = dataclasses.replace(capsule, model=str(path), palm_frame="P")
-    X_BO = [RigidTransform(RollPitchYaw(0.1, 0.2, 0.0), [0.0, 0.0, z]) for z in np.linspace(-0.06, 0.06, 13)]
-    by_link = check_collisions(capsule, wall, [0.01], np.array([X.GetAsMatrix34() for X in X_BO])).depth
-    by_palm = check_collisions(
-        moved, wall, [0.01], np.array([(X_BP.inverse() @ X).GetAsMatrix34() for X in X_BO])
-    ).depth
-    assert np.any((by_link > 1e-3) & (by_link < 8e-3))
-    np.testing.assert_allclose(by_palm, by_link, atol=5e-5)
 
 
 def test_the_joints_move_the_hand(capsule: HandConfig, wall: ObjectModel) -> None:

@@ -1,30 +1,25 @@
 """Recordings in other formats, read back message by message and cell by cell."""
 
 import csv
-import dataclasses
 import json
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import mcap.reader
 import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, retract
-from tactopose_drake.hand.calibration_file import HandCalibration, MeasuredNumber, save_calibration
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
-from tactopose_drake.runs import csv_export, mcap_export
 from tactopose_drake.runs.manifest import load_manifest
 from tactopose_drake.runs.recorded_senses import read_recording
 from tactopose_drake.runs.scenario_run import run_scenario
-from tactopose_drake.station.scenario import Scenario, load_scenario
+from tactopose_drake.station.scenario import load_scenario
 from tactopose_drake.systems.signals import read_signals
 from tests import held_can, held_cube
 from tests.cli.test_cli import run as tactopose
-from tests.hand.grippers import write_bending_gripper, write_gripper
 
 rosbags_types = pytest.importorskip("rosbags.typesys")
 STORE = rosbags_types.get_typestore(rosbags_types.Stores.ROS2_HUMBLE)
@@ -230,32 +225,6 @@ def test_a_table_of_a_run_on_devices_has_its_wrenches(recording: Path, tmp_path:
         [[float(row[f"object/q_{part}"]) for part in "wxyz"] for row in found],
         [line["quaternion_wxyz"] for line in best],
     )
-
-
-def test_joints_that_slide_have_columns_in_metres(tmp_path: Path) -> None:
-    for path, joint, unit in (
-        (write_gripper(tmp_path), "left_slide", "m"),
-        (write_bending_gripper(tmp_path, 2), "f0_j0", "rad"),
-    ):
-        run = SimpleNamespace(manifest=SimpleNamespace(scenario=Scenario(hand=str(path))), joints=(joint,))
-        assert csv_export._columns("joint_positions", run, ()) == (f"joint/{joint}_{unit}",)  # type: ignore[arg-type]
-
-
-def test_a_calibrated_hand_is_in_tf_where_it_is(tmp_path: Path) -> None:
-    path, offset = write_bending_gripper(tmp_path, 2), np.radians(4.0)
-    save_calibration(tmp_path / "calibration.yaml", HandCalibration(joint_offsets={"f0_j0": MeasuredNumber(value=4.0)}))
-    calibrated = tmp_path / "calibrated.hand.yaml"
-    calibrated.write_text(f"{path.read_text()}calibration: calibration.yaml\n")
-    found = []
-    for hand, read in ((path, 0.3), (calibrated, 0.3 + offset)):
-        scenario = dataclasses.replace(held_cube.scenario(), hand=str(hand))
-        plant, _ = make_hand_plant(scenario.hand_config())
-        q = np.zeros(plant.num_positions())
-        q[plant.GetJointByName("f0_j0").position_start()] = read
-        run = SimpleNamespace(manifest=SimpleNamespace(scenario=scenario))
-        found.append({child: X for _, child, X in mcap_export._Hand(run).links(q)})  # type: ignore[arg-type]
-    assert found[0].keys() == found[1].keys()
-    assert all(X.IsNearlyEqualTo(found[1][link], 1e-9) for link, X in found[0].items())
 
 
 def test_what_cannot_be_exported_is_refused(
