@@ -72,7 +72,8 @@ class BarrettHand(Device[HandSample]):
         if len(strain_polynomials) != len(FINGERS):
             raise InvalidInputError(f"strain_polynomials: are {len(strain_polynomials)}; allowed are 3.")
         for finger, polynomial in zip(FINGERS, strain_polynomials, strict=True):
-            finite_array(f"strain_polynomials, {finger.name}", polynomial, (None,))
+            if not len(finite_array(f"strain_polynomials, {finger.name}", polynomial, (None,))):
+                raise InvalidInputError(f"strain_polynomials, {finger.name}: is empty; allowed are coefficients.")
         replies = {protocol.reply_identifier(puck, group) for puck in _NODES for group in ReplyGroup}
         super().__init__(bus, name, requests=frozenset({*_NODES, HAND_GROUP}), replies=frozenset(replies))
         self._mode, self._polynomials = mode, strain_polynomials

@@ -126,7 +126,8 @@ class LcmInbox:
         """Counts what is missing between two messages that came one after the other."""
         if 1 < step <= _MOST_MISSED:
             self.lost += step - 1
-            self.remarks.append(f"{step - 1} messages of the senses were lost")
+            lost = "1 message of the senses was" if step == 2 else f"{step - 1} messages of the senses were"
+            self.remarks.append(f"{lost} lost")
         elif step != 1:
             self.remarks.append("the senses' sender began anew")
 

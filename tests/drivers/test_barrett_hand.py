@@ -216,6 +216,7 @@ def test_strain_gauges_have_their_own_calibrations() -> None:
         {"timeout": -1.0},
         {"strain_polynomials": [[1.0]] * 2},
         {"strain_polynomials": [[1.0], [np.nan], [1.0]]},
+        {"strain_polynomials": [[1.0], [], [1.0]]},
     ],
 )
 def test_arguments_out_of_range_are_refused(arguments: dict) -> None:
