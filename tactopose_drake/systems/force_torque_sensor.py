@@ -118,7 +118,8 @@ class ForceTorqueSensor(CollectableSystem):
         model.validate()
         positive_number("period", period)
         self._model = model
-        self._joint = int(weld.index())
+        # Of joints that were removed again the plant gives no reaction, but the others keep their indices.
+        self._joint = list(plant.GetJointIndices()).index(weld.index())
         self._body = int(sensor_frame.body().index())
         has_weight = plant.is_gravity_enabled(weld.child_body().model_instance())
         self._g_W = np.array(plant.gravity_field().gravity_vector()) if has_weight else np.zeros(3)

@@ -78,6 +78,26 @@ def test_reads_the_applied_force_exactly_and_not_the_weight(finger) -> None:
     assert sensor.GetOutputPort("status").Eval(sensor_context) == "ok"
 
 
+def test_a_joint_that_was_removed_again_leaves_the_reaction_its_place() -> None:
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.002), builder)
+    inertia = SpatialInertia.SolidSphereWithMass(0.05, 0.01)
+    base, tip, table = (plant.AddRigidBody(name, inertia) for name in ("base", "tip", "table"))
+    plant.RemoveJoint(plant.AddJoint(RevoluteJoint("turn", plant.world_frame(), base.body_frame(), [0.0, 0.0, 1.0])))
+    plant.WeldFrames(plant.world_frame(), base.body_frame())
+    weld = plant.WeldFrames(base.body_frame(), tip.body_frame(), RigidTransform([0.1, 0.0, 0.0]))
+    plant.WeldFrames(plant.world_frame(), table.body_frame(), RigidTransform([1.0, 0.0, 0.0]))  # 0.5 N
+    plant.Finalize()
+    finger = FingerBehindJoint(builder, plant, weld, tip.body_frame())
+    sensor = make_sensor(finger, ForceTorqueModel())
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    expected = push(finger, context)
+    simulate(diagram, context)
+    measured = sensor.GetOutputPort("wrench").Eval(sensor.GetMyContextFromRoot(context))
+    np.testing.assert_allclose(measured, expected, atol=1e-12)
+
+
 def test_there_is_no_reading_before_the_first_sample(finger) -> None:
     sensor = make_sensor(finger, ForceTorqueModel())
     diagram = finger.builder.Build()
