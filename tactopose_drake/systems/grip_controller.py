@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JointActuatorIndex, PdControllerGains
+from pydrake.multibody.tree import PdControllerGains
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
 
 from tactopose_drake.core.grasping.stall_law import close_until_stalled
@@ -46,8 +46,8 @@ def set_motor_gains(plant: MultibodyPlant, hand: Hand, params: GripControllerPar
         params: stiffness and damping.
     """
     params.validate()
-    for index in range(plant.num_actuators()):
-        actuator = plant.get_mutable_joint_actuator(JointActuatorIndex(index))
+    for index in plant.GetJointActuatorIndices():
+        actuator = plant.get_mutable_joint_actuator(index)
         if actuator.model_instance() == hand.model_instance:
             actuator.set_controller_gains(PdControllerGains(p=params.stiffness, d=params.damping))
 

@@ -62,6 +62,19 @@ class Closing:
         return status
 
 
+def test_the_motors_get_their_gains_where_another_was_removed() -> None:
+    plant = MultibodyPlant(0.002)
+    door = plant.AddRigidBody("door", SpatialInertia.SolidSphereWithMass(0.1, 0.02))
+    hinge = plant.AddJoint(RevoluteJoint("hinge", plant.world_frame(), door.body_frame(), [0.0, 0.0, 1.0]))
+    motor = plant.AddJointActuator("motor", hinge)
+    hand = add_hand(plant, load_hand_config("barrett_like"), RigidTransform())
+    plant.RemoveJointActuator(motor)
+    set_motor_gains(plant, hand, GripControllerParams(stiffness=40.0, damping=0.5))
+    motors = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
+    assert len(motors) == 4
+    assert {(each.get_controller_gains().p, each.get_controller_gains().d) for each in motors} == {(40.0, 0.5)}
+
+
 def test_fingers_close_at_their_speed_and_the_spread_goes_where_it_is_told() -> None:
     hand = Closing(GripControllerParams(fixed=SPREAD, closing_speed=2.0))
     hand.simulator.AdvanceTo(0.4)
