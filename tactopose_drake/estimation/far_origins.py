@@ -35,6 +35,18 @@ def about_middle(hypothesis: PoseHypothesis, model: ObjectModel) -> PoseHypothes
     return _moved(hypothesis, -model.middle, hypothesis.covariance - _arc(hypothesis, model.middle))
 
 
+def directions_of_origin(free: FloatArray, R_PO: FloatArray, p_OC: FloatArray) -> FloatArray:
+    """Free increments of O's pose by those of C's, orthonormal rows (f, 6) both.
+
+    Args:
+        free: of C's pose.
+        R_PO: rotation of both, shape (3, 3).
+        p_OC: where C is, shape (3,), m.
+    """
+    moved: FloatArray = free @ increments_of_origin(R_PO[None], p_OC)[0].T
+    return np.linalg.qr(moved.T)[0].T if len(moved) else moved
+
+
 def _of_origin(hypothesis: PoseHypothesis, p_OC: FloatArray) -> PoseHypothesis:
     """The hypothesis of O's pose by that of C's, which is at p_OC, shape (3,), m, with O's axes."""
     moved = _moved(hypothesis, p_OC, hypothesis.covariance)
@@ -48,13 +60,11 @@ def _arc(hypothesis: PoseHypothesis, p_OC: FloatArray) -> FloatArray:
 
 def _moved(hypothesis: PoseHypothesis, p_OC: FloatArray, covariance: FloatArray) -> PoseHypothesis:
     """The hypothesis of O's pose by that of C's, with what is linear in the increments."""
-    J = increments_of_origin(hypothesis.X_PO.rotation().matrix()[None], p_OC)[0]
-    free = hypothesis.free_directions @ J.T
-    if len(free):
-        free = np.linalg.qr(free.T)[0].T
+    R_PO = hypothesis.X_PO.rotation().matrix()
+    J = increments_of_origin(R_PO[None], p_OC)[0]
     return dataclasses.replace(
         hypothesis,
         X_PO=hypothesis.X_PO @ RigidTransform(-p_OC),
         covariance=J @ covariance @ J.T,
-        free_directions=free,
+        free_directions=directions_of_origin(hypothesis.free_directions, R_PO, p_OC),
     )

@@ -262,7 +262,7 @@ class PoseBeliefEstimator(CollectableSystem):
 
     def _calc_hypotheses(self, context: Context, output: AbstractValue) -> None:
         timed = context.get_abstract_state(self._shown).get_value()
-        output.set_value(estimate_of(timed.belief, self._model.size, timed.duration))
+        output.set_value(estimate_of(timed.belief, self._model, timed.duration))
 
     def _calc_status(self, context: Context, output: AbstractValue) -> None:
         output.set_value(self._belief(context).message)

@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+import trimesh
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
@@ -85,6 +86,18 @@ def test_touch_and_vision_give_the_pose_on_every_port(box: ObjectModel) -> None:
     covariance = bench.read("covariance").reshape(6, 6)
     np.testing.assert_array_equal(covariance, estimate.best.covariance)
     assert np.linalg.eigvalsh(covariance)[0] > 0.0
+
+
+def test_what_is_free_does_not_hang_on_where_the_object_has_its_origin(box: ObjectModel) -> None:
+    offset = np.array([2.0, -0.5, 1.0])
+    mesh = trimesh.Trimesh(box.vertices + offset, box.faces, process=False)
+    bench = Bench(PoseBeliefEstimator(ObjectModel.from_mesh(mesh, cache=False, symmetry="none")))
+    bench.fix(prior=PosePrior(SEEN.X_PO @ RigidTransform(-offset), 0.02, math.radians(10)))
+    bench.feel(3)
+    best = bench.read("hypotheses").best
+    # Two metres away, turns by a few degrees move the origin by more than a tenth of the object's size.
+    assert np.sqrt(np.trace(best.covariance[3:, 3:])) > 0.03
+    assert best.free_directions.shape == (0, 6)
 
 
 def test_a_table_says_how_far_the_object_has_slid_in_the_hand(box: ObjectModel) -> None:
