@@ -1,14 +1,18 @@
 """What is drawn of how sure a pose is: where points of the object may be, and along what the touch leaves it free."""
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
 from tactopose_drake.core.posterior import determined_rows
+from tactopose_drake.core.posterior.moved_origin import has_far_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.descriptions import direction_name
+from tactopose_drake.estimation.far_origins import about_middle
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.visualization.appearance import MOST_FREE
 from tactopose_drake.visualization.arrow_shapes import SLIDE_TIP, TURN_TIP
 from tactopose_drake.visualization.scene import ShownHypothesis
@@ -80,12 +84,15 @@ def ellipsoids(model: ObjectModel, hypothesis: ShownHypothesis, p_OQ: FloatArray
     """Where points (n, 3) of the object are; none without a covariance."""
     if hypothesis.covariance is None:
         return []
-    rows = determined_rows(hypothesis.covariance, hypothesis.free_directions, model.size)
+    p_ON = model.middle if has_far_origin(model) else np.zeros(3)
+    near = _seen_near(model, hypothesis)
+    assert near.covariance is not None
+    rows = determined_rows(near.covariance, near.free_directions, model.size)
     R_PO = hypothesis.X_PO.rotation().matrix()
     found = []
     for point in p_OQ:
         # R exp(w) p + v: the point moves by w x p + R' v in O.
-        moved = np.cross(rows[:, :3], point) + rows[:, 3:] @ R_PO
+        moved = np.cross(rows[:, :3], point - p_ON) + rows[:, 3:] @ R_PO
         variance, axes = np.linalg.eigh(moved.T @ moved)
         axes = axes * np.sign(np.linalg.det(axes))
         radii = _SIGMAS * np.sqrt(np.maximum(variance, 0.0))
@@ -98,6 +105,8 @@ def free_arrows(model: ObjectModel, hypothesis: ShownHypothesis) -> list[FreeArr
     """The free directions of a hypothesis as arrows in P; none where there are more than can be told apart."""
     if len(hypothesis.free_directions) > MOST_FREE:
         return []
+    if has_far_origin(model):
+        model, hypothesis = model.about_middle, _seen_near(model, hypothesis)
     X_PO = hypothesis.X_PO
     R_PO = X_PO.rotation().matrix()
     arrows = []
@@ -108,6 +117,21 @@ def free_arrows(model: ObjectModel, hypothesis: ShownHypothesis) -> list[FreeArr
         X_OA, scale = _turn(model, w_O, v_O) if is_turn else _slide(model, v_O)
         arrows.append(FreeArrow(is_turn, X_PO @ X_OA, scale, direction_name(direction, R_PO)))
     return arrows
+
+
+def _seen_near(model: ObjectModel, hypothesis: ShownHypothesis) -> ShownHypothesis:
+    """The hypothesis of where the object's middle is, if its origin is far away, about which turns move it far."""
+    if not has_far_origin(model):
+        return hypothesis
+    covariance = np.eye(6) if hypothesis.covariance is None else hypothesis.covariance
+    told = PoseHypothesis(hypothesis.X_PO, 0.0, hypothesis.probability, covariance, hypothesis.free_directions)
+    near = about_middle(told, model)
+    return dataclasses.replace(
+        hypothesis,
+        X_PO=near.X_PO,
+        covariance=None if hypothesis.covariance is None else near.covariance,
+        free_directions=near.free_directions,
+    )
 
 
 def _turn(model: ObjectModel, w_O: FloatArray, v_O: FloatArray) -> tuple[RigidTransform, float]:

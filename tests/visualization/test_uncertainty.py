@@ -4,7 +4,10 @@ import trimesh
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.core.poses import retract
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
+from tactopose_drake.core.posterior.moved_origin import mixture_of_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.estimation.far_origins import directions_of_origin
 from tactopose_drake.visualization.scene import ShownHypothesis
 from tactopose_drake.visualization.uncertainty import POINTS, ellipsoids, free_arrows, shown_points
 
@@ -53,6 +56,33 @@ def test_a_turn_is_drawn_about_its_axis_and_outside_of_the_object(model: ObjectM
     np.testing.assert_allclose(X_OA.translation()[:2], through[:2], atol=1e-9)
     np.testing.assert_allclose(X_OA.rotation().matrix()[:, 2], axis, atol=1e-9)
     assert arrow.scale > np.hypot(0.04, 0.045)
+
+
+def test_where_an_object_has_its_origin_changes_nothing_of_what_is_drawn(model: ObjectModel) -> None:
+    middle = np.array([2.0, -0.5, 1.0])
+    far = ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.08, 0.1)).apply_translation(middle), cache=False)
+    R_PO = X_PO.rotation().matrix()
+    z, nothing = np.array([0.0, 0.0, 1.0]), np.zeros(3)
+    turn, slide = np.concatenate([z, nothing]), np.concatenate([nothing, R_PO @ z])
+    covariance = np.diag(np.square([0.02, 0.03, 0.4, 0.001, 0.002, 0.003])) + 1e-3 * np.outer(slide, slide)
+    own = GaussianMixture(X_PO.GetAsMatrix34()[None], np.ones(1), covariance[None])
+    of_origin = mixture_of_origin(own, middle)
+    free = np.stack([turn, slide])
+    shown = ShownHypothesis(X_PO, 1.0, covariance, free)
+    moved = directions_of_origin(free, R_PO, middle)
+    of_far = ShownHypothesis(RigidTransform(of_origin.X_PO[0]), 1.0, of_origin.covariance[0], moved)
+    for arrow, other in zip(free_arrows(model, shown), free_arrows(far, of_far), strict=True):
+        assert other.name == arrow.name
+        assert other.scale == pytest.approx(arrow.scale)
+        np.testing.assert_allclose(other.X_PA.translation(), arrow.X_PA.translation(), atol=1e-9)
+        axis, other_axis = (X.rotation().matrix()[:, 2] for X in (arrow.X_PA, other.X_PA))
+        assert abs(axis @ other_axis) == pytest.approx(1.0)
+    points = shown_points(model)
+    for ellipsoid, other in zip(
+        ellipsoids(model, shown, points), ellipsoids(far, of_far, points + middle), strict=True
+    ):
+        np.testing.assert_allclose(other.radii, ellipsoid.radii, rtol=1e-5)
+        np.testing.assert_allclose(other.X_OE.translation(), ellipsoid.X_OE.translation() + middle, atol=1e-9)
 
 
 def test_a_slide_is_drawn_along_it_and_sticks_out(model: ObjectModel) -> None:
