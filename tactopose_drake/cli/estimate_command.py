@@ -87,7 +87,8 @@ def estimate(
     volumes = None if volume_file is None else hand.load_hand_volume(volume_file, own_hand)
     with told_of("--gravity: "):
         balance = None if gravity is None else ForceBalance(np.array(gravity))
-    check_outputs((out, html), inputs=(mesh, contacts_file, prior_file, volume_file))
+    of_hand = None if hand_name is None else Path(hand_name)
+    check_outputs((out, html), inputs=(mesh, contacts_file, prior_file, volume_file, of_hand))
     if hand_name is not None and volume_file is None:
         _warn("--hand is not used: it says whose the joints of --hand-volume are, and there is none.")
     remote = None

@@ -49,7 +49,7 @@ def run(
         loaded.hand = hand
         with told_of("--hand: "):
             loaded.validate()
-    check_outputs((html, picture), inputs=(scenario_file(scenario), record))
+    check_outputs((html, picture), inputs=(scenario_file(scenario), None if hand is None else Path(hand), record))
     drawn = _recorder(loaded) if html is not None or picture is not None else None
     earlier = [path for path in (html, picture) if path is not None and path.is_file()]
     written: list[Path] = []

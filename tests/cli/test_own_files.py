@@ -43,14 +43,18 @@ def test_what_an_input_leads_to_is_never_replaced(tmp_path: Path, capsys: pytest
     pressures = [0.0] * len(load_tactile_pad("bh280_finger").layout)
     (tmp_path / "contacts.yaml").write_text(f"patches: [{{array: pad.yaml, alpha: 1e-8, pressures: {pressures}}}]")
     (tmp_path / "volume.yaml").write_text(f"hand: {hand.name}\njoints: {{left_slide: 0.0, right_slide: 0.0}}")
+    (tmp_path / "joints.yaml").write_text("joints: {left_slide: 0.0, right_slide: 0.0}")
     scenario = tmp_path / "own.scenario.yaml"
     scenario.write_text(f"hand: {hand.name}\nobject: cube.sdf")
+    other = tmp_path / "other.scenario.yaml"
+    other.write_text("object: cube.sdf")
     (tmp_path / "grasps").mkdir()
     (tmp_path / "library").mkdir()
     (tmp_path / "library.yaml").write_text("cube: {mesh: cube.obj}")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
     touch = ["--contacts", tmp_path / "contacts.yaml"]
     estimate = ["estimate", "--object", tmp_path / "cube.sdf", *touch, "--hand-volume", tmp_path / "volume.yaml"]
+    of_hand = [*estimate[:-1], tmp_path / "joints.yaml", "--hand", hand]
     identify = ["identify", "--library", tmp_path / "library.yaml", *touch]
     calibrate = ["calibrate", "--hand", hand, "--object", tmp_path / "cube.sdf", "--grasps", tmp_path / "grasps"]
     replay = ["replay", tmp_path / "recording", "--scenario", scenario]
@@ -58,11 +62,13 @@ def test_what_an_input_leads_to_is_never_replaced(tmp_path: Path, capsys: pytest
         (["check-hand", hand, "--html"], "two_finger.urdf"),
         (["run", scenario, "--html"], "two_finger.urdf"),
         (["run", scenario, "--picture"], "cube.obj"),
+        (["run", other, "--hand", hand, "--html"], "two_finger.urdf"),
         ([*replay, "--out"], "two_finger.hand.yaml"),
         ([*replay, "--html"], "cube.obj"),
         ([*estimate, "--out"], "cube.obj"),
         ([*estimate, "--out"], "pad.yaml"),
         ([*estimate, "--html"], "two_finger.urdf"),
+        ([*of_hand, "--out"], "two_finger.urdf"),
         ([*identify, "--out"], "cube.obj"),
         ([*identify, "--out"], "pad.yaml"),
         ([*calibrate, "--out"], "cube.obj"),
