@@ -73,7 +73,7 @@ def identify_command(
     with comparing, naming_contacts_of(contacts_file):
         found = identify(library, contacts, patches=patches, likelihood=likelihood, unknown_prior=unknown_prior)
     OUT.print(_table(found))
-    OUT.print(_line(found))
+    OUT.print(identification_line(found))
     if out is not None:
         earlier = [out] if out.is_file() else []
         save_identification(out, found)
@@ -129,12 +129,15 @@ def _table(found: Identification) -> Table:
     return table
 
 
-def _line(found: Identification) -> str:
+def identification_line(found: Identification) -> str:
     """What the status means, in a sentence."""
-    ties = [identity.name for identity in found if identity.rank == found.best.rank]
-    name = found.best.name if len(ties) == 1 else f"{' or '.join(ties)}, which have the same shape"
-    if found.unknown >= found.best.probability:
+    ties = [identity for identity in found if identity.rank == found.best.rank]
+    names = [identity.name for identity in ties]
+    name = found.best.name if len(ties) == 1 else f"{' or '.join(names)}, which have the same shape"
+    if found.unknown >= 0.5:
         explanation = f"It is probably {_NONE} ({found.unknown:.0%}); the nearest is {name}."
+    elif found.unknown >= sum(identity.probability for identity in ties):
+        explanation = f"That is not certain; it may be {_NONE} ({found.unknown:.0%}), or {name}."
     else:
         explanation = {
             "ok": f"It is {name}.",

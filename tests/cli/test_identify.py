@@ -7,8 +7,11 @@ import pytest
 import trimesh
 import yaml
 
+from tactopose_drake.cli.identify_command import identification_line
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.statuses import Status
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tactopose_drake.estimation.identities import Identification, Identity
 from tests.cli.test_cli import run as tactopose
 from tests.core.meshes import random_pose, shape_poor_in_symmetry
 
@@ -109,6 +112,39 @@ def test_equal_shapes_are_named_together(folder: Path, capsys: pytest.CaptureFix
         (library / f"{name}.stl").write_bytes((folder / "library" / "block.stl").read_bytes())
     assert run(library, folder / "contacts.yaml") == 0
     assert "ok: It is block or brick, which have the same shape." in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("probability", "unknown", "status", "said"),
+    [
+        # Of each of two objects of one shape.
+        (0.29, 0.40, "ambiguous", "That is not certain; the most probable is cup or mug, which have the same shape."),
+        (0.47, 0.05, "ok", "It is cup or mug, which have the same shape."),
+        (
+            0.22,
+            0.44,
+            "ambiguous",
+            "That is not certain; it may be none of these (44%), or cup or mug, which have the same",
+        ),
+        (
+            0.20,
+            0.50,
+            "ambiguous",
+            "It is probably none of these (50%); the nearest is cup or mug, which have the same shape.",
+        ),
+    ],
+)
+def test_what_is_said_counts_objects_of_one_shape_together(
+    probability: float, unknown: float, status: Status, said: str
+) -> None:
+    known, rest = 1.0 - unknown, 1.0 - unknown - 2.0 * probability
+    objects = [
+        Identity(name, index, rank, share / known, share, -3.0, None)
+        for index, (name, rank, share) in enumerate(
+            [("cup", 1, probability), ("mug", 1, probability), ("box", 3, rest)]
+        )
+    ]
+    assert said in identification_line(Identification(tuple(objects), status, 0.1, unknown))
 
 
 def test_unusable_input_has_status_two_and_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
