@@ -7,6 +7,7 @@ import trimesh
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RotationMatrix
 
+from tactopose_drake.core.evidence.patch_contacts import tell_normals
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.core.vision.rasterizer import DrawnSurface
 from tactopose_drake.visualization.appearance import (
@@ -95,10 +96,11 @@ def _contacts(scene: Scene) -> Iterable[Painted]:
 
 def _cones(scene: Scene) -> Iterable[Painted]:
     """Friction cones at the contacts, where a coefficient of friction is to be drawn."""
-    n_PC = scene.contacts.n_PC
-    if scene.friction is None or n_PC is None:
+    contacts = scene.contacts
+    if scene.friction is None or contacts.n_PC is None:
         return
-    for point, normal in zip(scene.contacts.p_PC, n_PC, strict=True):
+    told = tell_normals(contacts)
+    for point, normal in zip(contacts.p_PC[told], contacts.n_PC[told], strict=True):
         cone = trimesh.creation.cone(radius=scene.friction * CONE_LENGTH, height=CONE_LENGTH)
         cone.vertices = [0.0, 0.0, CONE_LENGTH] - cone.vertices  # on its tip, with its outside outside
         cone.invert()

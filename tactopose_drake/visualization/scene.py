@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.evidence.patch_contacts import with_patches
+from tactopose_drake.core.evidence.patch_contacts import tell_normals, with_patches
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -111,6 +111,7 @@ class Scene:
         """What can be seen in the scene, for its legend."""
         best = self.hypotheses[0] if self.hypotheses else None
         contacts, is_false = self.contacts, self.is_false
+        has_normals = bool(tell_normals(contacts).any())
         seen = {
             appearance.ESTIMATE: best is not None,
             appearance.ALTERNATIVE: len(self.alternatives) > 0,
@@ -120,11 +121,11 @@ class Scene:
             appearance.TRUTH: self.truth is not None,
             appearance.CONTACT: bool(np.any(~is_false)),
             appearance.FALSE_CONTACT: bool(np.any(is_false)),
-            appearance.NORMAL: contacts.n_PC is not None and len(contacts) > 0,
+            appearance.NORMAL: has_normals,
             appearance.FORCE: contacts.f_PC is not None and len(contacts) > 0,
             appearance.PRESSURE: any(patch.is_felt for patch in self.patches),
             appearance.PATCH_AXES: any(np.isfinite(patch.eigenvectors).any() for patch in self.patches),
-            appearance.CONE: self.friction is not None and contacts.n_PC is not None and len(contacts) > 0,
+            appearance.CONE: self.friction is not None and has_normals,
             appearance.FRAMES: self.frames,
             appearance.HAND: self.hand is not None,
         }

@@ -9,6 +9,7 @@ from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.patch_contacts import tell_normals
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.visualization.appearance import CONE, CONTACT, FALSE_CONTACT, FORCE, NORMAL, Look
 from tactopose_drake.visualization.frame_marks import shine_through
@@ -73,7 +74,7 @@ def move_touch(
         time: of the recording, s, if there is one.
         is_false: which contacts are probably none of the object, shape (k,); none of them by default.
     """
-    lengths = arrow_lengths(contacts)
+    lengths, has_normal = arrow_lengths(contacts), tell_normals(contacts)
     for row in range(count):
         at = f"{path}/{row}"
         meshcat.SetProperty(at, "visible", row < len(contacts), time)
@@ -83,8 +84,8 @@ def move_touch(
         meshcat.SetProperty(f"{at}/point", "visible", not crossed, time)
         meshcat.SetProperty(f"{at}/false", "visible", crossed, time)
         meshcat.SetTransform(at, RigidTransform(contacts.p_PC[row]), time)
-        meshcat.SetProperty(f"{at}/normal", "visible", contacts.n_PC is not None, time)
-        if contacts.n_PC is not None:
+        meshcat.SetProperty(f"{at}/normal", "visible", bool(has_normal[row]), time)
+        if contacts.n_PC is not None and has_normal[row]:
             meshcat.SetTransform(f"{at}/normal", along(contacts.n_PC[row]), time)
         has_arrow = contacts.f_PC is not None and bool(lengths[row] > _HEAD_LENGTH)
         meshcat.SetProperty(f"{at}/force", "visible", has_arrow and not crossed, time)

@@ -7,8 +7,12 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_patch import flat_pad
+from tactopose_drake.visualization.appearance import CONE, NORMAL
 from tactopose_drake.visualization.estimate_page import instant_of
+from tactopose_drake.visualization.picture_marks import certainty_surface
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis, false_contacts, touch_of
+from tactopose_drake.visualization.touch_marks import add_touch, move_touch
+from tests.recording_meshcat import RecordingMeshcat
 
 
 def pad(pressure: float) -> Patch:
@@ -31,6 +35,25 @@ def test_the_patch_that_is_false_is_the_one_that_is_drawn_so() -> None:
     fewer = dataclasses.replace(best, inlier_probability=np.array([0.1]))
     assert not false_contacts((fewer,), 4, patches).any()
     assert not false_contacts((), 4, patches).any()
+
+
+def test_a_contact_without_a_normal_is_drawn_without_one_beside_a_pad_that_has_one(blob: ObjectModel) -> None:
+    patches = (pad(1e4),)
+    touch = touch_of(Contacts([[0.0, 0.0, 0.1], [0.0, 0.1, 0.0]]), patches)
+    meshcat = RecordingMeshcat()
+    add_touch(meshcat, "/touch", 3, friction=0.5)  # type: ignore[arg-type]
+    move_touch(meshcat, "/touch", touch, 3)  # type: ignore[arg-type]
+    assert [meshcat.visible(f"/touch/{row}/normal/line") for row in range(3)] == [False, False, True]
+    assert [meshcat.visible(f"/touch/{row}/point/ball") for row in range(3)] == [True, True, True]
+    best = (ShownHypothesis(RigidTransform()),)
+    scene = Scene(model=blob, contacts=touch, patches=patches, hypotheses=best, friction=0.5)
+    assert {NORMAL, CONE} <= set(scene.looks)
+    bare = Scene(model=blob, contacts=touch[:2], hypotheses=best, friction=0.5)
+    assert not {NORMAL, CONE} & set(bare.looks)
+    assert certainty_surface(bare) is None
+    drawn = certainty_surface(scene)
+    assert drawn is not None
+    assert np.linalg.norm(drawn.vertices - touch.p_PC[2], axis=1).max() < 0.025  # of the pad's cone alone
 
 
 def test_a_pad_has_no_force_in_the_table_of_contacts(blob: ObjectModel) -> None:
