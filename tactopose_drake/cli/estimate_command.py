@@ -21,12 +21,13 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import told_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.data_checks import naming_contacts_of
-from tactopose_drake.estimation.descriptions import false_contacts_line, free_line, status_line
+from tactopose_drake.estimation.descriptions import false_contacts_line, free_line, status_line, touch_names
 from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.estimation.files import load_prior, save_result
 from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.estimation.output_files import check_outputs
+from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.search_methods import METHODS
 
 
@@ -114,9 +115,8 @@ def estimate(
             seed=seed,
             outlier_probability=outlier_probability,
         )
-    is_false = found.best.inlier_probability[: len(touch.contacts)] < 0.5
     OUT.print(hypotheses_table(found, model))
-    for line in (free_line(about_middle(found.best, model)), false_contacts_line(is_false), status_line(found)):
+    for line in (free_line(about_middle(found.best, model)), _false_line(found.best, touch), status_line(found)):
         if line:
             OUT.print(line, soft_wrap=True)
     written = [path for path in (out, html) if path is not None]
@@ -129,6 +129,12 @@ def estimate(
     if remote is not None:
         visualization.draw_scene(remote, visualization.scene_of(found))
         OUT.print(f"Drawn into the meshcat-server whose page is {remote.web_url()}", soft_wrap=True)
+
+
+def _false_line(best: PoseHypothesis, touch: hand.LoadedTouch) -> str:
+    """Which contacts, and patches that are felt, are probably none of the object, in a sentence."""
+    told = np.array([*[True] * len(touch.contacts), *(patch.is_felt for patch in touch.patches)])
+    return false_contacts_line(best.inlier_probability[told] < 0.5, touch_names(len(touch.contacts), touch.patches))
 
 
 def _load(mesh: Path, scale: float, symmetry: tuple[str, ...], mass: float | None) -> ObjectModel:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.posterior.hypotheses import determined_part, determined_rows
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
+from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.results import PoseEstimate
@@ -39,15 +40,21 @@ def status_line(estimate: PoseEstimate) -> str:
     return f"{estimate.status}: {meaning(estimate)} ({1e3 * estimate.duration:.1f} ms)"
 
 
+def touch_names(contacts: int, patches: Sequence[Patch]) -> tuple[str, ...]:
+    """Names of so many contacts, empty, and after them of the patches that are felt; none where no patch is felt."""
+    felt = [f"patch {number}" for number, patch in enumerate(patches, 1) if patch.is_felt]
+    return (*[""] * contacts, *felt) if felt else ()
+
+
 def false_contacts_line(is_false: NDArray[np.bool_], names: Sequence[str] = ()) -> str:
     """Which contacts are probably none of the object, in a sentence; empty for none.
 
     Args:
         is_false: which these are, shape (k,); they are counted from 1.
-        names: of the fingers and pads that feel the contacts; none where they are not known.
+        names: of the fingers and pads that feel the contacts, empty ones of those without; none where none is known.
     """
     rows = np.flatnonzero(is_false).tolist()
-    numbers = [f"{row + 1} ({names[row]})" if names else str(row + 1) for row in rows]
+    numbers = [f"{row + 1} ({names[row]})" if names and names[row] else str(row + 1) for row in rows]
     if not numbers:
         return ""
     which = f"contact {numbers[0]}" if len(numbers) == 1 else f"contacts {', '.join(numbers[:-1])} and {numbers[-1]}"

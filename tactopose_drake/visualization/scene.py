@@ -16,6 +16,7 @@ from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.descriptions import touch_names
 from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.visualization import appearance
@@ -144,11 +145,12 @@ def scene_of(estimate: PoseEstimate) -> Scene:
             "allowed is an estimate of `estimate_pose` of this process, or a `visualization.Scene`."
         )
     evidence = estimate.question.evidence
-    prior, hand = evidence.prior, evidence.hand
+    prior, hand, patches = evidence.prior, evidence.hand, tuple(evidence.patches)
     return Scene(
         model=estimate.question.model,
-        contacts=evidence.contacts,
-        patches=tuple(evidence.patches),
+        contacts=touch_of(evidence.contacts, patches),
+        patches=patches,
+        touched_by=touch_names(len(evidence.contacts), patches),
         hypotheses=tuple(ShownHypothesis.of(hypothesis) for hypothesis in estimate.hypotheses),
         prior=None if prior is None else RigidTransform(prior.mean),
         hand=None if hand is None or not len(hand.radius) else sphere_triangles(hand.p_PH, hand.radius),

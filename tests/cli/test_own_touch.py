@@ -135,6 +135,22 @@ def test_what_does_not_go_together_is_one_line(folder: Path, capsys: pytest.Capt
         assert text in line
 
 
+def test_a_pad_that_feels_something_else_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    silent = PATCHES.replace("1e4", "0").replace("2e4", "0").replace("0.0775", "0.3")
+    false = PATCHES.replace("patches:", "").replace("0.0775", "0.15")
+    more = """
+- {position: [0.005, 0.03, 0.02], normal: [0.0, 1.0, 0.0], force: [0.0, 2.0, 0.0]}
+- {position: [-0.005, -0.03, -0.02], normal: [0.0, -1.0, 0.0], force: [0.0, -2.0, 0.0]}
+- {position: [-0.005, -0.01, -0.045], normal: [0.0, 0.0, -1.0], force: [0.0, 0.0, -2.0]}
+"""
+    (folder / "false.yaml").write_text(TOUCH.rstrip() + more.rstrip() + silent.rstrip() + false)
+    options = ["--prior", folder / "prior.yaml", "--html", folder / "false.html"]
+    assert run("estimate", "--object", folder / "box.obj", "--contacts", folder / "false.yaml", *options) == 0
+    line = "Probably not of this object: contact 6 (patch 2)."
+    assert line in capsys.readouterr().out
+    assert line in (folder / "false.html").read_text()
+
+
 def test_an_object_is_identified_by_patches_too(folder: Path) -> None:
     library = folder / "library"
     library.mkdir()
