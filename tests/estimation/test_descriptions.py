@@ -49,6 +49,20 @@ def test_of_what_nothing_is_determined_there_is_no_sigma(free: np.ndarray, line:
     ]
 
 
+def test_of_what_is_half_determined_there_is_a_sigma() -> None:
+    covariance = np.diag(np.square([*np.radians([2.0, 2.0, 2.0]), 0.003, 0.003, 0.003]))
+    two_slides = tp.PoseHypothesis(RigidTransform(), 1.0, 1.0, covariance, np.eye(6)[3:5])
+    assert sigma_cells(two_slides, 0.1) == ("3.0", "3.5")
+    # Two turns, and a screw about the third axis: at half the size, 5 cm, a radian moves 5 cm, and it slides by 8 cm.
+    free = np.zeros((3, 6))
+    free[0, 0] = free[1, 1] = free[2, 2] = 1.0
+    free[2, 5] = 0.08
+    left = 0.08**2 / (0.05**2 + 0.08**2)  # of the third turn
+    assert left > 0.5
+    rotation, _ = determined_sigmas(tp.PoseHypothesis(RigidTransform(), 1.0, 1.0, covariance, free), 0.1)
+    assert not np.isnan(rotation)
+
+
 def test_an_ambiguous_estimate_says_why() -> None:
     cube = tp.ObjectModel.from_mesh(model_path("objects", "cube.obj"))
     single = tp.estimate_pose(cube, tp.Contacts([[0.0, 0.0, 0.1]]))

@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -10,6 +11,7 @@ from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.estimation.inference import _hypotheses
+from tactopose_drake.estimation.results import status_of
 from tactopose_drake.resources import model_path
 
 
@@ -65,6 +67,19 @@ def test_distances_alone_determine_a_pose_from_six_on(count: int, undetermined: 
     assert not tp.estimate_pose(bust, tp.Contacts(felt.p_PC), prior=tp.PosePrior(np.eye(3, 4))).undetermined
 
 
+def test_a_plane_and_a_continuous_symmetry_count_as_a_distance_each() -> None:
+    bust = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
+    p_PC = touch_surface(bust, np.eye(3, 4), 5, np.random.default_rng(0)).p_PC
+    lowest = bust.vertices[bust.vertices[:, 2].argmin()]
+    table = tp.PlaneContact(lowest, np.array([0.0, 0.0, 1.0]))
+    assert not tp.estimate_pose(bust, tp.Contacts(p_PC), planes=[table]).undetermined
+    can = tp.ObjectModel.from_mesh(model_path("objects", "cylinder.obj"))
+    assert len(can.continuous_symmetries) == 1
+    p_PC = touch_surface(can, np.eye(3, 4), 5, np.random.default_rng(0)).p_PC
+    assert not tp.estimate_pose(can, tp.Contacts(p_PC)).undetermined
+    assert tp.estimate_pose(can, tp.Contacts(p_PC[:4])).undetermined
+
+
 @pytest.mark.parametrize(("told", "normal", "status"), [(0.0009, 0.1, "ok"), (0.1, 1.5, "ambiguous")])
 def test_contacts_that_may_be_anywhere_determine_no_pose(told: float, normal: float, status: str) -> None:
     bust = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
@@ -102,6 +117,23 @@ def test_hypotheses_that_are_left_out_count_for_the_status() -> None:
     assert (left.status, left.best.probability) == ("ambiguous", 1.0)
     assert left.kept_share == pytest.approx(0.5 / 0.7)
     assert left.log_evidence == all_of_them.log_evidence
+
+
+def test_what_is_left_out_twice_counts_twice() -> None:
+    estimate = dataclasses.replace(weighed(0.5, 0.3, 0.2, status="ambiguous"), log_evidence=-4.0, kept_share=0.8)
+    assert estimate.first(2).kept_share == pytest.approx(0.8 * 0.8)
+    assert estimate.first(2).first(1).kept_share == pytest.approx(0.8 * 0.5)
+    # 0.8 times 0.3 are impossible: so much less does the object explain.
+    left = estimate.keep([True, False, True])
+    assert left.log_evidence == pytest.approx(-4.0 + math.log(1.0 - 0.8 * 0.3))
+    assert left.kept_share == pytest.approx(0.8 * 0.7 / (1.0 - 0.8 * 0.3))
+
+
+def test_of_whole_families_of_poses_one_that_explains_little_is_enough() -> None:
+    hypotheses = weighed(0.96, 0.04, explains=(False, True)).hypotheses
+    assert status_of(hypotheses, undetermined=True) == "ambiguous"
+    assert status_of(hypotheses, undetermined=False) == "no_solution"
+    assert status_of(weighed(1.0, explains=(False,)).hypotheses, undetermined=True) == "no_solution"
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
