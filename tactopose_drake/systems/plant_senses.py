@@ -67,6 +67,15 @@ def add_touch_sensors(
     return ports
 
 
+def told_hand(config: HandConfig, plant: MultibodyPlant | Hand | None, simulated_senses: bool) -> HandConfig:
+    """The hand by which a pose is estimated: where a plant simulates its senses, without its calibration.
+
+    That is of a real hand; a simulated one is as its model.
+    """
+    is_simulated = plant is not None and simulated_senses is True and isinstance(config, HandConfig)
+    return dataclasses.replace(config, calibration="") if is_simulated else config
+
+
 def add_with_plant(
     builder: DiagramBuilder,
     name: str,

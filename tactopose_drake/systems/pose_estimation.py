@@ -11,7 +11,7 @@ from tactopose_drake.core.validation import instance_of
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
-from tactopose_drake.systems.plant_senses import add_with_plant
+from tactopose_drake.systems.plant_senses import add_with_plant, told_hand
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
 from tactopose_drake.systems.touch_sensing import TouchParams, add_touch
 
@@ -82,7 +82,8 @@ def AddPoseEstimation(
         name: of the diagram in the other.
         plant: finalized plant of the same diagram that holds the hand among whatever else: joints and palm are its. Of
             several such hands in it, the one that `add_hand` gave.
-        simulated_senses: whether, with a plant, wrenches are of its reaction forces, and pressures of its contacts.
+        simulated_senses: whether, with a plant, wrenches are of its reaction forces, and pressures of its contacts. A
+            calibration in the hand's file, which is of a real hand, then counts for nothing.
 
     Returns:
         The diagram; all other ports are to be connected by name.
@@ -91,6 +92,7 @@ def AddPoseEstimation(
         InvalidInputError: if a parameter is out of its range, a system of the builder has the name already, or the
             plant is not finalized or not the builder's, or holds no such hand, or several.
     """
+    hand = told_hand(hand, plant, simulated_senses)
     estimation = MakePoseEstimation(hand, model, params)
     return add_with_plant(builder, name, estimation, hand, plant, simulated_senses)
 

@@ -16,7 +16,7 @@ from tactopose_drake.systems.belief_inputs import pad_source
 from tactopose_drake.systems.fingertip_velocities import FingertipVelocities
 from tactopose_drake.systems.joint_offset_refiner import JointOffsetRefiner
 from tactopose_drake.systems.live_pose_belief_estimator import LivePoseBeliefEstimator
-from tactopose_drake.systems.plant_senses import add_with_plant
+from tactopose_drake.systems.plant_senses import add_with_plant, told_hand
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams
 from tactopose_drake.systems.touch_sensing import TouchParams, add_touch
 
@@ -105,6 +105,7 @@ def AddPoseTracking(
         InvalidInputError: if a parameter is out of its range, a system of the builder has the name already, or the
             plant is not finalized or not the builder's, or holds no such hand, or several.
     """
+    hand = told_hand(hand, plant, simulated_senses)
     return add_with_plant(builder, name, MakePoseTracking(hand, model, params), hand, plant, simulated_senses)
 
 

@@ -1,19 +1,23 @@
 """A hand whose calibration has found its encoders to be off: all that takes joint positions takes the true ones."""
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from tactopose_drake.core.calibration.offset_refinement import OffsetRefinementParams
 from tactopose_drake.hand.calibration_file import HandCalibration, MeasuredNumber, save_calibration
 from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
-from tactopose_drake.hand.hand_in_plant import make_hand_plant
+from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
 from tactopose_drake.hand.joint_matrices import reading_offsets
-from tactopose_drake.systems.pose_tracking import MakePoseTracking, PoseTrackingParams
+from tactopose_drake.systems.pose_estimation import AddPoseEstimation, PoseEstimationParams
+from tactopose_drake.systems.pose_tracking import AddPoseTracking, MakePoseTracking, PoseTrackingParams
 from tactopose_drake.systems.touch_exploration import AddTouchExploration
 from tests.core.tracking.boxes import make_box
 
@@ -75,3 +79,26 @@ def test_an_exploration_takes_the_true_positions_and_commands_what_encoders_will
     commanded = exploration.GetOutputPort("rest_positions").Eval(context)
     np.testing.assert_allclose(commanded, truly + offsets, atol=1e-12)
     builder.Build()
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+@pytest.mark.parametrize(
+    ("add", "params"), [(AddPoseEstimation, PoseEstimationParams), (AddPoseTracking, PoseTrackingParams)]
+)
+def test_a_simulated_hand_is_as_its_model_whatever_a_calibration_has_found(
+    hand: HandConfig, offsets: np.ndarray, add: Callable[..., Diagram], params: Callable[..., object], simulated: bool
+) -> None:
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.004), builder)
+    in_plant = add_hand(plant, hand, RigidTransform())
+    plant.Finalize()
+    bare = params(use_hand_volume=False, check_collisions=False)
+    estimation = add(builder, hand, make_box(), bare, plant=in_plant, simulated_senses=simulated)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    q = np.full(len(offsets), 0.3)
+    plant.SetPositions(plant.GetMyMutableContextFromRoot(context), in_plant.model_instance, q)
+    found = taken(estimation, context)
+    assert "contacts_in_palm" in found
+    for positions in found.values():
+        np.testing.assert_allclose(positions, q if simulated else q - offsets, atol=1e-12)
