@@ -32,7 +32,8 @@ from tests.core.vision.seen_scenes import depth_of_scene
 X_WPalm = RigidTransform(RollPitchYaw(0.2, 0.1, 0.5), [0.1, 0.1, 0.1])
 X_PalmP = RigidTransform(RollPitchYaw(0.0, 0.7, 0.0), [0.0, 0.02, 0.05])
 X_WO = RigidTransform(RollPitchYaw(0.5, -0.3, 1.2), [0.0, 0.05, 0.5])
-X_WC = RigidTransform(RollPitchYaw(math.pi, 0.0, 0.0), [0.0, 0.05, 1.3])  # straight above, looking down
+# Straight above, looking down; turned, so that the camera's pose is not its own inverse.
+X_WC = RigidTransform(RollPitchYaw(math.pi, 0.0, 0.3), [0.0, 0.05, 1.3])
 X_WSlab = RigidTransform([0.0, 0.05, 0.7])
 X_PO = ((X_WPalm @ X_PalmP).inverse() @ X_WO).GetAsMatrix34()
 

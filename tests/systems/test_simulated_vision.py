@@ -34,7 +34,7 @@ def object_model() -> ObjectModel:
 
 
 def make_station(
-    object_model: ObjectModel, p_WFinger: tuple[float, float, float]
+    object_model: ObjectModel, p_WFinger: tuple[float, float, float], X_WO: RigidTransform = X_WO
 ) -> tuple[Diagram, MultibodyPlant, SimulatedVision]:
     """An object, a palm, and a ball of 5 cm on the palm's model instance at a point of the world."""
     builder = DiagramBuilder()
@@ -91,6 +91,15 @@ def test_a_ball_at_the_objects_edge_hides_a_part(object_model: ObjectModel) -> N
     diagram, _, vision = make_station(object_model, (0.04, 0.05, 0.6))
     hidden = vision.GetOutputPort("hidden_share").Eval(look_once(diagram, vision))[0]
     assert 0.3 < hidden < 0.9
+
+
+def test_how_much_of_a_ball_is_hidden_does_not_hang_on_how_it_is_turned(object_model: ObjectModel) -> None:
+    shares = []
+    for turn in (0.0, 0.5 * math.pi, math.pi):
+        X_turned = X_WO @ RigidTransform(RollPitchYaw(turn, 0.3, 0.0), np.zeros(3))
+        diagram, _, vision = make_station(object_model, (0.04, 0.05, 0.6), X_turned)
+        shares.append(vision.GetOutputPort("hidden_share").Eval(look_once(diagram, vision))[0])
+    np.testing.assert_allclose(shares, shares[0], atol=0.08)
 
 
 def test_the_same_seed_sees_the_same_and_each_frame_errs_anew(object_model: ObjectModel) -> None:

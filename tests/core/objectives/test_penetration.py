@@ -164,3 +164,27 @@ def test_the_slope_of_the_deepest_overlap_is_its_derivative(ball: ObjectModel) -
     for X, slope in zip(X_PO, overlap_slope(ball.grid, hand, X_PO), strict=True):
         changes = [deepest(retract(X, step * row)) - deepest(retract(X, -step * row)) for row in np.eye(6)]
         assert np.array(changes) / (2.0 * step) == pytest.approx(slope, abs=0.05)
+
+
+def test_so_it_is_where_the_surface_is_no_ball_and_the_spheres_are_of_unlike_sizes(blob: ObjectModel) -> None:
+    # The largest sphere reaches deepest, though its centre is farthest.
+    directions = np.array([[1.0, 0.2, -0.1], [-0.3, 1.0, 0.4], [0.2, -0.5, -1.0]])
+    rays = directions[:, None] * np.linspace(0.0, 0.2, 4001)[:, None]
+    outside = np.array([ray[np.flatnonzero(blob.grid.distance(ray) > 0.004)[0]] for ray in rays])
+    farther = rays[0][np.flatnonzero(blob.grid.distance(rays[0]) > 0.010)[0]]
+    centers, radii, step = np.concatenate([farther[None], outside[1:]]), np.array([0.018, 0.006, 0.006]), 1e-5
+    X_PO = retract(poses_near(4, 12, 0.0005), np.repeat([0.02, 0.0], 3) * np.random.default_rng(1).normal(size=(12, 6)))
+    hand = HandGeometry(transform_points(X_PO.mean(axis=0), centers), radii)
+
+    def deepest(X: np.ndarray) -> float:
+        return float((radii - blob.grid.distance(transform_points(inverse(X), hand.p_PH))).max())
+
+    slopes = overlap_slope(blob.grid, hand, X_PO)
+    changes = np.array(
+        [[deepest(retract(X, step * row)) - deepest(retract(X, -step * row)) for row in np.eye(6)] for X in X_PO]
+    ) / (2.0 * step)
+    # Normals are those of the cell, the derivative that of the distance in it. By turns it is in metres.
+    for part in (slice(0, 3), slice(3, 6)):
+        off = np.linalg.norm(changes[:, part] - slopes[:, part]) / np.linalg.norm(changes[:, part])
+        assert off < 0.3
+    assert np.median(np.linalg.norm(changes[:, :3], axis=1)) > 0.005
