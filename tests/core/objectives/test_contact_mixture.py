@@ -123,6 +123,27 @@ def test_a_contact_is_as_told_by_itself_or_beside_the_one_that_is_not(box: Objec
         assert judged.inlier_probability[0, i] == pytest.approx(told[i] * beside / total, rel=1e-6, abs=1e-12)
 
 
+@pytest.mark.parametrize("doubt", [DOUBT, SCEPTIC])
+def test_a_contact_is_false_that_is_less_than_half_as_sure_as_an_exact_one(
+    box: ObjectModel, doubt: ContactDoubt
+) -> None:
+    X_PO = pose(2)
+    exact = touch(box, X_PO, 2, noise=0.0)
+    doubt = dataclasses.replace(doubt, doublings=((0, 0, 1.0),), kinds=ContactKinds(displaced=30.0))
+    sure = ContactMixture(box, exact, 0.2, doubt).judge(X_PO).inlier_probability[0, 3]
+    assert sure < 0.99
+    shares = []
+    for way in np.linspace(0.0, 0.006, 61):
+        points = exact.p_PC.copy()
+        points[3] += way * exact.n_PC[3]
+        judged = ContactMixture(box, Contacts(points, exact.n_PC), 0.2, doubt).judge(X_PO)
+        shares.append(judged.inlier_probability[0, 3] / sure)
+        assert judged.is_false[0, 3] == (shares[-1] < 0.5) or abs(shares[-1] - 0.5) < 0.03
+        assert not judged.is_false[0, :3].any()
+    assert np.count_nonzero((np.array(shares) > 0.55) & (np.array(shares) < 0.9)) >= 3
+    assert min(shares) < 0.1
+
+
 def test_two_false_contacts_are_less_likely_than_one_by_the_doubt_of_one(box: ObjectModel) -> None:
     X_PO = pose(4)
     contacts = touch(box, X_PO, 4)

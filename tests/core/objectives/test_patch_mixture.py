@@ -1,12 +1,16 @@
+import math
+
 import numpy as np
 import pytest
 
+from tactopose_drake.core.evidence.contact_doubt import ContactKinds
+from tactopose_drake.core.evidence.patch_contacts import patch_contacts
 from tactopose_drake.core.objectives.patch_contact import PatchContact
 from tactopose_drake.core.objectives.patch_mixture import PatchMixture
 from tactopose_drake.core.poses import make_poses, random_rotations, retract, transform_points
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.synthetic.synthetic_patch import touch_with_pads
+from tactopose_drake.core.synthetic.synthetic_patch import flat_pad, touch_with_pads
 from tests.core.meshes import shape_poor_in_symmetry
 
 
@@ -52,6 +56,23 @@ def test_a_pad_on_something_else_costs_no_more_the_farther_it_is(model: ObjectMo
     assert shares[0][0] > 0.9
     assert shares[3][0] < 1e-3
     np.testing.assert_allclose(shares[3][1:], shares[0][1:])
+
+
+@pytest.mark.parametrize("scattered", [False, True])
+def test_what_a_pad_on_something_else_costs_is_written_out(model: ObjectModel, scattered: bool) -> None:
+    cells, generator = flat_pad(), np.random.default_rng(0)
+    pressure = np.where(generator.random(len(cells)) < 0.5, 1.0, 9.0) * 4e3 if scattered else np.full(len(cells), 8e3)
+    far = cells + np.array([0.0, 0.0, 0.5])
+    pad = describe_patch(far, pressure, alpha=1e-7, n_PT=np.tile([0.0, 0.0, 1.0], (len(cells), 1)))
+    felt = patch_contacts([pad])
+    # On a plane its depths cost nothing; where they scatter more than any plane leaves, what noise makes of them.
+    shape = 0.5 * (len(cells) - 3.0) if scattered else 0.0
+    volume = np.prod(model.grid.upper - model.grid.origin + 2.0 * 0.05)
+    density = model.area * math.sqrt(2.0 * math.pi) * felt.sigma_position[0] / volume * 0.5 * felt.sigma_normal[0] ** 2
+    false, told = ContactKinds().shares(0.02).false, ContactKinds().shares(0.02).as_told
+    turned = ContactKinds().shares(0.02).turned  # which leaves a pad as told, for it has no normal of its own
+    expected = shape - math.log((false - turned) / (told + turned)) - math.log(density)
+    assert PatchMixture(model, [pad], 0.02).cost(np.eye(3, 4)[None])[0] == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_derivatives_are_those_of_the_cost(model: ObjectModel) -> None:
