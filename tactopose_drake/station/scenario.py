@@ -178,6 +178,11 @@ class Scenario:
                 load_tactile_pad(pad.array)
         if self.errors is not None:
             self.errors.validate(hand)
+            if self.errors.vision_degrees_of_freedom is not None and isinstance(self.vision, DepthTrackerParams):
+                raise InvalidInputError(
+                    "SimulatedErrors.vision_degrees_of_freedom: is of simulated vision; allowed is null with a depth "
+                    "tracker, whose errors are those of its images."
+                )
         if isinstance(self.senses, CanSenses | Ros2Senses):
             self.senses.validate(hand)
         if isinstance(self.senses, CanSenses):

@@ -64,6 +64,7 @@ FAULTS = {
     "seed: !Seed 3": "line 1: seed: the tag !Seed is unknown; allowed is none",
     "grip: !Grip {}": "line 1: grip: the tag !Grip is unknown; allowed is none",
     "errors: {joint_offsets_deg: {J9: 1.0}}": "SimulatedErrors.joint_offsets_deg: 'J9' is unknown; valid names: FFJ2",
+    "vision: !DepthTrackerParams {}\nerrors: {vision_degrees_of_freedom: 4.0}": "allowed is null with a depth tracker",
     "errors: {object_scale: 9.0}": "SimulatedErrors.object_scale: is 9; allowed are numbers from 0.5 to 2",
     "errors: {fingers: {toe: {radius: 0.1}}}": "SimulatedErrors.fingers: 'toe' is unknown; valid names: first",
     "errors: {drawing: true}": "line 1: errors: key 'drawing' is unknown; allowed are drawn, seed",
