@@ -103,6 +103,19 @@ def test_shapes_lie_as_drake_has_them(server: Server, shape: object, low: list[f
         assert np.hypot(*points[np.argmin(points[:, 2]), :2]) == pytest.approx(0.0, abs=1e-6)  # on its tip
 
 
+def test_a_cone_stands_on_its_tip_with_its_outside_outside(monkeypatch: pytest.MonkeyPatch, server: Server) -> None:
+    drawn: list[tuple[np.ndarray, np.ndarray]] = []
+    with RemoteMeshcat(server.url) as remote:
+        monkeypatch.setattr(remote, "SetTriangleMesh", lambda path, v, f, rgba: drawn.append((v.T, f.T)))
+        remote.SetObject("/cone", MeshcatCone(0.3, 0.1, 0.2), Rgba(1.0, 0.0, 0.0))
+    ((vertices, faces),) = drawn
+    at_tip, at_end = vertices[:, 2] < 0.01, vertices[:, 2] > 0.29
+    np.testing.assert_allclose(vertices[at_tip, :2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.abs(vertices[at_end, :2]).max(axis=0), [0.1, 0.2], rtol=1e-6)
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    assert np.einsum("fi,fi->f", a, np.cross(b, c)).sum() / 6.0 > 0.9 * np.pi * 0.1 * 0.2 * 0.3 / 3.0
+
+
 def test_other_shapes_are_an_error(server: Server) -> None:
     with (
         RemoteMeshcat(server.url) as meshcat,

@@ -1,6 +1,7 @@
 import dataclasses
 
 import numpy as np
+import pytest
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -11,7 +12,7 @@ from tactopose_drake.visualization.appearance import CONE, NORMAL
 from tactopose_drake.visualization.estimate_page import instant_of
 from tactopose_drake.visualization.picture_marks import certainty_surface
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis, false_contacts, touch_of
-from tactopose_drake.visualization.touch_marks import add_touch, move_touch
+from tactopose_drake.visualization.touch_marks import CONE_LENGTH, add_touch, move_touch
 from tests.recording_meshcat import RecordingMeshcat
 
 
@@ -54,6 +55,20 @@ def test_a_contact_without_a_normal_is_drawn_without_one_beside_a_pad_that_has_o
     drawn = certainty_surface(scene)
     assert drawn is not None
     assert np.linalg.norm(drawn.vertices - touch.p_PC[2], axis=1).max() < 0.025  # of the pad's cone alone
+
+
+def test_a_friction_cone_stands_on_its_contact_and_opens_along_the_normal(blob: ObjectModel) -> None:
+    n_PC, friction = np.array([0.0, 0.6, -0.8]), 0.5
+    contacts = Contacts([[0.01, 0.02, 0.1]], [n_PC])
+    scene = Scene(model=blob, contacts=contacts, hypotheses=(ShownHypothesis(RigidTransform()),), friction=friction)
+    cone = certainty_surface(scene)
+    assert cone is not None
+    offset = cone.vertices - contacts.p_PC[0]
+    height = offset @ n_PC
+    across = np.linalg.norm(offset - np.outer(height, n_PC), axis=1)
+    assert (height.min(), height.max()) == pytest.approx((0.0, CONE_LENGTH), abs=1e-9)
+    assert across.max() == pytest.approx(friction * CONE_LENGTH)
+    assert np.all(across <= friction * height + 1e-9)
 
 
 def test_a_pad_has_no_force_in_the_table_of_contacts(blob: ObjectModel) -> None:

@@ -63,6 +63,27 @@ def test_hulls_are_seen_from_outside() -> None:
     assert np.einsum("fi,fi->f", a, np.cross(b, c)).sum() / 6 == pytest.approx(hull.volume, rel=1e-6)
 
 
+def test_hulls_are_as_large_as_the_scale_says(ball: ObjectModel) -> None:
+    space = grasp_quality(ball, Contacts(P_OC), np.eye(3, 4), friction=0.5).space
+    forces = space.projection("force")
+    assert forces is not None
+    for scale in (0.1, 0.3):
+        meshcat = RecordingMeshcat()
+        draw_wrench_space(meshcat, "/wrenches", space, scale=scale)  # type: ignore[arg-type]
+        for part in ("faces", "edges"):
+            vertices, *_ = meshcat.objects[f"/wrenches/forces/{part}"]  # type: ignore[misc]
+            np.testing.assert_allclose(vertices.T, scale * forces.vertices)
+
+
+def test_the_nearest_points_count_most_for_a_vertex(ball: ObjectModel) -> None:
+    found = ImprovementMap(0.1, ball.samples.points, ball.samples.normals, 0.1 + ball.samples.points[:, 2])
+    nearest = np.array([np.linalg.norm(found.p_OQ - vertex, axis=1).argmin() for vertex in ball.vertices])
+    level = vertex_levels(ball, found)
+    beside = np.linalg.norm(found.p_OQ[nearest] - ball.vertices, axis=1) < 3e-4
+    assert np.count_nonzero(beside) > 5
+    np.testing.assert_allclose(level[beside], found.level[nearest[beside]], atol=0.05)
+
+
 def test_the_sum_of_the_fingers_forces_is_their_cones_sum(ball: ObjectModel) -> None:
     space = grasp_quality(ball, Contacts(P_OC), np.eye(3, 4), friction=0.5, norm="Linf").space
     together = WrenchSpace(space.primitives)

@@ -1,0 +1,19 @@
+"""The page of an estimate in numbers, without a browser."""
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.visualization.estimate_page import page_of
+from tactopose_drake.visualization.scene import Scene
+from tactopose_drake.visualization.viewpoint import choose_view, points_of_interest
+
+
+def test_the_view_goes_with_the_palm(scene: Scene, estimate: PoseEstimate) -> None:
+    X_WP = RigidTransform(RollPitchYaw(0.7, -0.4, 2.1), [0.4, -0.3, 0.9])
+    page = page_of(scene, estimate, X_WP=X_WP)
+    np.testing.assert_allclose(page.direction_W, X_WP.rotation() @ choose_view(scene), atol=1e-12)
+    p_WQ = X_WP.multiply(points_of_interest(scene).T).T
+    # Of all points the outermost are among the few.
+    for direction in np.concatenate([np.eye(3), -np.eye(3)]):
+        assert (page.p_WQ @ direction).max() > (p_WQ @ direction).max() - 0.01
