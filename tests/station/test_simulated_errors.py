@@ -213,12 +213,14 @@ def test_an_object_is_larger_about_its_centre_of_mass_with_bumps() -> None:
     np.testing.assert_array_equal(vertices(scene_graph.model_inspector().GetShape(seen)), vertices(shape))
     AddDepthCamera(builder, scene_graph, RigidTransform(), DepthCameraModel())  # Its renderer takes the mesh.
 
-    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
-    instance = add_model(make_parser(plant), scenario.object_sdf())
-    change_object(plant, scene_graph, instance, 1.0, 0.001, np.random.default_rng(0))
-    ((shape, _),) = shapes(plant, scene_graph, instance).values()
-    bumps = np.linalg.norm(vertices(shape) - before, axis=1)
-    assert np.sqrt(np.mean(bumps**2)) == pytest.approx(0.001, rel=0.4)
+    squares = []
+    for seed in range(6):
+        plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
+        instance = add_model(make_parser(plant), scenario.object_sdf())
+        change_object(plant, scene_graph, instance, 1.0, 0.001, np.random.default_rng(seed))
+        ((shape, _),) = shapes(plant, scene_graph, instance).values()
+        squares.append(np.sum((vertices(shape) - before) ** 2, axis=1).mean())
+    assert np.sqrt(np.mean(squares)) == pytest.approx(0.001, rel=0.15)
 
 
 def vertices(shape: Mesh) -> np.ndarray:
