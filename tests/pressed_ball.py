@@ -1,5 +1,7 @@
 """A ball pressed by 2 mm onto the palm's pad of the Barrett-like hand, whose open fingers do not reach it."""
 
+import functools
+
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
@@ -17,7 +19,9 @@ RADIUS = 0.04
 SILENT = "; ".join(f"finger_{i}: no contact" for i in (1, 2, 3))  # what the statuses say of the other pads
 
 
+@functools.cache
 def make_ball() -> ObjectModel:
+    """Built once for each process, for a model never changes."""
     return ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=3, radius=RADIUS), cache=False)
 
 

@@ -1,5 +1,6 @@
 """A box without symmetries in the hand, touched in the middle of all six faces, where its surface is flat."""
 
+import functools
 import math
 
 import numpy as np
@@ -31,7 +32,9 @@ n_OC = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0,
 STILL = MotionNoise(palm_translation=1e-9, palm_rotation=1e-9)
 
 
+@functools.cache
 def make_box() -> ObjectModel:
+    """Built once for each process, for a model never changes."""
     return ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.10, 0.14)), cache=False, symmetry="none")
 
 
