@@ -17,20 +17,10 @@ GENUS = {"mug": 1}
 def crossings(mesh: trimesh.Trimesh) -> int:
     """How many edges pass through a triangle that they share no corner with."""
     V, F, E = mesh.vertices, mesh.faces, mesh.edges_unique
-    corners = V[F]
-    # Candidates: triangles whose centroid is within reach of samples along the edge.
-    centroids = corners.mean(axis=1)
-    reach = np.linalg.norm(corners - centroids[:, None], axis=2).max()
-    pitch = reach / 2
-    counts = np.ceil(mesh.edges_unique_length / pitch).astype(int)
-    edge_of = np.repeat(np.arange(len(E)), counts)
-    share = (np.arange(len(edge_of)) - np.repeat(np.cumsum(counts) - counts, counts) + 0.5) / counts[edge_of]
-    samples = V[E[edge_of, 0]] + share[:, None] * (V[E[edge_of, 1]] - V[E[edge_of, 0]])
-    near = cKDTree(centroids).query_ball_point(samples, reach + pitch / 2)
-    edge = np.repeat(edge_of, [len(n) for n in near])
-    face = np.concatenate([np.asarray(n, dtype=int) for n in near])
+    edge, face = candidates(mesh)
     apart = ~(E[edge][:, :, None] == F[face][:, None, :]).any(axis=(1, 2))
     edge, face = edge[apart], face[apart]
+    corners = V[F]
     p, d = V[E[edge, 0]], V[E[edge, 1]] - V[E[edge, 0]]
     a, u, v = corners[face, 0], corners[face, 1] - corners[face, 0], corners[face, 2] - corners[face, 0]
     h = np.cross(d, v)
@@ -43,6 +33,30 @@ def crossings(mesh: trimesh.Trimesh) -> int:
     t = np.einsum("ij,ij->i", v, q) / volume
     hit = np.isfinite(volume) & (b_1 >= 0) & (b_2 >= 0) & (b_1 + b_2 <= 1) & (t >= 0) & (t <= 1)
     return len(np.unique(edge[hit]))
+
+
+def candidates(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of an edge and a triangle whose bounding boxes overlap, as two arrays of their places."""
+    ends = mesh.vertices[mesh.edges_unique]
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    corners = mesh.vertices[mesh.faces]
+    bottom, top = corners.min(axis=1), corners.max(axis=1)
+    middles, radii = 0.5 * (bottom + top), 0.5 * np.linalg.norm(top - bottom, axis=1)
+    found = []
+    # Triangles of about one size are sought together: samples along the edges are as close as they are large.
+    size = np.floor(np.log2(np.maximum(radii, 1e-9))).astype(int)
+    for some in (np.flatnonzero(size == one) for one in np.unique(size)):
+        reach = radii[some].max()
+        counts = np.ceil(mesh.edges_unique_length / reach).astype(int)
+        edge = np.repeat(np.arange(len(ends)), counts)
+        share = (np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts) + 0.5) / counts[edge]
+        samples = cKDTree(ends[edge, 0] + share[:, None] * (ends[edge, 1] - ends[edge, 0]))
+        near = samples.sparse_distance_matrix(cKDTree(middles[some]), 1.5 * reach, output_type="coo_matrix")
+        pairs = np.unique(edge[near.row] * len(corners) + some[near.col])
+        e, f = np.divmod(pairs, len(corners))
+        found.append(pairs[((low[e] <= top[f]) & (bottom[f] <= high[e])).all(axis=1)])
+    edge, face = np.divmod(np.concatenate(found), len(corners))
+    return edge, face
 
 
 def test_every_object_is_shipped_and_listed() -> None:
