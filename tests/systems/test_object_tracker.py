@@ -30,9 +30,16 @@ def params() -> PoseTrackingParams:
     return PoseTrackingParams(use_joint_velocities=False, use_hand_volume=False)
 
 
-@pytest.fixture
-def tracker(cube: ObjectModel) -> ObjectTracker:
+@pytest.fixture(scope="module")
+def made(cube: ObjectModel) -> ObjectTracker:
     return ObjectTracker(load_hand_config("shadow_like"), cube, params())
+
+
+@pytest.fixture
+def tracker(made: ObjectTracker) -> ObjectTracker:
+    """As it is made: all that it has been told stands in its context."""
+    made.context = made.diagram.CreateDefaultContext()
+    return made
 
 
 @pytest.fixture(scope="module")

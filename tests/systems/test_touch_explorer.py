@@ -1,14 +1,17 @@
 """The explorer alone, with a hand whose fingers follow its commands at once, and contacts that a test makes."""
 
+import functools
+
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config
-from tactopose_drake.hand.hand_in_plant import make_hand_plant
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.hand_reach import rest_posture
 from tactopose_drake.systems.next_touch_chooser import GuardedMove
@@ -22,14 +25,19 @@ FAINT = Contacts(FELT.p_PC, ALONG_Z, 0.1 * ALONG_Z)
 NAMES = ("thumb", "first")
 
 
+@functools.cache
+def explorer_and_hand() -> tuple[TouchExplorer, MultibodyPlant, Hand]:
+    """An explorer, all of whose changes stand in a context, and the hand that it moves."""
+    config = load_hand_config("shadow_like")
+    return TouchExplorer(config, PARAMS), *make_hand_plant(config)
+
+
 class Bench:
     def __init__(self) -> None:
-        config = load_hand_config("shadow_like")
-        plant, hand = make_hand_plant(config)
+        self.explorer, plant, hand = explorer_and_hand()
         self.q_rest = rest_posture(plant, hand)
-        self.joints = tuple(config.finger("ring").joints)
+        self.joints = tuple(hand.config.finger("ring").joints)
         self.places = HandJoints.of(plant, hand).positions(self.joints)
-        self.explorer = TouchExplorer(config, PARAMS)
         self.simulator = Simulator(self.explorer)
         self.context = self.simulator.get_mutable_context()
         self.follows = True
