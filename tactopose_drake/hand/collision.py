@@ -8,6 +8,7 @@ two together give the depth for thin walls and for solid bodies alike; both are 
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +22,7 @@ from tactopose_drake.core.shape.convex_shape_kernels import find_deepest
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import add_fixed_hand
 from tactopose_drake.hand.reading_ranges import ReadingRanges
@@ -61,7 +63,7 @@ class HandCollision:
             self._hand = add_fixed_hand(self._plant, hand)
             self._plant.Finalize()
         self._ranges = ReadingRanges.of(self._plant)
-        inspector = scene_graph.model_inspector()
+        self._inspector = inspector = scene_graph.model_inspector()
         shapes: list[ConvexShape] = []
         bodies, X_BG = [], []
         for index in self._plant.GetBodyIndices(self._hand.model_instance):
@@ -78,6 +80,11 @@ class HandCollision:
         palm = self._hand.palm_frame
         self._palm, self._X_BP = int(palm.body().index()), palm.GetFixedPoseInBodyFrame().GetAsMatrix34()
         self._shapes, self._tree = join_shapes(shapes), build_tree(model.vertices, model.faces)
+
+    @cached_property
+    def spheres(self) -> BodySpheres:
+        """`BodySpheres.of_hand` of the hand, which need not be read from its file again."""
+        return BodySpheres.from_inspector(self._plant, self._inspector, self._hand.model_instance)
 
     @property
     def num_positions(self) -> int:

@@ -105,7 +105,7 @@ def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimat
     builder = DiagramBuilder()
     collision = HandCollision(hand, model) if params.check_collisions else None
     estimator = builder.AddNamedSystem("pose_estimator", PoseEstimator(model, params.estimator, collision))
-    add_touch(builder, *make_hand_plant(hand), params, estimator)
+    add_touch(builder, *make_hand_plant(hand), params, estimator, collision=collision)
     for port in ("prior", "planes", *(("palm_pose",) if params.estimator.balance else ())):
         builder.ExportInput(estimator.GetInputPort(port), port)
     diagram = builder.Build()

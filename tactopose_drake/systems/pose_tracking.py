@@ -124,7 +124,7 @@ def MakePoseTracking(hand: HandConfig, model: ObjectModel, params: PoseTrackingP
         refining = JointOffsetRefiner(plant, parts, hand.uncertainty or HandUncertainty(), model, params.refinement)
         refiner = _add_refiner(builder, refining, belief)
     tips = [_add_velocities(builder, plant, parts, belief)] if params.use_joint_velocities else []
-    add_touch(builder, plant, parts, params, belief, refiner, tips)
+    add_touch(builder, plant, parts, params, belief, refiner, tips, collision)
     for port in ("prior", "planes", "vision", "palm_pose"):
         builder.ExportInput(belief.GetInputPort(port), port)
     diagram = builder.Build()

@@ -9,6 +9,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from tactopose_drake.core.parameter_checks import check_parts
 from tactopose_drake.core.validation import flag
+from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig
@@ -52,6 +53,7 @@ def add_touch(
     estimator: LeafSystem,
     refiner: LeafSystem | None = None,
     others: Sequence[LeafSystem] = (),
+    collision: HandCollision | None = None,
 ) -> None:
     """Adds what leads from the senses to an estimator, and gives the diagram its ports.
 
@@ -67,6 +69,7 @@ def add_touch(
         estimator: each of its inputs is connected to what is called as it is, if there is such a thing.
         refiner: a `JointOffsetRefiner`, through which the joint positions go.
         others: what takes the joint positions as well.
+        collision: what has read the hand's shapes from its file already, if there is such a thing.
     """
     solver = _add_solver(builder, hand, params)
     told = hand.config.uncertainty if params.use_uncertainty else None
@@ -87,9 +90,8 @@ def add_touch(
         touch["patch_status"] = descriptor.GetOutputPort("status")
     known = dict(touch)
     if params.use_hand_volume:
-        volume = builder.AddNamedSystem(
-            "hand_volume", HandVolume(plant, hand, BodySpheres.of_hand(hand.config), errors)
-        )
+        spheres = BodySpheres.of_hand(hand.config) if collision is None else collision.spheres
+        volume = builder.AddNamedSystem("hand_volume", HandVolume(plant, hand, spheres, errors))
         posed.append(volume)
         builder.Connect(contacts.GetOutputPort("fingers_untouched"), volume.GetInputPort("fingers_untouched"))
         known |= {name: volume.GetOutputPort(name) for name in ("hand", "untouched")}
