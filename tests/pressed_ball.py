@@ -1,9 +1,6 @@
 """A ball pressed by 2 mm onto the palm's pad of the Barrett-like hand, whose open fingers do not reach it."""
 
-import functools
-
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
@@ -14,15 +11,14 @@ from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
+from tests.core.models import globe
 
 RADIUS = 0.04
 SILENT = "; ".join(f"finger_{i}: no contact" for i in (1, 2, 3))  # what the statuses say of the other pads
 
 
-@functools.cache
 def make_ball() -> ObjectModel:
-    """Built once for each process, for a model never changes."""
-    return ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=3, radius=RADIUS), cache=False)
+    return globe(RADIUS)
 
 
 def press(diagram: Diagram, context: Context, vision: str) -> NDArray[np.float64]:

@@ -1,13 +1,12 @@
 import numpy as np
 import pytest
-import trimesh
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.cli.demo_reports import pad_force, report_finger, report_pad, report_pose
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
-from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.runs.contact_truth import PartContact
+from tests.core.models import brick
 
 AREAS = np.full(4, 2e-5)
 CORNERS = np.array([[x, y, 0.0] for x in (-0.005, 0.005) for y in (-0.004, 0.004)])
@@ -58,7 +57,7 @@ def test_a_finger_is_compared_with_the_simulators_contact() -> None:
 
 
 def test_a_pose_is_compared_with_the_truth_where_the_touch_determines_it() -> None:
-    model = ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.08, 0.1)), cache=False)
+    model = brick(0.06, 0.08, 0.1)
     X_true = RigidTransform(RollPitchYaw(0.3, -0.2, 0.5), [0.01, 0.02, 0.1])
     n_O = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
     p_PC = X_true.multiply((n_O * [0.03, 0.04, 0.05]).T).T

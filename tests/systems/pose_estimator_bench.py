@@ -1,8 +1,5 @@
 """A pose estimator with fixed inputs, and the box that is touched."""
 
-import functools
-
-import trimesh
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
@@ -11,6 +8,7 @@ from pydrake.systems.framework import Context
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
+from tests.core.models import brick
 
 X_PO = RigidTransform(RollPitchYaw(0.4, -0.2, 1.0), [0.02, -0.03, 0.1])
 
@@ -38,7 +36,5 @@ class Bench:
         )
 
 
-@functools.cache
 def make_box() -> ObjectModel:
-    """Built once for each process, for a model never changes."""
-    return ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.10, 0.14)), cache=False)
+    return brick(0.06, 0.10, 0.14)

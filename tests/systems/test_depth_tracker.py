@@ -27,6 +27,7 @@ from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.depth_camera import DepthNoise, image_of
 from tactopose_drake.systems.depth_tracker import DepthTracker, DepthTrackerParams
 from tactopose_drake.systems.random_sources import seed_random_sources
+from tests.core.models import brick
 from tests.core.vision.seen_scenes import depth_of_scene
 
 X_WPalm = RigidTransform(RollPitchYaw(0.2, 0.1, 0.5), [0.1, 0.1, 0.1])
@@ -40,7 +41,7 @@ X_PO = ((X_WPalm @ X_PalmP).inverse() @ X_WO).GetAsMatrix34()
 
 @pytest.fixture(scope="module")
 def object_model() -> ObjectModel:
-    return ObjectModel.from_mesh(trimesh.creation.box([0.06, 0.09, 0.13]), cache=False)
+    return brick(0.06, 0.09, 0.13)
 
 
 class Bench:

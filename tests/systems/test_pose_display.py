@@ -2,7 +2,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-import trimesh
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -18,6 +17,7 @@ from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.pose_display import PoseDisplay, PoseDisplayParams
+from tests.core.models import brick
 from tests.recording_meshcat import RecordingMeshcat
 
 X_PO = RigidTransform(RollPitchYaw(0.3, 0.2, 0.1), [0.01, 0.02, 0.1])
@@ -28,7 +28,7 @@ TOUCH = Contacts([[0.03, 0, 0], [-0.03, 0, 0]], [[1, 0, 0], [-1, 0, 0]], [[2, 0,
 
 @pytest.fixture(scope="module")
 def model() -> ObjectModel:
-    return ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.08, 0.1)), cache=False)
+    return brick(0.06, 0.08, 0.1)
 
 
 def run(display: PoseDisplay, duration: float = 0.001, **inputs: object) -> None:

@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-import trimesh
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
@@ -21,6 +20,7 @@ from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation, MakePoseEstimation, PoseEstimationParams
 from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
 from tactopose_drake.systems.pose_tracking import AddPoseTracking
+from tests.core.models import globe
 from tests.pressed_ball import SILENT, make_ball, press
 
 n_S = np.array([0.6, 0.0, 0.8])
@@ -34,7 +34,7 @@ def hand() -> HandConfig:
 
 @pytest.fixture(scope="module")
 def model() -> ObjectModel:
-    return ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=3, radius=0.04), cache=False)
+    return globe(0.04)
 
 
 def positions(hand: HandConfig) -> np.ndarray:

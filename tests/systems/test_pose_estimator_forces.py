@@ -22,6 +22,7 @@ from tactopose_drake.station.simulated import make_station
 from tactopose_drake.systems.palm_on_base import PalmOnBase
 from tactopose_drake.systems.pose_estimation import PoseEstimationParams
 from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
+from tests.core.models import brick
 from tests.systems.pose_estimator_bench import X_PO, Bench
 
 X_WP = RigidTransform(RollPitchYaw(0.3, 1.2, -0.7), [0.5, 0.2, 0.9])
@@ -89,7 +90,7 @@ def test_balance_is_left_out_where_a_force_is_missing(box: ObjectModel) -> None:
 
 
 def test_an_object_of_unknown_mass_is_refused_at_once() -> None:
-    light = ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.10, 0.14)), cache=False)
+    light = brick(0.06, 0.10, 0.14)
     with pytest.raises(InvalidInputError, match=r"mass of .* is not known; balance needs it"):
         Bench(light, balance=True)
     with pytest.raises(InvalidInputError, match=r"friction: is -0\.1"):

@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-import trimesh
 from pydrake.geometry import Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlant, MultibodyPlantConfig
@@ -18,6 +17,7 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.random_sources import seed_random_sources
 from tactopose_drake.systems.simulated_vision import SimulatedVision, SimulatedVisionParams
+from tests.core.models import globe
 
 X_WPalm = RigidTransform(RollPitchYaw(0.2, 0.1, 0.5), [0.1, 0.1, 0.1])
 X_PalmP = RigidTransform(RollPitchYaw(0.0, 0.7, 0.0), [0.0, 0.02, 0.05])
@@ -30,7 +30,7 @@ MODEL = VisionModel(
 
 @pytest.fixture(scope="module")
 def object_model() -> ObjectModel:
-    return ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=3, radius=0.04), cache=False)
+    return globe(0.04)
 
 
 def make_station(

@@ -2,7 +2,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform, RollPitchYaw
 
@@ -15,6 +14,7 @@ from tactopose_drake.visualization.meshcat import aim_camera, draw_scene, uprigh
 from tactopose_drake.visualization.page import save_html
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis, arrow_lengths
 from tactopose_drake.visualization.touch_marks import add_touch, move_touch
+from tests.core.models import brick
 from tests.recording_meshcat import RecordingMeshcat
 
 X_PO = RigidTransform(RollPitchYaw(0.3, 0.2, 0.1), [0.01, 0.02, 0.1])
@@ -24,7 +24,7 @@ TOUCH = Contacts([[0.03, 0, 0], [-0.03, 0, 0], [0, 0.01, 0.02]], n_PC, n_PC * [[
 
 @pytest.fixture(scope="module")
 def model() -> ObjectModel:
-    return ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.08, 0.1)), cache=False)
+    return brick(0.06, 0.08, 0.1)
 
 
 def shown(contacts: Contacts, count: int = 3) -> RecordingMeshcat:

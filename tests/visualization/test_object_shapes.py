@@ -5,11 +5,12 @@ import trimesh
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.visualization.arrow_shapes import TURN_TIP, slide_arrow, turn_arrow
 from tactopose_drake.visualization.object_shapes import simplified, smooth_mesh, wire_cage
+from tests.core.models import brick
 
 
 @pytest.fixture(scope="module")
 def box() -> ObjectModel:
-    return ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.08, 0.1)), cache=False)
+    return brick(0.06, 0.08, 0.1)
 
 
 def test_the_wires_run_along_the_surface_and_reach_its_corners(box: ObjectModel) -> None:

@@ -29,6 +29,7 @@ from tactopose_drake.visualization.body_meshes import Triangles
 from tactopose_drake.visualization.picture import save_picture
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis
 from tactopose_drake.visualization.viewpoint import choose_view, points_of_interest
+from tests.core.models import brick
 
 TOUCH = Contacts(
     [[0.03, 0, 0], [-0.03, 0, 0], [0, 0, 0.05]],
@@ -40,7 +41,7 @@ X_off = RigidTransform([0.03, 0.02, 0.01])
 
 @pytest.fixture(scope="module")
 def model() -> ObjectModel:
-    return ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.08, 0.1)), cache=False)
+    return brick(0.06, 0.08, 0.1)
 
 
 def wall(at: np.ndarray, normal: np.ndarray) -> Triangles:

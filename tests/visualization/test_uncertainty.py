@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-import trimesh
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.core.poses import retract
@@ -10,13 +9,14 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.far_origins import directions_of_origin
 from tactopose_drake.visualization.scene import ShownHypothesis
 from tactopose_drake.visualization.uncertainty import POINTS, ellipsoids, free_arrows, shown_points
+from tests.core.models import brick
 
 X_PO = RigidTransform(RollPitchYaw(0.4, -0.7, 1.9), [0.02, -0.03, 0.09])
 
 
 @pytest.fixture(scope="module")
 def model() -> ObjectModel:
-    return ObjectModel.from_mesh(trimesh.creation.box((0.06, 0.08, 0.1)), cache=False)
+    return brick(0.06, 0.08, 0.1)
 
 
 def test_an_ellipsoid_holds_its_point_in_95_of_100_poses(model: ObjectModel) -> None:

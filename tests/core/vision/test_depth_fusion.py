@@ -10,6 +10,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.vision.depth_fusion import DepthView, FusionParams, Reconstruction, reconstruct
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, noisy_depth
 from tactopose_drake.errors import InvalidInputError
+from tests.core.models import brick
 from tests.core.vision.seen_scenes import NO_HAND, depth_of_scene
 
 CAMERA = DepthCameraModel(width=200, height=150, focal_length=220.0)
@@ -17,7 +18,7 @@ CAMERA = DepthCameraModel(width=200, height=150, focal_length=220.0)
 
 @pytest.fixture(scope="module")
 def box() -> ObjectModel:
-    return ObjectModel.from_mesh(trimesh.creation.box([0.06, 0.08, 0.1]), cache=False)
+    return brick(0.06, 0.08, 0.1)
 
 
 def views(model: ObjectModel, apart: float, count: int = 3) -> list[DepthView]:

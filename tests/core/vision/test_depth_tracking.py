@@ -9,6 +9,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, DepthPicture, fit_to_picture
 from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, TrackedPose, fit_pose
 from tactopose_drake.errors import InvalidInputError
+from tests.core.models import brick
 from tests.core.vision.seen_scenes import NO_HAND, picture_of
 
 X_CO = make_poses(exp_so3(np.array([2.0, 0.4, 0.3])), np.array([0.02, 0.03, 0.8]))
@@ -18,7 +19,7 @@ BEFORE = np.diag(np.repeat([0.1, 0.02], 3) ** 2)  # covariance of where it was
 @pytest.fixture(scope="module")
 def box() -> ObjectModel:
     """All of whose pose is seen from aslant."""
-    return ObjectModel.from_mesh(trimesh.creation.box([0.06, 0.09, 0.13]), cache=False)
+    return brick(0.06, 0.09, 0.13)
 
 
 def slab(depth: float, width: float, across: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
