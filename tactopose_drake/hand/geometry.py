@@ -199,10 +199,10 @@ def _pack(shape: Shape) -> Spheres:
         return pack_box(shape.size())
     if isinstance(shape, Cylinder):
         ends = [np.column_stack([shape.radius() * _CIRCLE, np.full(24, z)]) for z in (-0.5, 0.5)]
-        return pack_convex(np.concatenate(ends) * [1, 1, shape.length()])
+        return _pack_hull((np.concatenate(ends) * [1, 1, shape.length()]).tobytes())
     if isinstance(shape, Ellipsoid):
         rings = [np.column_stack([np.cos(a) * _CIRCLE, np.full(24, np.sin(a))]) for a in _LATITUDES]
-        return pack_convex(np.concatenate(rings) * [shape.a(), shape.b(), shape.c()])
+        return _pack_hull((np.concatenate(rings) * [shape.a(), shape.b(), shape.c()]).tobytes())
     if isinstance(shape, Mesh | Convex):
         return _pack_hull(hull_vertices(shape.GetConvexHull()).tobytes())
     return np.zeros((0, 3)), np.zeros(0)
