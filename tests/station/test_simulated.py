@@ -1,4 +1,5 @@
 import dataclasses
+import gc
 
 import numpy as np
 import pytest
@@ -197,6 +198,14 @@ def test_a_scenario_that_is_not_there_is_told_with_those_that_are() -> None:
         load_scenario("nosuch")
 
 
+@pytest.fixture
+def frees_its_meshcat():
+    """A Meshcat aborts the process if it ends on another thread, such as a bus's that happens to collect garbage."""
+    yield
+    gc.collect()
+
+
+@pytest.mark.usefixtures("frees_its_meshcat")
 @pytest.mark.parametrize("tracks", [False, True])
 def test_meshcat_shows_the_belief_over_time_where_there_is_one(scenario, plan, tracks):
     tracking = PoseTrackingParams() if tracks else None
