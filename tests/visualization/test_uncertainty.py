@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import trimesh
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.core.poses import retract

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -121,7 +122,7 @@ def _agreement(vertices: FloatArray, faces: IntArray, closed_faces: IntArray, si
     """
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     extent = upper - lower + 0.04 * size
-    spacing = float(np.cbrt(np.prod(extent) / nodes))
+    spacing = math.cbrt(np.prod(extent) / nodes)
     nx, ny, nz = (int(n) for n in np.ceil(extent / spacing) + 1)
     # Columns that stand a little beside the vertices of any regular mesh.
     origin = lower - 0.02 * size + spacing * np.array([1.3e-4, 2.7e-4, 1.9e-4])

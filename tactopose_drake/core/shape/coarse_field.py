@@ -6,6 +6,7 @@ where the grid itself does not fit. Its error, about a third of a voxel, is smal
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,5 +72,5 @@ def coarse_shape(shape: tuple[int, ...], params: CoarseFieldParams = CoarseField
 
 def _every(shape: tuple[int, ...], params: CoarseFieldParams) -> tuple[int, list[int]]:
     """Every how many nodes one is kept, and which is the first along each axis."""
-    stride = max(1, round(float(np.cbrt(np.prod(shape) / params.max_voxels))))
+    stride = max(1, round(math.cbrt(np.prod(shape) / params.max_voxels)))
     return stride, [((n - 1) % stride) // 2 for n in shape]

@@ -199,7 +199,7 @@ def grid_shape(
 def _spacing_for(lower: FloatArray, upper: FloatArray, nodes: int, params: GridParams) -> float:
     """The spacing at which the grid has at most this many nodes."""
     extent = upper - lower + 2 * params.margin_share * float(np.linalg.norm(upper - lower))
-    h = float(np.cbrt(np.prod(extent) / nodes))
+    h = math.cbrt(np.prod(extent) / nodes)  # NumPy's rounds otherwise on processors with AVX-512.
     while np.prod(grid_shape(lower, upper, h, params), dtype=np.float64) > nodes:
         h *= 1.002
     return h
