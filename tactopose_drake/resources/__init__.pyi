@@ -4,12 +4,12 @@ from .model_files import add_model as add_model
 from .model_files import drawn_pose as drawn_pose
 from .model_files import fixed_pose as fixed_pose
 from .model_files import make_parser as make_parser
-from .model_files import model_path as model_path
-from .model_files import named_file as named_file
 from .model_files import passing_builder as passing_builder
-from .model_files import resource_root as resource_root
-from .model_files import sensor_file as sensor_file
-from .model_files import shipped_objects as shipped_objects
+from .shipped_files import model_path as model_path
+from .shipped_files import named_file as named_file
+from .shipped_files import resource_root as resource_root
+from .shipped_files import sensor_file as sensor_file
+from .shipped_files import shipped_objects as shipped_objects
 from .yaml_files import plain_data as plain_data
 from .yaml_files import read_yaml as read_yaml
 from .yaml_types import load_typed_yaml as load_typed_yaml

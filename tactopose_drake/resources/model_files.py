@@ -1,9 +1,9 @@
-"""Where models and diagrams are found, and how `package://` URLs resolve."""
+"""Models that Drake reads, and how their `package://` URLs resolve."""
 
 import contextlib
 import dataclasses
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
@@ -17,63 +17,9 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.resources.shipped_files import resource_root
 
 _FARTHEST = 1000.0  # m
-
-
-def resource_root() -> Path:
-    """The folder that holds `models/` and `diagrams/`: the package itself when installed, the checkout otherwise."""
-    package = Path(__file__).resolve().parents[1]
-    return package if (package / "models").is_dir() else package.parent
-
-
-def model_path(*parts: str) -> Path:
-    """The path of a shipped model, e.g. `model_path("objects", "mug.obj")`."""
-    return resource_root().joinpath("models", *parts)
-
-
-def shipped_objects() -> list[str]:
-    """The names of the package's objects."""
-    return sorted(path.stem for path in model_path("objects").glob("*.sdf"))
-
-
-def named_file(name_or_path: str | Path, files: str, shipped: Iterable[Path], ending: str) -> Path:
-    """A YAML file: one of the package's by its name, or any by its path.
-
-    Args:
-        name_or_path: of the file.
-        files: what such files are of, for messages.
-        shipped: those of the package.
-        ending: theirs, which follows the name.
-
-    Raises:
-        InvalidFileError: if there is no such file, or it is a folder; the message has the package's names.
-    """
-    known = {path.name.removesuffix(ending): path for path in shipped}
-    path = known.get(str(name_or_path), Path(name_or_path))
-    if os.path.isdir(path) or not os.path.exists(path):
-        missing = "is a folder; allowed is a YAML file" if os.path.isdir(path) else "there is no such file"
-        raise InvalidFileError(f"{path}: {missing}; the package's {files} are {', '.join(sorted(known))}.")
-    return path
-
-
-def sensor_file(name_or_path: str | Path, key: str) -> Path:
-    """The file of a sensor: of one of the package's by name, or any by path.
-
-    Args:
-        name_or_path: of the sensor.
-        key: that files of its kind have.
-
-    Raises:
-        InvalidFileError: if there is no such file, or it is the package's and of another kind; the message has the
-            package's sensors of that kind.
-    """
-    files = list(model_path("sensors").glob("*.yaml"))
-    of_kind = [file for file in files if f"\n{key}:" in file.read_text(encoding="utf-8")]
-    if str(name_or_path) in {file.stem for file in files} - {file.stem for file in of_kind}:
-        known = ", ".join(sorted(file.stem for file in of_kind))
-        raise InvalidFileError(f"{name_or_path}: is a sensor of another kind; the package's of this kind are {known}.")
-    return named_file(name_or_path, "sensors of this kind", of_kind, ".yaml")
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
