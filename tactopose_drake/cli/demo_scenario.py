@@ -4,6 +4,7 @@ from pathlib import Path
 
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.object_files import load_object
+from tactopose_drake.resources import shipped_objects
 from tactopose_drake.station.own_hand import scenario_for
 from tactopose_drake.station.own_object import write_simulated_object
 from tactopose_drake.station.scenario import Scenario, load_scenario
@@ -33,7 +34,7 @@ def demo_scenario(hand: str, name: str | None, seed: int, folder: Path, scale: f
             f"--object: is {name!r}, which the hand {hand!r} cannot hold, for it closes without a plan on what is put "
             f"into it; allowed with it are {', '.join(sorted(scenario.grip.X_PO))}. Other hands plan grasps of any."
         )
-    if name is not None and Path(name).suffix:
+    if name is not None and name not in shipped_objects():
         name = str(write_simulated_object(load_object(name, scale=scale, mass=mass), folder))
     elif scale != 1.0 or mass is not None:
         raise InvalidInputError("--scale, --mass: are for an object that --object names by its path.")

@@ -1,5 +1,6 @@
 """What options that are objects are for click."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,10 @@ class _ObjectName(click.ParamType[str]):
         """The name or path.
 
         Raises:
-            InvalidInputError: what has no ending, and is no name.
+            InvalidInputError: a bare word that is no name, and no file either.
         """
-        if not Path(value).suffix and value not in shipped_objects():
+        is_word = Path(value).name == value and not Path(value).suffix
+        if is_word and value not in shipped_objects() and not os.path.exists(value):
             raise InvalidInputError(
                 f"--object: is {value!r}; allowed are the package's objects, {', '.join(shipped_objects())}, and a "
                 "mesh or model by its path, ending included."

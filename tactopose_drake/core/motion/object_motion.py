@@ -9,8 +9,6 @@ Source: [P08] D. Prattichizzo and J. Trinkle, Grasping, in Springer Handbook of 
 matrix; hard and soft finger contacts).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
