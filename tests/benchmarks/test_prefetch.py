@@ -16,15 +16,17 @@ import tactopose_drake as tp
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.kernels import descent_kernels, lane_kernels, surface_contact_kernels
 from tactopose_drake.core.kernels.descent_kernels import Ends
+from tactopose_drake.core.kernels.hand_sphere_kernels import NO_SPHERES
 from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
-from tactopose_drake.core.kernels.prior_kernels import Prior
+from tactopose_drake.core.objectives.compiled_descent import NO_DOUBTS
+from tactopose_drake.core.objectives.pose_prior import NO_PRIOR
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.resources import model_path
 
 ROUNDS, POSES = 200, 100
-NO_PRIOR = Prior(read_only(np.eye(3, 4)), read_only(np.zeros(6)))
+NO_CONTACT_SPARED = read_only(np.empty(0, dtype=np.int64))
 
 
 def compiled_with(kernel: Any, **names: Any) -> Any:
@@ -65,7 +67,9 @@ def test_prefetch() -> None:
                 np.empty(POSES, dtype=np.bool_),
             )
             started = time.process_time()
-            kernels[name](objective.grid, objective.touch, NO_PRIOR, rule, X_PO, ends)
+            kernels[name](
+                objective.grid, objective.touch, NO_DOUBTS, NO_PRIOR, NO_SPHERES, rule, NO_CONTACT_SPARED, X_PO, ends
+            )
             taken[name].append(time.process_time() - started)
             costs[name] = cost
         np.testing.assert_array_equal(costs["with"], costs["without"])
