@@ -135,7 +135,8 @@ def write(rng: np.random.Generator, vertices: Vertices, faces: Faces, kind: str)
             listed = [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
             text = "\n".join(["mtllib ../outside.mtl", *[f"v {line}" for line in lines], *listed, ""])
         return MeshFile(f"mesh.{kind}", text.encode(), {})
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    scale = 1000.0 if kind == "3mf" else 1.0  # trimesh writes such files in millimetres
+    mesh = trimesh.Trimesh(scale * vertices, faces, process=False)
     if kind == "gltf":
         files = {name: bytes(content) for name, content in mesh.scene().export(file_type="gltf").items()}
         return MeshFile("mesh.gltf", files.pop("model.gltf"), files)

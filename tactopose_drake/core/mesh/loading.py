@@ -4,6 +4,9 @@ What comes out is bounded before the work: the file's size, the size that an arc
 vertices and faces with every instance counted. Of other files a mesh file may name only buffers in its own folder or
 below.
 
+Files of Collada (dae, zae) and 3MF say which unit their numbers are in, a 3MF file that names none means millimetres by
+its specification: they come out in metres. Those of other formats, and trimesh's own objects, are taken in metres.
+
 trimesh takes most of a second to load. That is left until a mesh is read, which the kept model of a file does without,
 as do plain OBJ files.
 """
@@ -35,6 +38,7 @@ MOST_VERTICES = 3 * MOST_FACES
 
 _FORMATS = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl", ".xaml", ".zae")
 _WITH_MATERIALS = (".glb", ".gltf", ".obj", ".ply")  # whose readers can leave the materials alone
+_WITH_UNITS = (".3mf", ".dae", ".zae")  # whose files state the unit of their numbers
 _LONGEST_REASON = 300
 
 # What a reader stumbled over is in the error; on its own it would print a traceback of it where no handler is set.
@@ -48,7 +52,7 @@ class RawMesh:
     """The triangles of a source as they are, nothing checked.
 
     Attributes:
-        vertices: shape (v, 3).
+        vertices: shape (v, 3), m where the source states its unit, otherwise in the unit of the source.
         faces: vertex indices, shape (f, 3).
     """
 
@@ -89,8 +93,10 @@ def mesh_file(source: str | Path) -> Path:
 def load_mesh(source: MeshSource) -> RawMesh:
     """Reads a mesh file, or takes over a mesh or a scene (its meshes placed and joined).
 
+    A file that states its unit (dae, zae, 3mf) is converted to metres.
+
     Raises:
-        InvalidFileError: if a file is missing, too large, or cannot be read as a mesh.
+        InvalidFileError: if a file is missing, too large, cannot be read as a mesh, or states a unit that is none.
         InvalidMeshError: if there are too many faces or vertices.
         UnknownNameError: if a file's format is not one that can be read.
         InvalidInputError: if the source is of another type.
@@ -135,7 +141,8 @@ def _read(path: Path) -> RawMesh:
                     process=False,
                     **options,
                 )
-            return _joined(scene, str(path))
+            mesh = _joined(scene, str(path))
+            return _in_metres(mesh, scene.units, path) if ending in _WITH_UNITS else mesh
     except InvalidInputError:
         raise
     except Exception as error:
@@ -143,6 +150,21 @@ def _read(path: Path) -> RawMesh:
         if len(reason) > _LONGEST_REASON:
             reason = f"{reason[:_LONGEST_REASON]}..."
         raise InvalidFileError(f"{path}: cannot be read as a mesh ({reason}).") from error
+
+
+def _in_metres(mesh: RawMesh, unit: str | None, path: Path) -> RawMesh:
+    """The triangles of a file whose numbers are in a unit, as trimesh calls it, in metres."""
+    from trimesh.units import unit_conversion
+
+    if unit is None:
+        return mesh
+    try:
+        metres = unit_conversion(unit, "meters")
+    except ValueError:
+        metres = np.nan
+    if not 0.0 < metres < np.inf:
+        raise InvalidFileError(f"{path}: states the unit {shown(unit)}; allowed are lengths, such as millimeter.")
+    return RawMesh(metres * mesh.vertices, mesh.faces)
 
 
 def _check_counts(name: str, faces: int, vertices: int) -> None:

@@ -229,7 +229,8 @@ class ObjectModel(SimpleBodies):
             mesh: a file (obj, stl, ply, off, glb, gltf, dae, zae, 3mf or xaml), a `trimesh.Trimesh`, or a
                 `trimesh.Scene`: its meshes joined.
             name: what to call the object.
-            scale: how many metres the mesh's unit has: 0.001 for one in millimetres.
+            scale: how many metres the mesh's unit has: 0.001 for one in millimetres. A dae, zae or 3mf file states
+                its unit and is in metres already; the scale comes on top of that.
             mass: kg.
             center_of_mass: in O, shape (3,), m; in the bounding box, or outside of it by no more than the size.
             symmetry: "auto" detects the rotations that leave the object unchanged, "none" assumes there are none, a
