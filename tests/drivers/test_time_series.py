@@ -66,6 +66,13 @@ def test_a_file_without_a_header_does_not_lose_its_first_row(tmp_path: Path) -> 
         load_time_series(tmp_path / "load.csv", 6)
 
 
+@pytest.mark.parametrize("cell", ["1_0", "\N{ARABIC-INDIC DIGIT ONE}", "1e1_0"])
+def test_what_only_python_takes_for_a_number_is_refused(tmp_path: Path, cell: str) -> None:
+    (tmp_path / "load.csv").write_text(f"time, f_x\n0.0, {cell}\n", encoding="utf-8")
+    with pytest.raises(InvalidFileError, match=rf"load\.csv: row 2: f_x: is '{cell}'; allowed are finite numbers"):
+        load_time_series(tmp_path / "load.csv", 1)
+
+
 def test_missing_files_are_one_clear_error(tmp_path: Path) -> None:
     with pytest.raises(InvalidFileError, match="nowhere"):
         load_time_series(tmp_path / "nowhere.csv", 6)

@@ -67,8 +67,8 @@ def _numbers(path: Path, names: Sequence[str], rows: Sequence[tuple[int, list[st
 
 
 def _number(text: str) -> float | None:
-    """What a text says, if that is a number."""
+    """What a text says, if that is a number; not 1_0, which is one to Python, nor digits of other scripts."""
     try:
-        return float(text)
+        return float(text) if text.isascii() and "_" not in text else None
     except ValueError:
         return None
