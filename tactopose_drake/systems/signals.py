@@ -23,7 +23,7 @@ from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.resources.yaml_files import shown
 from tactopose_drake.systems.line_file import LineFile
 
-_LARGEST = 1e12  # of a number, in SI units; nothing that is measured comes near
+_LARGEST = 1e12  # of a time, and of a pose's numbers, in SI units; a sensor's readings may be anything
 
 # A vector (FloatArray), a pose (RigidTransform), what is known of a pose (PosePrior), or None: not known yet.
 Value: TypeAlias = Any
@@ -188,13 +188,18 @@ def _refuse(text: str) -> float:
     raise ValueError(f"{text} is no number")
 
 
-def _number(value: Any) -> float:
+def _finite(value: Any) -> float:
     """A finite number. NumPy would take text and booleans for some."""
     if not isinstance(value, float | int) or isinstance(value, bool) or not math.isfinite(value):
         raise ValueError(f"{shown(value)} is no finite number")
-    if abs(value) > _LARGEST:
-        raise ValueError(f"{shown(value)} is beyond {_LARGEST:g}")
     return float(value)
+
+
+def _number(value: Any) -> float:
+    """A time, or a number of a pose."""
+    if abs(number := _finite(value)) > _LARGEST:
+        raise ValueError(f"{shown(value)} is beyond {_LARGEST:g}")
+    return number
 
 
 def _matrix(rows: Any) -> FloatArray:
@@ -215,7 +220,7 @@ def _encode(value: Value) -> Mapping[str, Any]:
 def _decode(entry: dict[str, Any]) -> Value:
     ((kind, data),) = entry.items()
     if kind == "vector":
-        return np.array([np.nan if number is None else _number(number) for number in data], dtype=np.float64)
+        return np.array([np.nan if number is None else _finite(number) for number in data], dtype=np.float64)
     if kind == "pose":
         return RigidTransform(pose_matrix("pose", _matrix(data)))
     if kind == "prior":
