@@ -7,10 +7,11 @@ import numpy as np
 
 from tactopose_drake.core.geometry_checks import unit_vectors
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
-from tactopose_drake.core.validation import finite_array, positive_number
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidInputError
 
 _MAX_CELLS = 10_000  # of an array; the finest ones have some hundreds
+_ROUNDING = 0.02  # share of a cell that its place may be off by, as of a drawing in hundredths of a millimetre
 
 
 def _check_count(name: str, count: float) -> None:
@@ -33,7 +34,7 @@ class RowPattern:
     """Rows of cells on a pad that is flat or bent one way, `!RowPattern` in YAML.
 
     Cells are numbered row by row. Within a row they follow each other in the direction `along` x `normal`, about which
-    the pad bends.
+    the pad bends. No two rows overlap: what presses on both would count twice.
     """
 
     along: list[float] = dataclasses.field(default_factory=lambda: [1.0, 0.0, 0.0])  # from row to row, unit vector
@@ -45,7 +46,7 @@ class RowPattern:
         """The layout.
 
         Raises:
-            InvalidInputError: a value out of its range; the message names it.
+            InvalidInputError: a value out of its range, or a row that overlaps another; the message names it.
         """
         along = unit_vectors("RowPattern.along", self.along, (3,))
         normal = unit_vectors("RowPattern.normal", self.normal, (3,))
@@ -59,6 +60,7 @@ class RowPattern:
         angles = np.radians([self._check(i, row).tangent_deg for i, row in enumerate(self.rows)])[:, None]
         tangents = np.cos(angles) * along - np.sin(angles) * normal
         normals = np.cos(angles) * normal + np.sin(angles) * along
+        self._check_overlaps(along, normal)
         # The wall between two rows halves the angle between them.
         rising = normals + np.concatenate([normals[:1], normals[:-1]])
         ending = normals + np.concatenate([normals[1:], normals[-1:]])
@@ -85,6 +87,32 @@ class RowPattern:
         if row.count > 1 and width > self.pitch * (1 + 1e-9):
             raise InvalidInputError(f"{name}.cell: is {width:g} m across; allowed is the pitch {self.pitch:g} at most.")
         return row
+
+    def _check_overlaps(self, along: FloatArray, normal: FloatArray) -> None:
+        """Raises InvalidInputError if cells of two rows lie over each other; not where they are on opposite sides."""
+        centers = np.array([row.center for row in self.rows]) @ np.stack([along, normal, np.cross(along, normal)], 1)
+        angles = np.radians([row.tangent_deg for row in self.rows])
+        half, width = 0.5 * (1.0 - _ROUNDING) * np.array([row.cell for row in self.rows]).T
+        last = np.array([row.count - 1 for row in self.rows])
+        first = centers[:, 2] - 0.5 * self.pitch * last
+        for i in range(len(self.rows) - 1):
+            others = slice(i + 1, None)
+            turn, mean = 0.5 * (angles[others] - angles[i]), 0.5 * (angles[others] + angles[i])
+            over, up, _ = (centers[others] - centers[i]).T
+            reach = half[others] + half[i]
+            # Rows that meet in an edge of a bent pad are as far apart as this along the middle of their directions.
+            is_over = np.abs(np.cos(mean) * over - np.sin(mean) * up) < reach * np.cos(turn)
+            is_near = np.abs(np.sin(mean) * over + np.cos(mean) * up) < reach
+            apart = first[others] - first[i]
+            steps = np.clip(np.rint(-apart / self.pitch), -last[i], last[others])  # to the nearest cell of the other
+            is_beside = np.abs(apart + steps * self.pitch) < width[others] + width[i]
+            overlap = is_over & is_near & is_beside & (np.cos(2.0 * turn) > 0.0)
+            if overlap.any():
+                j = i + 1 + int(overlap.argmax())
+                raise InvalidInputError(
+                    f"RowPattern.rows[{j}].center: is {self.rows[j].center}, where its cells overlap those of "
+                    f"rows[{i}], at {self.rows[i].center}; allowed are rows beside each other."
+                )
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

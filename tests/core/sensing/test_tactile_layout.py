@@ -28,6 +28,44 @@ def test_cells_are_where_the_rows_say() -> None:
     np.testing.assert_allclose(layout.n_T[3:], [[np.sin(tilt), -np.cos(tilt), 0]] * 3, atol=1e-12)
 
 
+def bent_row(along: float, across: float, bend: float, count: int = 1) -> CellRow:
+    """A row of cells of 1 mm x 1 mm on a cylinder of 5 mm about y, the arc `along` from its top; `bend` is off by."""
+    angle = along / 0.005
+    center = [0.005 * np.sin(angle) * bend, across, 0.005 * np.cos(angle) * bend]
+    return CellRow(center=center, tangent_deg=float(np.degrees(angle)), count=count)
+
+
+# Above a plate of 0.8 mm, about its edge, and below.
+AROUND_A_PLATE = [
+    CellRow(center=[0.0, 0.0, 0.0004]),
+    CellRow(center=[0.0005, 0.0, 0.0], tangent_deg=90.0, cell=[0.0008, 0.001]),
+    CellRow(center=[0.0, 0.0, -0.0004], tangent_deg=180.0),
+]
+
+
+@pytest.mark.parametrize(
+    ("rows", "is_allowed"),
+    [
+        ([bent_row(0.0, 0.0, 1.0), bent_row(0.00101, 0.0, 1.0)], True),
+        ([bent_row(0.0, 0.0, 1.0), bent_row(0.0009, 0.0, 1.0)], False),
+        ([bent_row(0.002, 0.0, 1.0), bent_row(0.00101, 0.0, 1.0), bent_row(0.0022, 0.0, 1.0)], False),
+        ([bent_row(0.0, 0.0, 1.0), bent_row(0.0009, 0.001, 1.0)], True),  # side by side
+        ([bent_row(0.0, 0.0, 1.0, 3), bent_row(0.0, 0.002, 1.0, 2)], False),  # cells at +-1 and at 1.5 and 2.5
+        ([bent_row(0.0, 0.0, 1.0, 3), bent_row(0.0, 0.0025, 1.0, 2)], True),
+        ([bent_row(0.0, 0.0, 1.0), bent_row(0.0005, 0.0, 0.9)], False),  # a little deeper
+        (AROUND_A_PLATE, True),
+    ],
+)
+def test_rows_do_not_overlap(rows: list[CellRow], is_allowed: bool) -> None:
+    pattern = RowPattern(rows=rows)
+    if is_allowed:
+        assert len(pattern.make()) == sum(row.count for row in rows)
+        return
+    last = len(rows) - 1
+    with pytest.raises(InvalidInputError, match=rf"rows\[{last}\].center: .* overlap those of rows\[0\]"):
+        pattern.make()
+
+
 def wedges_of(layout: TactileLayout, points: np.ndarray) -> np.ndarray:
     """In how many wedges each point is, on the cells' outer side."""
     height = np.einsum("mki,pi->pmk", layout.planes[..., :3], points) + layout.planes[..., 3]
@@ -129,6 +167,7 @@ def test_impossible_rays_are_named(rays: np.ndarray, message: str) -> None:
         (RowPattern(rows=[CellRow(count=2, cell=[0.001, 0.002])]), r"rows\[0\].cell: is 0.002 m across"),
         (RowPattern(rows=[CellRow(center=[0, 0])]), r"rows\[0\].center: has shape"),
         (RowPattern(rows=[CellRow(tangent_deg=np.inf)]), "tangent_deg: is inf"),
+        (RowPattern(rows=[CellRow(), CellRow()]), r"rows\[1\].center: is .* overlap those of rows\[0\], at .* beside"),
         (CapsulePattern(radius=-1), "radius: is -1"),
         (CapsulePattern(half_angle_deg=90), "half_angle_deg: is 90"),
         (CapsulePattern(end_angle_deg=np.nan), "end_angle_deg: is nan"),
