@@ -10,6 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, EventStatus, State
 
 from tactopose_drake.core.parameter_checks import check_parts, params_of
+from tactopose_drake.core.posterior.moved_origin import about_middle
 from tactopose_drake.core.posterior.plausibility import may_be_touched
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -203,7 +204,8 @@ class PoseBeliefEstimator(CollectableSystem):
                 self._tracker.start(before.time), history=before.history, vision=vision, X_WP=before.X_WP
             )
         seen = frame.vision
-        if seen is not None and not self._may_be_touched(seen.X_PO, seen.covariance, frame):
+        # The spread of vision is that of the object's middle, wherever its origin is.
+        if seen is not None and not _may_be_touched(self._model, seen.X_PO, seen.covariance, frame):
             frame = dataclasses.replace(frame, vision=None)
             remarks = ("vision is not believed: it is out of reach of the touch", *remarks)
         try:
@@ -223,11 +225,13 @@ class PoseBeliefEstimator(CollectableSystem):
         since = frame.time - max(belief.touch_time, belief.vision.accepted_time)
         is_news = frame.vision is not None and frame.vision.time not in belief.vision.times
         is_forgotten = since > self._params.tracker.unobserved_time and (is_news or len(frame.evidence.touch) > 0)
-        return is_forgotten or not self._may_be_touched(belief.X_PO[0], belief.covariance[0], frame)
-
-    def _may_be_touched(self, X_PO: FloatArray, covariance: FloatArray, frame: Frame) -> bool:
-        contacts = frame.evidence.touch
-        return not len(contacts) or may_be_touched(self._model, X_PO, covariance, contacts)
+        if is_forgotten:
+            return True
+        best = dataclasses.replace(
+            belief.mixture, X_PO=belief.X_PO[:1], weights=np.ones(1), covariance=belief.covariance[:1]
+        )
+        near, best = about_middle(self._model, best)
+        return not _may_be_touched(near, best.X_PO[0], best.covariance[0], frame)
 
     def _read(self, context: Context, state: State) -> Reading:
         """All that the inputs say now; writes what is to be remembered of it into the state."""
@@ -269,6 +273,11 @@ class PoseBeliefEstimator(CollectableSystem):
 
     def _calc_belief(self, context: Context, output: AbstractValue) -> None:
         output.set_value(self._belief(context))
+
+
+def _may_be_touched(model: ObjectModel, X_PO: FloatArray, covariance: FloatArray, frame: Frame) -> bool:
+    contacts = frame.evidence.touch
+    return not len(contacts) or may_be_touched(model, X_PO, covariance, contacts)
 
 
 def _pose(belief: PoseBelief) -> RigidTransform:

@@ -88,6 +88,25 @@ def test_touch_and_vision_give_the_pose_on_every_port(box: ObjectModel) -> None:
     assert np.linalg.eigvalsh(covariance)[0] > 0.0
 
 
+@pytest.mark.parametrize(("away", "is_in_reach"), [(0.6, True), (0.9, False)])
+def test_what_is_in_reach_does_not_hang_on_where_the_object_has_its_origin(
+    box: ObjectModel, away: float, is_in_reach: bool
+) -> None:
+    """A guess that is so far off counts, or is given up, whether or not its turns move the origin by decimetres."""
+    counts = []
+    for offset in (np.zeros(3), np.array([0.4, 0.1, -0.3])):
+        mesh = trimesh.Trimesh(box.vertices + offset, box.faces, process=False)
+        bench = Bench(PoseBeliefEstimator(ObjectModel.from_mesh(mesh, cache=False, symmetry="none")))
+        guess = RigidTransform([away, 0.0, 0.0]) @ SEEN.X_PO @ RigidTransform(-offset)
+        prior = PosePrior(guess, 0.02, math.radians(10))
+        bench.fix(contacts=Contacts.empty(), fingers_in_contact=(), vision=prior)
+        bench.simulator.AdvanceTo(0.05)
+        bench.fix(fingers_in_contact=FINGERS, vision=None)
+        bench.feel(3)
+        counts.append(bench.read("belief").standing is not None)
+    assert counts == [is_in_reach, is_in_reach]
+
+
 def test_what_is_free_does_not_hang_on_where_the_object_has_its_origin(box: ObjectModel) -> None:
     offset = np.array([2.0, -0.5, 1.0])
     mesh = trimesh.Trimesh(box.vertices + offset, box.faces, process=False)

@@ -184,11 +184,12 @@ def may_be_touched(
     Args:
         model: the object.
         X_PO: where it is or was lately, shape (3, 4).
-        covariance: of the increment (w, v) from it, shape (6, 6), rad and m.
+        covariance: of the increment (w, v) from it, shape (6, 6), rad and m; v is that of a point of the object or near
+            it.
         contacts: in P, at least one.
     """
     spread = np.trace(covariance[3:, 3:]) + model.size**2 * np.trace(covariance[:3, :3])
-    # Within its size are the turns about its origin, and what it may have moved in the hand meanwhile.
+    # Within its size are the turns about that point, and what it may have moved in the hand meanwhile.
     reach = model.size + _REACH_SIGMAS * np.sqrt(spread)
     p_OC = (contacts.p_PC - X_PO[:, 3]) @ X_PO[:, :3]
     out_of_box = p_OC - np.clip(p_OC, model.grid.origin, model.grid.upper)
