@@ -17,9 +17,9 @@ from tactopose_drake.hand.joint_matrices import joint_matrix, joint_offsets
 from tactopose_drake.hand.named_joints import check_near_limits
 from tactopose_drake.station.can_senses import CanSenses, FixedJoints, JointFile
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.systems.signals import Signal
+from tactopose_drake.systems.signals import UNKNOWN_POSE, Signal, Value
 
-# A gap between two rows of joints is longer than this, s, and than so many of the file's usual steps.
+# A gap between two rows of a file is longer than this, s, and than so many of the file's usual steps.
 _LEAST_GAP = 0.15
 _STEPS_OF_A_GAP = 10.0
 _PALM = ["time", "x", "y", "z", "qw", "qx", "qy", "qz"]
@@ -27,6 +27,8 @@ _PALM = ["time", "x", "y", "z", "qw", "qx", "qy", "qz"]
 
 def known_signals(scenario: Scenario) -> dict[str, Signal]:
     """The signals that the scenario's `senses.joints`, `palm` and `prior` stand for, by the station's names.
+
+    Joints and palm hold from row to row; in a gap of a file they are not known.
 
     Raises:
         InvalidInputError: if the joint angles come through a port, or a joint's name is unknown, or its angle one that
@@ -49,7 +51,8 @@ def known_signals(scenario: Scenario) -> dict[str, Signal]:
         (first, *names), table = read_csv_table(path)
         _check_columns(path, [first, *names], ["time", *names])
         positions = _positions(scenario, f"{path}: positions", names, table[:, 1:])
-        signals["joint_positions"] = _unknown_in_gaps(table[:, 0], positions)
+        unknown = np.full(positions.shape[1], np.nan)
+        signals["joint_positions"] = _unknown_in_gaps(table[:, 0], list(positions), unknown)
     elif senses.barrett_hand is None:
         raise InvalidInputError(
             "CanSenses.joints: is not given, or !JointPort: joint positions come through an input port of a diagram of "
@@ -107,13 +110,15 @@ def _positions(scenario: Scenario, where: str, names: list[str], rows: FloatArra
     return positions
 
 
-def _unknown_in_gaps(times: FloatArray, positions: FloatArray) -> Signal:
-    """Positions (n, nq) over time; NaN in a gap, from when the row before it is older than rows usually get."""
+def _unknown_in_gaps(times: FloatArray, values: list[Value], unknown: Value) -> Signal:
+    """Values over time; unknown in a gap, from when the row before it is older than rows usually get."""
     steps = np.diff(times)
     longest = max(_LEAST_GAP, _STEPS_OF_A_GAP * float(np.median(steps))) if len(steps) else 0.0
-    after = np.flatnonzero(steps > longest) + 1
-    times, positions = np.insert(times, after, times[after - 1] + longest), np.insert(positions, after, np.nan, axis=0)
-    return Signal(times.tolist(), list(positions))
+    known = times.tolist()
+    for row in (np.flatnonzero(steps > longest) + 1)[::-1].tolist():
+        known.insert(row, known[row - 1] + longest)
+        values.insert(row, unknown)
+    return Signal(known, values)
 
 
 def _palm(path: Path) -> Signal:
@@ -127,7 +132,8 @@ def _palm(path: Path) -> Signal:
             f"{path}: at {table[wrong, 0]:g} s, the quaternion has the length {lengths[wrong]:g}; allowed is 1."
         )
     turns = [Quaternion(q / length) for q, length in zip(table[:, 4:], lengths, strict=True)]
-    return Signal(table[:, 0].tolist(), [RigidTransform(*pose) for pose in zip(turns, p, strict=True)])
+    poses = [RigidTransform(*pose) for pose in zip(turns, p, strict=True)]
+    return _unknown_in_gaps(table[:, 0], poses, UNKNOWN_POSE)
 
 
 def _check_columns(path: Path, names: list[str], allowed: list[str]) -> None:

@@ -129,7 +129,7 @@ def _messages(run: RecordedRun) -> Iterator[_Message]:
                 pose = {"pose": ros_pose(value.X_PO), "covariance": covariance}
                 stamped = {"header": header(time, hand.palm), "pose": pose}
                 yield _Message(time, "/prior", "geometry_msgs/PoseWithCovarianceStamped", stamped)
-            elif name in _POSES_IN:
+            elif name in _POSES_IN and np.isfinite(value.translation()).all():
                 frame = _POSES_IN[name] or hand.palm
                 stamped = {"header": header(time, frame), "pose": ros_pose(value)}
                 yield _Message(time, f"/{name}", "geometry_msgs/PoseStamped", stamped)

@@ -68,7 +68,8 @@ class FixedJoints:
 class JointFile:
     """Joint positions over time, `!JointFile` in YAML."""
 
-    # CSV: a header of `time` and joints' names, then rows of s and rad until the run ends; others follow, or are 0
+    # CSV: a header of `time` and joints' names, then rows of s and rad until the run ends; others follow, or are 0.
+    # In a gap, as one of `palm`, they are not known
     path: str = ""
 
 
@@ -95,8 +96,9 @@ class CanSenses:
     joints: JointPort | FixedJoints | JointFile = dataclasses.field(default_factory=JointPort)
     prior: str = ""  # a prior.yaml with the object's pose by other means; empty: the diagram's input port `prior`
     # CSV of where an arm holds the palm in the world, whose z points up: a header of `time, x, y, z, qw, qx, qy, qz`,
-    # then rows of s, m, and a unit quaternion until the run ends; empty: the diagram's input port `palm_pose`, or a
-    # base that stands still
+    # then rows of s, m, and a unit quaternion until the run ends, each of which holds until the next; in a gap that is
+    # longer than 0.15 s and ten usual steps it is not known; empty: the diagram's input port `palm_pose`, or a base
+    # that stands still
     palm: str = ""
     tare_samples: int = 50  # of each board before the start, while nothing touches the hand; 0: no tare
     compensate_weight: bool = True  # whether a fingertip's weight is followed as the fingertip turns after the tare

@@ -30,10 +30,10 @@ class FingertipWeight(CollectableSystem):
     - joint_positions: of the hand, shape (nq,), rad. Those at a context's first initialisation count as those of the
       tare; of a finger with one that is not known then, the first that are at a later step or initialisation.
     - palm_pose: `RigidTransform` X_WP at each instant, of a hand that an arm moves, z of W pointing up; its orientation
-      alone counts. Optional: without it, the hand's base stays as `weights` has it.
+      alone counts, NaN where that is not known. Optional: without it, the hand's base stays as `weights` has it.
     - wrench_<finger> (input): F_S of a sensor that was tared with nothing but the fingertip on it, N m and N.
     - wrench_<finger> (output): F_S of what touches the fingertip; changes with both inputs. NaN where a joint that
-      turns the sensor is not known, now or at the tare.
+      turns the sensor, or the palm's orientation, is not known, now or at the tare.
     """
 
     def __init__(self, weights: FingertipWeights, fingers: tuple[str, ...], num_positions: int) -> None:

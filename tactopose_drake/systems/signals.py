@@ -2,7 +2,7 @@
 
 They are kept as JSON lines, one a change: `{"time": 0.25, "name": "joint_positions", "vector": [0.1, ...]}`. A line is
 whole by itself, so a file that is cut off is good to its last whole line; a number is written so that it comes back to
-the last bit; and any language reads it. NaN is `null`.
+the last bit; and any language reads it. NaN is `null`, and so is a pose that is not known.
 """
 
 import bisect
@@ -24,6 +24,9 @@ from tactopose_drake.resources.yaml_files import shown
 from tactopose_drake.systems.line_file import LineFile
 
 _LARGEST = 1e12  # of a time, and of a pose's numbers, in SI units; a sensor's readings may be anything
+
+UNKNOWN_POSE = RigidTransform(np.full((3, 4), np.nan))
+"""Of a palm, say, of which nothing is known for a while."""
 
 # A vector (FloatArray), a pose (RigidTransform), what is known of a pose (PosePrior), or None: not known yet.
 Value: TypeAlias = Any
@@ -211,7 +214,8 @@ def _encode(value: Value) -> Mapping[str, Any]:
         prior = {"X_PO": value.mean.tolist(), "translation": value.sigma_translation, "rotation": value.sigma_rotation}
         return {"prior": prior}
     if isinstance(value, RigidTransform):
-        return {"pose": value.GetAsMatrix34().tolist()}
+        pose: FloatArray = value.GetAsMatrix34()
+        return {"pose": pose.tolist() if np.isfinite(pose).all() else None}
     if value is None:
         return {"unknown": True}
     return {"vector": [number if np.isfinite(number) else None for number in value.tolist()]}
@@ -222,7 +226,7 @@ def _decode(entry: dict[str, Any]) -> Value:
     if kind == "vector":
         return np.array([np.nan if number is None else _finite(number) for number in data], dtype=np.float64)
     if kind == "pose":
-        return RigidTransform(pose_matrix("pose", _matrix(data)))
+        return UNKNOWN_POSE if data is None else RigidTransform(pose_matrix("pose", _matrix(data)))
     if kind == "prior":
         return PosePrior(_matrix(data["X_PO"]), _number(data["translation"]), _number(data["rotation"]))
     if kind == "unknown":

@@ -11,6 +11,7 @@ from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
+from tactopose_drake.runs.csv_export import write_csv
 from tactopose_drake.runs.known_signals import known_signals
 from tactopose_drake.runs.mcap_export import write_mcap
 from tactopose_drake.runs.recorded_senses import read_recording
@@ -77,6 +78,27 @@ def test_what_is_felt_does_not_see_the_fingertips_weight_as_the_hand_turns(scena
     for finger, F_S in held_cube.WRENCHES.items():
         felt = played.view.diagram.GetOutputPort(f"wrench_{finger}").Eval(played.view.context)
         assert np.abs(felt[3:] - F_S[3:]).max() < 0.05
+
+
+def test_where_the_palm_is_is_not_known_in_a_gap_of_its_file(scenario: Scenario, tmp_path: Path) -> None:
+    """The arm's controller says nothing from 0.2 to 0.7 s; the last row holds for as long as rows usually may."""
+    pose = [*PALMS[0].translation(), *quaternion_from_matrix(PALMS[0].rotation().matrix())]
+    rows = [[0.01 * k, *pose] for k in (*range(21), *range(70, 100))]
+    np.savetxt(tmp_path / "palm.csv", rows, delimiter=",", header=HEADER, comments="")
+    palm = known_signals(scenario)["palm_pose"]
+    for time, is_known in ((0.0, True), (0.34, True), (0.36, False), (0.69, False), (0.71, True), (9.0, True)):
+        assert np.isfinite(palm.at(time).GetAsMatrix34()).all() == is_known
+    view = run_scenario(scenario, duration=0.4, record=tmp_path / "run")
+    played = replay(tmp_path / "run", scenario)
+    assert (played.whole, played.difference) == (True, "")
+    for now in (view, played.view):
+        assert np.isnan(now.diagram.GetOutputPort("wrench_thumb").Eval(now.context)).all()
+        assert "thumb: the wrench is not finite" in now.diagram.GetOutputPort("contact_status").Eval(now.context)
+    recorded = read_recording(tmp_path / "run")
+    write_csv(recorded, tmp_path / "run.csv")
+    assert ",nan,nan,nan,nan,nan,nan,nan" in (tmp_path / "run.csv").read_text()
+    write_mcap(recorded, tmp_path / "run.mcap")
+    assert len(messages(tmp_path / "run.mcap")["/palm_pose"]) == 1
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,14 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.systems.played_signal import PlayedVector
-from tactopose_drake.systems.signals import Signal, SignalRecorder, read_signals
+from tactopose_drake.systems.signals import UNKNOWN_POSE, Signal, SignalRecorder, read_signals
 
 POSE = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.01, 0.02, 1 / 3])
 VALUES = {
     "vector": [np.array([1 / 3, np.nan, -1e-300]), np.array([np.pi, 2.0, 0.0])],
     "wild": [np.array([1e13 + 1 / 3, -1e300]), np.array([0.0, 1e12])],
     "pose": [RigidTransform(), POSE],
+    "unknown pose": [POSE, UNKNOWN_POSE],
     "prior": [None, PosePrior(POSE, sigma_translation=1 / 7, sigma_rotation=0.1)],
 }
 
