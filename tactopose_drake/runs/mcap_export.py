@@ -55,8 +55,10 @@ def write_mcap(run: RecordedRun, path: Path) -> None:
     | /tf | tf2_msgs/TFMessage: the hand's links and frames by the joints, and the object by the best hypothesis |
     | /scene | visualization_msgs/MarkerArray: the shapes of hand and object, in the frames of /tf |
 
-    In /tf the hand stands where the scenario has it, also where an arm carries it. Covariances are as ROS has them: of
-    the position, then of a rotation about the palm's axes, m and rad.
+    In /tf the hand stands where the scenario has it, also where an arm carries it; sensors' frames that a calibration
+    has found elsewhere than the hand's model are beside those of the model, and wrenches are in them. A pose that is
+    held is of the time at which it was found, and not said again. Covariances are as ROS has them: of the position,
+    then of a rotation about the palm's axes, m and rad.
 
     Args:
         run: the recording.
@@ -133,14 +135,18 @@ def _messages(run: RecordedRun) -> Iterator[_Message]:
                 frame = _POSES_IN[name] or hand.palm
                 stamped = {"header": header(time, frame), "pose": ros_pose(value)}
                 yield _Message(time, f"/{name}", "geometry_msgs/PoseStamped", stamped)
+    said: dict[str, Any] = {}  # the last hypotheses, by prefix
     for line in run.estimates:
         time = float(line["time"])
         for text in ("status", "sense_status", "tracked_status"):
             if text in line:
                 yield _Message(time, f"/{text}", "std_msgs/String", {"data": str(line[text])})
         for prefix in ("", "tracked_"):
-            if hypotheses := line.get(f"{prefix}hypotheses"):
+            hypotheses = line.get(f"{prefix}hypotheses")
+            is_held = str(line.get(f"{prefix}status")).startswith("held") and hypotheses == said.get(prefix)
+            if hypotheses and not is_held:
                 yield from _belief(time, prefix, header(time, hand.palm), hypotheses)
+            said[prefix] = hypotheses
 
 
 def _belief(time: float, prefix: str, header: dict[str, Any], hypotheses: list[dict[str, Any]]) -> Iterator[_Message]:
@@ -165,7 +171,8 @@ class _Hand:
     def __init__(self, run: RecordedRun) -> None:
         scenario = run.manifest.scenario
         config = scenario.hand_config()
-        self._offsets = reading_offsets(*make_hand_plant(config))
+        self._known_plant, known = make_hand_plant(config)
+        self._offsets = reading_offsets(self._known_plant, known)
         with passing_builder() as builder:
             self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
             hand = add_hand(self._plant, config, fixed_pose("Scenario.X_WBase", scenario.X_WBase))
@@ -176,13 +183,10 @@ class _Hand:
         names = {int(body.index()): body.name() for body in self._bodies}
         self.shapes = [(names[body], mesh) for body, mesh in zip(meshes.body, meshes.meshes, strict=True)]
         links = set(names.values())
-        self._frames = {
-            name: frame
-            for name, frame in ((frame.name(), frame) for frame in (hand.palm_frame, *hand.sensor_frames.values()))
-            if name not in links
-        }
+        told = (hand.palm_frame, *hand.sensor_frames.values(), *known.sensor_frames.values())
+        self._frames = {frame.name(): frame for frame in told if frame.name() not in links}
         self.palm = hand.palm_frame.name()
-        self.sensor_frames = {finger: frame.name() for finger, frame in hand.sensor_frames.items()}
+        self.sensor_frames = {finger: frame.name() for finger, frame in known.sensor_frames.items()}
 
     def links(self, q: FloatArray) -> Iterator[tuple[str, str, RigidTransform]]:
         """Parent, child, and pose of each link in the world and of each further frame in its link.

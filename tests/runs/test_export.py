@@ -1,6 +1,7 @@
 """Recordings in other formats, read back message by message and cell by cell."""
 
 import csv
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -14,6 +15,7 @@ from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.runs.manifest import load_manifest
+from tactopose_drake.runs.mcap_export import write_mcap
 from tactopose_drake.runs.recorded_senses import read_recording
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.station.scenario import load_scenario
@@ -91,6 +93,21 @@ def test_every_estimate_is_there_as_it_was(recording: Path, tmp_path: Path) -> N
         wxyz = np.array([turn.w, turn.x, turn.y, turn.z])
         np.testing.assert_allclose(np.abs(wxyz @ hypotheses[0]["quaternion_wxyz"]), 1.0)
         assert len(array.poses) == len(hypotheses)
+
+
+def test_a_pose_that_is_held_is_of_the_time_at_which_it_was_found(recording: Path, tmp_path: Path) -> None:
+    run = read_recording(recording)
+    *before, last = run.estimates
+    held = [{**last, "time": last["time"] + 0.1 * k, "status": "held: 0 touches; 2 are needed"} for k in (1, 2)]
+    again = {**last, "time": last["time"] + 0.3}
+    write_mcap(dataclasses.replace(run, estimates=(*before, last, *held, again)), tmp_path / "run.mcap")
+    found, start = messages(tmp_path / "run.mcap"), run.manifest.start
+    for topic in ("/object_pose", "/hypotheses"):
+        times = [time - start for time, _ in found[topic]][-2:]
+        np.testing.assert_allclose(times, [last["time"], again["time"]], atol=1e-6)
+    assert [value.data for _, value in found["/status"]][-3:-1] == [held[0]["status"]] * 2
+    of_object = [time for time, tf in found["/tf"] if tf.transforms[0].child_frame_id == "object"]
+    np.testing.assert_allclose(np.array(of_object[-2:]) - start, [last["time"], again["time"]], atol=1e-6)
 
 
 def test_the_covariance_is_of_a_turn_about_the_palms_axes(recording: Path, tmp_path: Path) -> None:

@@ -6,8 +6,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pydrake.math import RigidTransform, RotationMatrix
 
-from tactopose_drake.hand.calibration_file import HandCalibration, MeasuredNumber, save_calibration
+from tactopose_drake.hand.calibration_file import (
+    FingerCalibration,
+    HandCalibration,
+    MeasuredNumber,
+    MeasuredVector,
+    save_calibration,
+)
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.runs import csv_export
 from tactopose_drake.station.scenario import Scenario
@@ -40,3 +47,23 @@ def test_a_calibrated_hand_is_in_tf_where_it_is(tmp_path: Path) -> None:
         found.append({child: X for _, child, X in mcap_export._Hand(run).links(q)})  # type: ignore[arg-type]
     assert found[0].keys() == found[1].keys()
     assert all(X.IsNearlyEqualTo(found[1][link], 1e-9) for link, X in found[0].items())
+
+
+def test_sensors_are_in_tf_where_a_calibration_has_found_them(tmp_path: Path) -> None:
+    """Wrenches are named to be in these frames; the hand's model has its own beside them."""
+    mcap_export = pytest.importorskip("tactopose_drake.runs.mcap_export")
+    path = write_bending_gripper(tmp_path, 2)
+    found = FingerCalibration(
+        rotation_deg=MeasuredVector(value=[0.0, 20.0, 0.0]), translation=MeasuredVector(value=[0.0, 0.003, 0.0])
+    )
+    save_calibration(tmp_path / "calibration.yaml", HandCalibration(fingers={"f0": found}))
+    path.write_text(f"{path.read_text()}calibration: calibration.yaml\n")
+    scenario = dataclasses.replace(held_cube.scenario(), hand=str(path))
+    hand = mcap_export._Hand(SimpleNamespace(manifest=SimpleNamespace(scenario=scenario)))
+    plant, _ = make_hand_plant(scenario.hand_config())
+    frames = {child: (parent, X) for parent, child, X in hand.links(np.zeros(plant.num_positions()))}
+    parent, X_LS = frames[hand.sensor_frames["f0"]]
+    assert parent == "f0_tip"
+    X = RigidTransform(RotationMatrix.MakeYRotation(np.radians(20.0)), [0.0, 0.003, 0.0])
+    assert X_LS.IsNearlyEqualTo(X, 1e-12)
+    assert hand.sensor_frames["f1"] == "f1_tip"
