@@ -35,6 +35,9 @@ _LONGEST_AXIS = 1.5  # of a fingertip whose axis does not begin at the sensor, i
 _SAME_AXIS = 0.1  # rad between a capsule's axis and the way to its end that are the same
 _MOST_SPHERES = 150  # of a finger
 _MOST_PROTRUSION = 0.0015  # of the fingertip's link out of the fingertip's surface, m
+REST_ROUNDING = 1e-3
+"""By how much a position in a hand's file may be beyond its joint's limit, rad or m."""
+
 _DIRECTIONS = random_directions(np.random.default_rng(0), 64)
 
 
@@ -80,6 +83,36 @@ def make_hand_reach(config: HandConfig, params: ReachParams) -> HandReach:
         low,
         high,
     )
+
+
+def check_rest_positions(plant: MultibodyPlant, hand: Hand) -> None:
+    """Checks that joints can be where a hand's file says that they rest; of others, which are at 0, nothing is said.
+
+    Raises:
+        InvalidInputError: if one is beyond its limits.
+    """
+    check_within_limits("HandConfig.rest_positions", hand.config.rest_positions, plant, hand)
+
+
+def check_within_limits(name: str, positions: Mapping[str, float], plant: MultibodyPlant, hand: Hand) -> None:
+    """Checks joint positions that are to be taken, by more than rounding.
+
+    Args:
+        name: of the positions, for messages.
+        positions: by the joints' names, which are known, rad or m.
+        plant: holds the hand.
+        hand: the hand in it.
+
+    Raises:
+        InvalidInputError: if one is beyond its joint's limits.
+    """
+    for joint_name, position in positions.items():
+        joint = plant.GetJointByName(joint_name, hand.model_instance)
+        low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
+        if not low - REST_ROUNDING <= position <= high + REST_ROUNDING:
+            raise InvalidInputError(
+                f"{name}[{joint_name}]: is {position:g}, beyond the joint's limits; allowed is {low:.3g} to {high:.3g}."
+            )
 
 
 def rest_positions(config: HandConfig, finger: str) -> FloatArray:

@@ -11,9 +11,8 @@ from tactopose_drake.hand.findings import Entry, Finding, Verdict, fault
 from tactopose_drake.hand.finger_chain import checked_limits, finger_chain, joints_towards
 from tactopose_drake.hand.hand_config import FingerConfig
 from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_reach import REST_ROUNDING
 from tactopose_drake.hand.shared_joints import held_joints, shared_joints
-
-_ROUNDING = 1e-3  # rad or m, by which a position in a file may be beyond a limit
 
 
 def check_joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
@@ -77,7 +76,7 @@ def _rest(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
     for name in dict.fromkeys(name for finger in hand.config.fingers for name in finger.joints):
         joint, position = plant.GetJointByName(name, hand.model_instance), said.get(name, 0.0)
         low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
-        if low - _ROUNDING <= position <= high + _ROUNDING:
+        if low - REST_ROUNDING <= position <= high + REST_ROUNDING:
             continue
         verdict: Verdict = "fault" if name in said else "note"
         what = f"has {name!r} at" if name in said else f"lacks {name!r}, which rests at"

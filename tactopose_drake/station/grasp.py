@@ -12,7 +12,7 @@ from tactopose_drake.core.grasping.grasp_plan import GraspPlan
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.hand_joints import HandJoints
-from tactopose_drake.hand.hand_reach import rest_posture
+from tactopose_drake.hand.hand_reach import check_rest_positions, check_within_limits, rest_posture
 from tactopose_drake.resources import drawn_pose
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.grasp_controller import GraspController
@@ -43,7 +43,12 @@ def add_planned_grasp(
     senses: Mapping[str, OutputPort],
     plan: GraspPlan,
 ) -> GraspStart:
-    """Adds a controller that closes the fingers as planned, by their wrenches."""
+    """Adds a controller that closes the fingers as planned, by their wrenches.
+
+    Raises:
+        InvalidInputError: if a joint is to rest beyond its limits.
+    """
+    check_rest_positions(plant, hand)
     motions = {finger: part.motion for finger, part in plan.fingers.items()}
     controller = builder.AddNamedSystem(
         "grasp_controller",
@@ -60,10 +65,16 @@ def add_planned_grasp(
 
 
 def add_grip(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, hand: Hand) -> GraspStart:
-    """Adds a controller that closes the fingers until they stall; `set_motor_gains` was called before."""
+    """Adds a controller that closes the fingers until they stall; `set_motor_gains` was called before.
+
+    Raises:
+        InvalidInputError: if a joint is to rest, or to be kept, beyond its limits.
+    """
+    check_rest_positions(plant, hand)
     assert scenario.grip is not None
     params = scenario.grip.controller
     controller = builder.AddNamedSystem("grip_controller", GripController(plant, hand, params))
+    check_within_limits("GripControllerParams.fixed", params.fixed, plant, hand)
     builder.Connect(controller.GetOutputPort("desired_state"), plant.get_desired_state_input_port(hand.model_instance))
     _connect_controller(builder, plant, hand, controller)
     q, joints = rest_posture(plant, hand), HandJoints.of(plant, hand)

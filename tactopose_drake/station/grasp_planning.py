@@ -10,7 +10,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
-from tactopose_drake.hand.hand_reach import make_hand_reach
+from tactopose_drake.hand.hand_reach import check_rest_positions, make_hand_reach
 from tactopose_drake.hand.self_collision import SelfCollision
 from tactopose_drake.resources import add_model, fixed_pose, make_parser
 from tactopose_drake.station.scenario import Scenario
@@ -20,12 +20,13 @@ def plan_scenario(scenario: Scenario, model: ObjectModel | None = None) -> list[
     """The grasps of a scenario's hand on its object, by falling score; the scenario's seed decides.
 
     Raises:
-        InvalidInputError: if the hand finds no way to hold the object.
+        InvalidInputError: if the hand finds no way to hold the object, or a joint is to rest beyond its limits.
     """
     scenario.validate()
     config = load_hand_config(scenario.hand)
     model = scenario.object_model() if model is None else model
     plant, hand = make_hand_plant(config)
+    check_rest_positions(plant, hand)
     context = plant.CreateDefaultContext()
     X_BaseP = plant.CalcRelativeTransform(
         context, plant.GetFrameByName(config.base_link, hand.model_instance), hand.palm_frame

@@ -14,7 +14,7 @@ from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.hand_joints import HandJoints
-from tactopose_drake.hand.hand_reach import make_hand_reach, rest_posture
+from tactopose_drake.hand.hand_reach import check_rest_positions, make_hand_reach, rest_posture
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.next_touch_chooser import GuardedMove
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
@@ -110,13 +110,15 @@ class TouchExplorer(CollectableSystem):
         """Makes the fingers' kinematics.
 
         Raises:
-            InvalidInputError: parameters out of their range, or a hand of which fewer than two fingertips feel forces.
+            InvalidInputError: parameters out of their range, a hand of which fewer than two fingertips feel forces, or
+                whose joints are to rest beyond their limits.
         """
         super().__init__()
         instance_of("hand", hand, HandConfig)
         self._params = params_of(TouchExplorerParams, params)
         self._fingers = {name: part.geometry for name, part in make_hand_reach(hand, ReachParams()).fingers.items()}
         plant, parts = make_hand_plant(hand)
+        check_rest_positions(plant, parts)
         joints = HandJoints.of(plant, parts)
         self._places = {name: joints.positions(hand.finger(name).joints) for name in self._fingers}
         self._q_rest = rest_posture(plant, parts)
