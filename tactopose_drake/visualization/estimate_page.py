@@ -24,7 +24,7 @@ from tactopose_drake.visualization.page import Label, Page, Switch, hand_switch
 from tactopose_drake.visualization.page_tables import Instant, PageTable, Row
 from tactopose_drake.visualization.scene import Scene
 from tactopose_drake.visualization.timeline import Timeline
-from tactopose_drake.visualization.uncertainty import free_arrows
+from tactopose_drake.visualization.uncertainty import free_arrows, has_cut_ellipsoids, most_radius
 from tactopose_drake.visualization.viewpoint import choose_view, points_of_interest
 
 _PARTS: dict[Look, str] = {
@@ -126,6 +126,9 @@ def _switches(scene: Scene, is_over_time: bool) -> tuple[Switch, ...]:
         largest = f"{float(np.linalg.norm(forces, axis=1).max()):.1f} N"
         longest = "the largest of the contacts below" if is_over_time else largest
         details[appearance.FORCE] = f"{appearance.FORCE.meaning}; the longest is {longest}"
+    if is_over_time or (scene.hypotheses and has_cut_ellipsoids(scene.model, scene.hypotheses[0])):
+        cut = f"cut off at {1e3 * most_radius(scene.model):.0f} mm{' where larger' if is_over_time else ''}"
+        details[appearance.UNCERTAINTY] = f"{appearance.UNCERTAINTY.meaning}; {cut}"
     return tuple(
         hand_switch(look)
         if look is appearance.HAND

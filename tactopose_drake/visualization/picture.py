@@ -30,6 +30,7 @@ from tactopose_drake.visualization.appearance import (
     PATCH_AXES,
     PRIOR,
     TRUTH,
+    UNCERTAINTY,
     Colour,
     Look,
 )
@@ -37,7 +38,7 @@ from tactopose_drake.visualization.label_places import label_places
 from tactopose_drake.visualization.picture_marks import certainty_surface, frames_surface, smooth, touch_surface
 from tactopose_drake.visualization.pose_marks import opacity_of
 from tactopose_drake.visualization.scene import Scene, scene_of
-from tactopose_drake.visualization.uncertainty import free_arrows
+from tactopose_drake.visualization.uncertainty import free_arrows, has_cut_ellipsoids, most_radius
 from tactopose_drake.visualization.viewpoint import choose_view, points_of_interest
 
 Image = NDArray[np.float32]
@@ -248,6 +249,8 @@ def _handle(look: Look, scene: Scene, prior_label: str) -> Patch | Line2D:
         assert scene.contacts.f_PC is not None
         largest = float(np.linalg.norm(scene.contacts.f_PC, axis=1).max())
         label = f"force on the finger (longest {largest:.1f} N)"
+    if look is UNCERTAINTY and has_cut_ellipsoids(scene.model, scene.hypotheses[0]):
+        label = f"{label} (cut off at {1e3 * most_radius(scene.model):.0f} mm)"
     if look.mark == "line":
         return Line2D([], [], color=look.colour, linewidth=2.5, label=label)
     markers = {

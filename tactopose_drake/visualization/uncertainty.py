@@ -31,11 +31,13 @@ class ConfidenceEllipsoid(NamedTuple):
 
     Attributes:
         X_OE: the ellipsoid's frame E, at the point; its axes are E's.
-        radii: shape (3,), m.
+        radii: shape (3,), m, no larger than the limit.
+        is_cut: whether one of them is larger than the limit, at which it is drawn.
     """
 
     X_OE: RigidTransform
     radii: FloatArray
+    is_cut: bool
 
 
 class FreeArrow(NamedTuple):
@@ -96,9 +98,21 @@ def ellipsoids(model: ObjectModel, hypothesis: ShownHypothesis, p_OQ: FloatArray
         variance, axes = np.linalg.eigh(moved.T @ moved)
         axes = axes * np.sign(np.linalg.det(axes))
         radii = _SIGMAS * np.sqrt(np.maximum(variance, 0.0))
-        radii = np.clip(radii, _LEAST_RADIUS * model.size, _MOST_RADIUS * model.size)
-        found.append(ConfidenceEllipsoid(RigidTransform(RotationMatrix(axes), point), radii))
+        most = most_radius(model)
+        is_cut = bool(radii.max() > most)
+        radii = np.clip(radii, _LEAST_RADIUS * model.size, most)
+        found.append(ConfidenceEllipsoid(RigidTransform(RotationMatrix(axes), point), radii, is_cut))
     return found
+
+
+def most_radius(model: ObjectModel) -> float:
+    """At which ellipsoids are cut off, m: larger ones would hide the object, and each other."""
+    return _MOST_RADIUS * model.size
+
+
+def has_cut_ellipsoids(model: ObjectModel, hypothesis: ShownHypothesis) -> bool:
+    """Whether any of the ellipsoids that are drawn is cut off: what is drawn then looks surer than it is."""
+    return any(ellipsoid.is_cut for ellipsoid in ellipsoids(model, hypothesis, shown_points(model)))
 
 
 def free_arrows(model: ObjectModel, hypothesis: ShownHypothesis) -> list[FreeArrow]:

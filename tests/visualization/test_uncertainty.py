@@ -40,9 +40,9 @@ def test_what_is_free_makes_no_ellipsoid_longer(model: ObjectModel) -> None:
     points = shown_points(model)
     narrow = ellipsoids(model, ShownHypothesis(X_PO, 1.0, wide, slide), points)
     assert max(ellipsoid.radii.max() for ellipsoid in narrow) < 0.004
-    assert (
-        max(ellipsoid.radii.max() for ellipsoid in ellipsoids(model, ShownHypothesis(X_PO, 1.0, wide), points)) > 0.02
-    )
+    cut = ellipsoids(model, ShownHypothesis(X_PO, 1.0, wide), points)
+    assert max(ellipsoid.radii.max() for ellipsoid in cut) == 0.25 * model.size > 0.02
+    assert (any(e.is_cut for e in narrow), all(e.is_cut for e in cut)) == (False, True)
     assert ellipsoids(model, ShownHypothesis(X_PO), points) == []
 
 
