@@ -142,8 +142,12 @@ def reconstruct(
     off = np.concatenate([volume.distance(view.p_OQ) for view in views])
     # What an image's errors have in common does not show in how well its own points fit.
     seen_depths = [(view.camera, view.depth[np.isfinite(view.depth)]) for view in views]
-    common = [camera.depth_noise * np.median(depths) ** 2 for camera, depths in seen_depths if len(depths)]
-    seen_sigma = math.hypot(_rms(off), math.sqrt(views[0].camera.common_share) * float(np.mean(common)))
+    common = [
+        math.sqrt(camera.common_share) * camera.depth_noise * np.median(depths) ** 2
+        for camera, depths in seen_depths
+        if len(depths)
+    ]
+    seen_sigma = math.hypot(_rms(off), float(np.mean(common)))
     return Reconstruction(
         vertices, faces, seen, seen_sigma, max(seen_sigma, _left_out_error(views, params, box)), unseen_share
     )

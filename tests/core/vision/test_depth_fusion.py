@@ -1,5 +1,6 @@
 """Meshes of objects that are known from depth images only."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -57,6 +58,19 @@ def test_what_was_seen_lies_on_the_object(box: ObjectModel, around: Reconstructi
     distance = box.grid.distance(around.vertices)
     assert np.sqrt(np.mean(distance[around.seen] ** 2)) < 1.5 * around.seen_sigma
     assert around.seen_sigma < 0.0015
+
+
+def test_the_order_of_cameras_that_differ_tells_nothing(box: ObjectModel) -> None:
+    """One whose errors are all alike, and two whose errors average out: what is common to an image is its camera's."""
+    shares = (1.0, 0.0, 0.0)
+    seen = [
+        dataclasses.replace(view, camera=dataclasses.replace(CAMERA, common_share=share))
+        for view, share in zip(views(box, 120.0), shares, strict=True)
+    ]
+    first, last = (reconstruct(ordered, TABLE).seen_sigma for ordered in (seen, seen[::-1]))
+    assert first == pytest.approx(last, rel=1e-6)
+    alike = [dataclasses.replace(view, camera=dataclasses.replace(CAMERA, common_share=1.0)) for view in seen]
+    assert first < reconstruct(alike, TABLE).seen_sigma
 
 
 def test_the_unseen_part_is_said(box: ObjectModel, around: Reconstruction) -> None:
