@@ -14,7 +14,7 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.identities import Identification
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_optional_input
-from tactopose_drake.visualization.likelihood_bars import add_bars, set_bars
+from tactopose_drake.visualization.likelihood_bars import add_bars, look_at_bars, set_bars
 from tactopose_drake.visualization.meshcat import check_meshcat
 
 
@@ -24,6 +24,7 @@ class LikelihoodDisplayParams:
 
     period: float = 1.0 / 8.0  # s between two frames
     path: str = "/tactopose_identity"  # of all parts in Meshcat's tree
+    aim_camera: bool = False  # once, at the bars when a simulation is initialized: where nothing else is looked at
 
     def validate(self) -> None:
         """Raises InvalidInputError if the period is not positive."""
@@ -72,6 +73,8 @@ class LikelihoodDisplay(CollectableSystem):
 
     def _make_rows(self, context: Context) -> EventStatus:
         add_bars(self._meshcat, self._params.path, self._models)
+        if self._params.aim_camera:
+            look_at_bars(self._meshcat, len(self._models))
         return EventStatus.Succeeded()
 
     def _stretch_bars(self, context: Context) -> EventStatus:

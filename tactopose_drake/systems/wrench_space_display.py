@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
@@ -12,8 +13,11 @@ from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_optional_input
-from tactopose_drake.visualization.meshcat import check_meshcat
+from tactopose_drake.visualization.meshcat import check_meshcat, look_at
 from tactopose_drake.visualization.wrench_spaces import draw_wrench_space
+
+_SEEN = 10.0  # N, from one side to the other, that the camera sees where it is aimed
+_FROM = np.array([0.6, 0.3, 0.2])  # direction to it
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -24,6 +28,7 @@ class WrenchSpaceDisplayParams:
     path: str = "/tactopose_wrenches"  # of all parts in Meshcat's tree
     scale: float = 0.1  # length of 1 N, m
     place: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.3])  # of the origin in the world, m
+    aim_camera: bool = False  # once, at the place when a simulation is initialized: where nothing else is looked at
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
@@ -62,6 +67,8 @@ class WrenchSpaceDisplay(CollectableSystem):
     def _place(self, context: Context) -> EventStatus:
         self._meshcat.Delete(self._params.path)
         self._meshcat.SetTransform(self._params.path, RigidTransform(self._params.place))
+        if self._params.aim_camera:
+            look_at(self._meshcat, np.array(self._params.place), _SEEN * self._params.scale, _FROM)
         return EventStatus.Succeeded()
 
     def _draw(self, context: Context) -> EventStatus:

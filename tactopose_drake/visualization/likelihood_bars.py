@@ -15,6 +15,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.identities import Identification
 from tactopose_drake.visualization.appearance import ESTIMATE, TRUTH
+from tactopose_drake.visualization.meshcat import look_at
 
 HEIGHT = 0.05
 """Of a row, m."""
@@ -25,6 +26,7 @@ _THICKNESS = 0.4  # Of a bar, as a share of the row's height.
 _SHAPE = 0.8  # Of a small shape, likewise.
 _LEAST = 1e-3  # Likelihood of the shortest bar: a length of zero cannot be undone.
 _FRAME_OPACITY = 0.12
+_MARGIN = 1.1  # in which all bars are seen
 
 
 def add_bars(meshcat: Meshcat, path: str, models: Sequence[ObjectModel]) -> None:
@@ -52,6 +54,13 @@ def add_bars(meshcat: Meshcat, path: str, models: Sequence[ObjectModel]) -> None
         meshcat.SetObject(f"{at}/frame", Box(thick, LENGTH, thick), Rgba(0.3, 0.3, 0.35, _FRAME_OPACITY))
         meshcat.SetTransform(f"{at}/frame", RigidTransform(_middle(1.0)))
         meshcat.SetObject(f"{at}/bar/box", Box(thick, LENGTH, thick), Rgba(*TRUTH.colour, 1.0))
+
+
+def look_at_bars(meshcat: Meshcat, count: int) -> None:
+    """Points Meshcat's camera at the bars of so many objects, from the front."""
+    low, high = np.array([-0.5 * HEIGHT, (0.5 - count) * HEIGHT]), np.array([HEIGHT + LENGTH, 0.5 * HEIGHT])
+    middle = np.append(0.0, 0.5 * (low + high))
+    look_at(meshcat, middle, _MARGIN * float(np.linalg.norm(high - low)), np.array([1.0, 0.0, 0.0]))
 
 
 def set_bars(

@@ -92,7 +92,7 @@ def aim_camera(
         return
     low, high = points.min(axis=0), points.max(axis=0)
     direction = X_WP.rotation() @ choose_view(scene)
-    look = set_stage if stage else _look
+    look = set_stage if stage else look_at
     look(meshcat, X_WP @ (0.5 * (low + high)), margin * float(np.linalg.norm(high - low)), direction)
 
 
@@ -105,13 +105,14 @@ def set_stage(meshcat: Meshcat, target: FloatArray, size: float, direction: Floa
         size: of what should be seen whole, m.
         direction: from the target to the camera, shape (3,); not vertical.
     """
-    _look(meshcat, target, size, direction)
+    look_at(meshcat, target, size, direction)
     meshcat.SetProperty("/Background/<object>", "top_color", [0.97, 0.975, 0.985])
     meshcat.SetProperty("/Background/<object>", "bottom_color", [0.82, 0.84, 0.87])
     for path in ("/Grid", "/Axes"):
         meshcat.SetProperty(path, "visible", False)
 
 
-def _look(meshcat: Meshcat, target: FloatArray, size: float, direction: FloatArray) -> None:
+def look_at(meshcat: Meshcat, target: FloatArray, size: float, direction: FloatArray) -> None:
+    """Points Meshcat's camera; the arguments are those of `set_stage`."""
     distance = 0.5 * size / np.tan(0.5 * _FIELD_OF_VIEW)
     meshcat.SetCameraPose(target + distance * direction / np.linalg.norm(direction), target)

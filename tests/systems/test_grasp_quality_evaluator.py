@@ -147,6 +147,19 @@ def test_the_display_draws_green_forces_and_red_torques(box: ObjectModel) -> Non
     assert not [path for path in meshcat.objects if path.startswith("/tactopose_wrenches/")]
 
 
+def test_the_camera_is_aimed_at_the_wrenches_where_that_is_asked() -> None:
+    meshcat, place = RecordingMeshcat(), [1.0, 2.0, 3.0]
+    for aims in (False, True):
+        params = WrenchSpaceDisplayParams(scale=0.2, place=place, aim_camera=aims)
+        display = WrenchSpaceDisplay(meshcat, params)
+        simulator = Simulator(display)
+        display.GetInputPort("quality").FixValue(simulator.get_mutable_context(), AbstractValue.Make(None))
+        simulator.Initialize()
+        assert len(meshcat.cameras) == aims
+    np.testing.assert_array_equal(meshcat.target, place)
+    assert 1.0 < np.linalg.norm(meshcat.camera - meshcat.target) < 2.0
+
+
 def test_impossible_parameters_and_inputs_are_refused(box: ObjectModel) -> None:
     with pytest.raises(InvalidInputError, match=r"GraspQualityParams\.friction: is -1"):
         GraspQualityEvaluator(box, GraspQualityParams(friction=-1.0))

@@ -149,6 +149,22 @@ def test_bars_are_as_long_as_the_likelihoods(models: list[ObjectModel], contacts
     assert row_path(PATH, 1, "a block") == f"{PATH}/1/a_block"
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_camera_is_aimed_at_all_bars_where_that_is_asked(models: list[ObjectModel], count: int) -> None:
+    meshcat = RecordingMeshcat()
+    for aims in (False, True):
+        display = LikelihoodDisplay(meshcat, models[:count], LikelihoodDisplayParams(aim_camera=aims))
+        simulator = Simulator(display)
+        display.GetInputPort("identities").FixValue(simulator.get_mutable_context(), AbstractValue.Make(None))
+        simulator.Initialize()
+        assert len(meshcat.cameras) == aims
+    np.testing.assert_allclose(meshcat.target, [0.0, 0.1625, 0.025 - 0.025 * count], atol=1e-12)
+    away = meshcat.camera - meshcat.target
+    np.testing.assert_array_equal(away[1:], 0.0)
+    # The longest bar and the last row are in the picture, which is 75 degrees high, and as wide at the least.
+    assert np.hypot(0.375, 0.05 * count) < 2.0 * away[0] * np.tan(np.radians(37.5)) < 0.6
+
+
 def test_bars_are_empty_before_the_first_touch(models: list[ObjectModel]) -> None:
     meshcat = RecordingMeshcat()
     display = LikelihoodDisplay(meshcat, models)
