@@ -30,7 +30,7 @@ class GraspResult:
         truth: the simulator's own contacts at the end.
         X_PO: true pose of the object at the end.
         release_time: when the object was let go, s; None if never.
-        slip: how far the object's origin moved in the palm after its release, m.
+        slip: how far the object's origin moved in the palm after its release, m; turns about it do not count.
         speed: of the object's origin in the palm at the end, m/s.
         failed_attempts: why each grasp that was tried before this one failed.
     """

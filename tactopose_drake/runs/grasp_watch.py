@@ -33,7 +33,7 @@ class GraspWatch:
             self.release_time, self._X_PO = context.get_time(), self._station.object_pose(context)
 
     def slip(self, context: Context) -> float:
-        """How far the object's origin has moved in the palm since it was let go, m."""
+        """How far the object's origin has moved in the palm since it was let go, m; a turn about it moves it not."""
         if self.release_time is None:
             return 0.0
         return float(np.linalg.norm(self._station.object_pose(context).translation() - self._X_PO.translation()))

@@ -37,7 +37,7 @@ _MOST_MOMENTS = 130  # of a page, which stays below 6 MB with them
 
 
 class Moment(NamedTuple):
-    """What a station says at one time."""
+    """What a station says at one time; the estimate is of the touch one period before."""
 
     time: float
     q: FloatArray
