@@ -120,6 +120,19 @@ def increments_between(X_from: FloatArray, X_to: FloatArray) -> FloatArray:
     return np.concatenate([w, X_to[..., 3] - X_from[..., 3]], axis=-1)
 
 
+def increments_of_images(X_AB: FloatArray, X_image: FloatArray) -> FloatArray:
+    """Matrices (..., 6, 6) that give the increments of images (..., 3, 4) of poses by those of the poses themselves.
+
+    Where an object looks the same turned by S = (E, s), the image is X_AB S. With the pose by (w, v) it turns by E^T w,
+    about its own axes, and moves by v - R_AB [s]x w. What is known of increments is of other axes at an image.
+    """
+    S = compose(inverse(X_AB), X_image)
+    J = np.tile(np.eye(6), (*S.shape[:-2], 1, 1))
+    J[..., :3, :3] = np.swapaxes(S[..., :3], -1, -2)
+    J[..., 3:, :3] = -X_AB[..., :3] @ skew(S[..., 3])
+    return J
+
+
 def rotation_angles(R_A: FloatArray, R_B: FloatArray) -> FloatArray:
     """Angles between rotations (..., 3, 3), rad, in [0, pi]."""
     angles: FloatArray = np.linalg.norm(log_so3(np.swapaxes(R_A, -1, -2) @ R_B), axis=-1)

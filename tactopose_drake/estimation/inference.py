@@ -75,7 +75,7 @@ def weigh_poses(
         status_of(hypotheses, undetermined),
         deadline.elapsed(),
         not deadline.passed,
-        log_evidence(model, evidence, modes.log_mass),
+        log_evidence(model, evidence, modes.log_mass, len(images)),
         1.0 if judged is None else float(modes.mixture.weights @ judged.noise_scale),
         modes.standard_error,
         undetermined,

@@ -62,6 +62,16 @@ def test_increments_between_undoes_retract(shape: tuple[int, ...], angle: float)
 
 
 @given(st.integers(0, 1000))
+def test_an_image_moves_with_the_pose_that_it_is_of(seed: int) -> None:
+    X, image = random_poses(seed, 2)
+    steps = 1e-6 * np.eye(6)
+    moved = poses.increments_between(poses.compose(X, image), poses.compose(poses.retract(X, steps), image))
+    J = poses.increments_of_images(np.stack([X, X]), poses.compose(X, np.stack([np.eye(3, 4), image])))
+    np.testing.assert_allclose(J[0], np.eye(6), atol=1e-12)
+    np.testing.assert_allclose(J[1], moved.T / 1e-6, atol=1e-5)
+
+
+@given(st.integers(0, 1000))
 def test_quaternions_round_trip(seed: int) -> None:
     R = poses.random_rotations(np.random.default_rng(seed), 8)
     np.testing.assert_allclose(poses.matrix_from_quaternion(poses.quaternion_from_matrix(R)), R, atol=1e-12)

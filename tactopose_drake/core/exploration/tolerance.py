@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.parameter_checks import check_numbers
-from tactopose_drake.core.poses import compose, increments_between, inverse, skew
+from tactopose_drake.core.poses import compose, increments_between, increments_of_images
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
 from tactopose_drake.core.posterior.moved_origin import about_middle, has_far_origin, mixture_of_origin, move_origin
 from tactopose_drake.core.shape.free_spin import turn_toward
@@ -98,7 +98,7 @@ def merged_modes(model: ObjectModel, belief: GaussianMixture, tolerance: Toleran
         X = belief.X_PO[left[0]]
         twins = nearest_twins(model, belief.X_PO[left], X, tolerance)
         members, off = left[twins.same], twins.increments[twins.same]
-        J = _increments_of_twins(belief.X_PO[members], twins.X_PO[twins.same])
+        J = increments_of_images(belief.X_PO[members], twins.X_PO[twins.same])
         of_twins = J @ belief.covariance[members] @ np.swapaxes(J, 1, 2)
         share = belief.weights[members] / belief.weights[members].sum()
         poses.append(X)
@@ -108,18 +108,6 @@ def merged_modes(model: ObjectModel, belief: GaussianMixture, tolerance: Toleran
     order = np.argsort(-np.array(masses), kind="stable")
     weights = np.array(masses)[order] / np.sum(masses)
     return GaussianMixture(np.array(poses)[order], weights, np.array(covariances)[order])
-
-
-def _increments_of_twins(X_PO: FloatArray, X_twin: FloatArray) -> FloatArray:
-    """Matrices (n, 6, 6) that give the increments of symmetric twins (n, 3, 4) by those of the poses themselves.
-
-    With X_twin = X_PO S, and S = (E, s), it turns by E^T w about its own axes and moves by v - R_PO [s]x w.
-    """
-    S = compose(inverse(X_PO), X_twin)
-    J = np.tile(np.eye(6), (len(S), 1, 1))
-    J[:, :3, :3] = np.swapaxes(S[:, :, :3], 1, 2)
-    J[:, 3:, :3] = -X_PO[:, :, :3] @ skew(S[:, :, 3])
-    return J
 
 
 def resolved_share(model: ObjectModel, belief: GaussianMixture, tolerance: Tolerance = Tolerance()) -> float:

@@ -14,7 +14,7 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.shape.object_model import ObjectModel
 
 
-def log_evidence(model: ObjectModel, evidence: Evidence, log_mass: float) -> float:
+def log_evidence(model: ObjectModel, evidence: Evidence, log_mass: float, images: int | None = None) -> float:
     """Logarithm of the marginal likelihood, up to a constant that is the same for every object.
 
     Without a prior all rotations, and all translations in the hand's surroundings, are equally likely.
@@ -23,7 +23,9 @@ def log_evidence(model: ObjectModel, evidence: Evidence, log_mass: float) -> flo
         model: the object.
         evidence: the touch.
         log_mass: `Modes.log_mass`, of the hypotheses.
+        images: of so many, which the object's finite symmetries make of a mode, it holds one: of those that the touch
+            does not tell apart; of all, if it is not given.
     """
-    # Each finite symmetry makes another mode of every one, which a prior tells apart, and nothing else does.
-    images = len(model.symmetry_poses) if evidence.prior is None else 1
-    return log_mass + math.log(images) - len(evidence.touch) * math.log(model.area)
+    # A prior tells the images of a mode apart.
+    alike = 1 if evidence.prior is not None else len(model.symmetry_poses) if images is None else images
+    return log_mass + math.log(alike) - len(evidence.touch) * math.log(model.area)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.poses import compose, increments_between, inverse, log_so3, skew
+from tactopose_drake.core.poses import compose, increments_between, increments_of_images, log_so3
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes, determined_part, increments_of_one_metre
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
@@ -121,11 +121,7 @@ def _family(
     nearest = np.linalg.norm(residual[:, :3].reshape(count, -1, 3), axis=2).argmin(axis=1)
     chosen = np.arange(count) * len(images) + nearest
     residual, turned = residual[chosen], turned[chosen]
-    moved = compose(inverse(mixture.X_PO[left]), turned)
-    J = np.zeros((count, 6, 6))
-    J[:, :3, :3] = np.swapaxes(moved[:, :, :3], 1, 2)
-    J[:, 3:, :3] = -mixture.X_PO[left][:, :, :3] @ skew(moved[:, :, 3])
-    J[:, 3:, 3:] = np.eye(3)
+    J = increments_of_images(mixture.X_PO[left], turned)
     covariance = J @ mixture.covariance[left] @ np.swapaxes(J, 1, 2)
     spins = log_so3(np.swapaxes(turned[:, :, :3], 1, 2) @ by_images[chosen][:, :, :3])
     turns = spins @ np.array([each.axis for each in axes]).reshape(-1, 3).T

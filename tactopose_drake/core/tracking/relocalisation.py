@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.kernels.matrix_kernels import inverses
-from tactopose_drake.core.poses import compose, increments_between
+from tactopose_drake.core.poses import compose, increments_between, increments_of_images
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -92,8 +92,13 @@ def _same_modes(
     """Which of the posterior's k modes are which of the filter's n, by its own spread and by theirs, (2, k, n)."""
     images = compose(modes.X_PO[:, None], model.symmetry_poses[None])
     u = increments_between(X_PO[:, None, None], images[None])
-    spreads = inverses(covariance)[0][:, None], inverses(modes.covariance)[0][None]
-    distances = [np.einsum("jmsi,jmik,jmsk->jms", u, information, u).min(axis=2) for information in spreads]
+    theirs = np.repeat(modes.covariance[:, None], images.shape[1], axis=1)
+    if images.shape[1] > 1:
+        J = increments_of_images(modes.X_PO[:, None], images)
+        theirs = J @ theirs @ np.swapaxes(J, 2, 3)
+    of_images = inverses(theirs.reshape(-1, 6, 6))[0].reshape(theirs.shape)
+    spreads = inverses(covariance)[0][:, None, None], of_images[None]
+    distances = [np.einsum("jmsi,jmsik,jmsk->jms", u, information, u).min(axis=2) for information in spreads]
     return np.asarray(np.stack(distances) < params.mixture.same_sigmas**2)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.motion.rigid_motion import Motion, MotionHistory, predict_poses
-from tactopose_drake.core.poses import increments_between, retract
+from tactopose_drake.core.poses import increments_between, increments_of_images, retract
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_update import limit_gain
@@ -143,18 +143,18 @@ def fuse(
     measurement, share = sighting
     if standing is None:
         return measurement
-    X_seen = nearest_images(measurement.X_PO[None], standing.X_PO, model.symmetry_turns, model.symmetries)
-    u = increments_between(standing.X_PO[None], X_seen)[0]
-    expected = standing.covariance + measurement.covariance
+    X_seen, covariance_seen = _nearest_images(model, measurement, standing.X_PO[None])
+    u, told = increments_between(standing.X_PO[None], X_seen)[0], covariance_seen[0]
+    expected = standing.covariance + told
     if u @ np.linalg.solve(expected, u) > params.gate:
         return measurement
-    noise = measurement.covariance / share
+    noise = told / share
     gain = np.linalg.solve(standing.covariance + noise, standing.covariance).T
     left = np.eye(6) - gain
     # In Joseph's form, which stays positive however much surer one of both is.
     covariance = left @ standing.covariance @ left.T + gain @ noise @ gain.T
     # However many poses there are, what is the same of all of them does not average out.
-    most = inverses(params.lasting_share * measurement.covariance[None])[0]
+    most = inverses(params.lasting_share * told[None])[0]
     covariance = limit_gain(standing.covariance[None], most, covariance[None])[0]
     X_PO = retract(standing.X_PO[None], (gain @ u)[None])[0]
     return measurement.moved_to(measurement.time, X_PO, 0.5 * (covariance + covariance.T))
@@ -195,14 +195,13 @@ def update_with_pose(
         The modes, and within the gates of which the measurement is, shape (n,).
     """
     measurement, share = sighting
-    turns, symmetries = model.symmetry_turns, model.symmetries
-    X_seen = [nearest_images(measurement.X_PO[None], X_PO, turns, symmetries)[0] for X_PO in modes.X_PO]
-    innovation = increments_between(modes.X_PO, np.array(X_seen))
-    expected = modes.covariance + measurement.covariance
+    X_seen, told = _nearest_images(model, measurement, modes.X_PO)
+    innovation = increments_between(modes.X_PO, X_seen)
+    expected = modes.covariance + told
     nis = np.einsum("ni,ni->n", innovation, np.linalg.solve(expected, innovation[..., None])[..., 0])
     log_density: FloatArray = -0.5 * (nis + np.linalg.slogdet(expected)[1]) - 3.0 * np.log(2.0 * np.pi)
     is_inlier = log_density > log_outlier
-    tempered = modes.covariance + measurement.covariance / share
+    tempered = modes.covariance + told / share
     gain = np.swapaxes(np.linalg.solve(tempered, modes.covariance), 1, 2) * is_inlier[:, None, None]
     covariance = modes.covariance - gain @ modes.covariance
     after = dataclasses.replace(
@@ -213,3 +212,18 @@ def update_with_pose(
         log_weight=modes.log_weight + share * np.maximum(log_density, log_outlier),
     )
     return after, is_inlier
+
+
+def _nearest_images(model: ObjectModel, seen: PoseMeasurement, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Of the poses that look as the measured one does, the nearest to each of others (n, 3, 4), and how sure it is.
+
+    Returns:
+        These poses, shape (n, 3, 4), and the covariances of increments from them, shape (n, 6, 6): rotations are about
+        the object's own axes, which lie otherwise in an image.
+    """
+    turns, symmetries = model.symmetry_turns, model.symmetries
+    images = np.array([nearest_images(seen.X_PO[None], X, turns, symmetries)[0] for X in X_PO])
+    if len(turns) == 1:
+        return images, np.repeat(seen.covariance[None], len(X_PO), axis=0)
+    J = increments_of_images(seen.X_PO, images)
+    return images, J @ seen.covariance @ np.swapaxes(J, 1, 2)

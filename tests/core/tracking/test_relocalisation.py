@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 import scipy.stats
+import trimesh
 
 from tactopose_drake.core.evidence.contact_reading import SeemingErrors
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -31,7 +32,7 @@ from tactopose_drake.core.tracking.contact_update import begin_modes
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, make_window, past_cost, past_information
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
-from tactopose_drake.core.tracking.relocalisation import _mean_weights, relocalise
+from tactopose_drake.core.tracking.relocalisation import _mean_weights, _same_modes, relocalise
 from tactopose_drake.core.tracking.sliced_search import SearchState, TouchWeighing, search_on
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
@@ -78,6 +79,24 @@ def modes_at(X: np.ndarray) -> TrackedModes:
 def test_however_sure_the_filter_is_what_explains_the_touch_takes_its_place(box: ObjectModel) -> None:
     wrong = dataclasses.replace(modes_at(ELSEWHERE), log_weight=np.array([100.0]))
     assert off(search(box, wrong)) < 0.004
+
+
+def test_a_mode_of_the_filter_is_found_again_by_whichever_of_its_images_it_is_known() -> None:
+    """What is known of an image is of its own axes, and of its own origin."""
+    mesh = trimesh.creation.box((0.06, 0.06, 0.11))
+    mesh.apply_translation([0.03, 0.0, 0.0])
+    prism = ObjectModel.from_mesh(mesh, cache=False)
+    assert len(prism.symmetry_poses) == 8
+    covariance = np.diag(np.square([0.1, 0.004, 0.004, 0.001, 0.001, 0.001]))
+    images, step = compose(X_PO, prism.symmetry_poses), 1e-6 * np.eye(6)
+    moved = compose(retract(X_PO, step), prism.symmetry_poses[:, None])
+    J = np.swapaxes(increments_between(images[:, None], moved), 1, 2) / 1e-6
+    known = TrackedModes.independent(images, J @ covariance @ np.swapaxes(J, 1, 2), 6)
+    tight = np.diag(np.square([0.2, 0.2, 0.2, 0.05, 0.05, 0.05]))
+    for turned, is_same in (([0.2, 0.0, 0.0], True), ([0.0, 0.05, 0.0], False)):
+        found = retract(X_PO, np.array([*turned, 0.0, 0.0, 0.0]))[None]
+        _, within = _same_modes(prism, PARAMS, found, tight[None], known)
+        np.testing.assert_array_equal(within, np.full((1, 8), is_same))
 
 
 @pytest.mark.parametrize("starts", [1, 7])

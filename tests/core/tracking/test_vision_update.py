@@ -21,6 +21,7 @@ from tests.core.tracking.boxes import read
 
 X_PO = make_poses(random_rotations(np.random.default_rng(0), 1), np.array([[0.02, 0.0, 0.1]]))[0]
 SEEN = np.diag(np.repeat([math.radians(5.0), 0.01], 3) ** 2)
+VISION = VisionParams()
 LOG_OUTLIER = math.log(0.05 / (8.0 * math.pi**2))
 
 
@@ -70,6 +71,30 @@ def test_vision_that_shows_the_object_turned_into_itself_is_believed(box: Object
     assert len(box.symmetry_poses) == 4
     assert is_inlier[0]
     np.testing.assert_allclose(after.X_PO[0], X_PO, atol=1e-9)
+
+
+@pytest.mark.parametrize("mesh", ["prism", "cylinder"])
+def test_vision_says_the_same_by_whichever_pose_that_looks_alike_and_as_surely_about_the_same_axes(mesh: str) -> None:
+    """An image's own axes are others, and its origin is another place of the object: its covariance is of these."""
+    made = trimesh.creation.box((0.06, 0.06, 0.11)) if mesh == "prism" else trimesh.creation.cylinder(0.03, 0.1)
+    made.apply_translation([0.04, 0.02, 0.0])
+    model, generator = ObjectModel.from_mesh(made, cache=False), np.random.default_rng(2)
+    assert len(model.symmetry_turns) >= 8
+    root = generator.normal(size=(6, 6)) * np.repeat([0.03, 0.003], 3) * np.array([1, 5, 1, 1, 1, 1])[:, None]
+    X_seen, covariance = retract(X_PO, root @ generator.normal(size=6)), root @ root.T
+    before, standing = mode(0.003), PoseMeasurement(0.0, X_PO, SEEN)
+    told = []
+    for image in model.symmetry_turns:
+        turned, step = compose(X_seen, image), 1e-6 * np.eye(6)
+        J = increments_between(turned, compose(retract(X_seen, step), image)).T / 1e-6
+        sighting = Sighting(PoseMeasurement(0.0, turned, J @ covariance @ J.T), 0.5)
+        after, _ = update_with_pose(model, before, sighting, LOG_OUTLIER)
+        fused = fuse(model, standing, sighting, VISION)
+        assert after.X_PO[0, 0, 3] != X_PO[0, 3]
+        told.append((after.X_PO[0], after.covariance[0], after.log_weight[0], fused.X_PO, fused.covariance))
+    for each in told[1:]:
+        for value, first in zip(each, told[0], strict=True):
+            np.testing.assert_allclose(value, first, rtol=1e-4, atol=1e-4 * np.abs(first).max())
 
 
 def test_pictures_of_one_correlation_time_are_as_one_measurement(box: ObjectModel) -> None:
