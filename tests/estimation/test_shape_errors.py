@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 import tactopose_drake as tp
+from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.synthetic import touch_surface
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.estimation.identification import _approximate_evidence
+from tactopose_drake.estimation.pickling import Sealed
 from tactopose_drake.estimation.shape_errors import log_dilution, with_shape_errors
 
 N = np.array([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0]])
@@ -98,6 +101,15 @@ def test_what_is_less_sure_of_its_surface_explains_one_contact_no_better(told: d
         evidence = [tp.estimate_pose(model, contact, outlier_probability=0.0).log_evidence for model in (exact, unsure)]
         better.append(evidence[1] - evidence[0])
     assert np.mean(better) == pytest.approx(0.0, abs=0.1)
+
+
+def test_nor_does_it_by_the_quick_evidence_that_chooses_candidates() -> None:
+    """Of one contact Laplace's approximation differs by nothing else than how sure it is."""
+    exact, unsure = tp.ObjectModel.from_sphere(0.03), tp.ObjectModel.from_sphere(0.03, surface_sigma=0.004)
+    n_PC = np.array([[0.6, 0.0, 0.8]])
+    evidence = Sealed(Evidence(tp.Contacts(0.03 * n_PC, n_PC)))
+    found = [_approximate_evidence(Sealed(model), evidence, 0) for model in (exact, unsure)]
+    assert found[1] == pytest.approx(found[0], abs=0.02)
 
 
 @pytest.mark.parametrize(("sigma_normal", "of_directions"), [(0.1, 4.0), (1.0, 2.0), (2.0, 1.0)])

@@ -32,10 +32,13 @@ def test_objects_stand_across_the_fingers_and_the_palm(tmp_path: Path) -> None:
     up_P = fixed_pose("X", scenario.X_WBase).rotation().inverse() @ np.array([0.0, 0.0, 1.0])
     np.testing.assert_allclose(up_P, object_axis(reach), atol=1e-3)
     assert scenario.seed == 3
-    # The camera looks at the grip region.
+    # The camera looks at the grip region, over the back of the palm and from above.
     X_WC = fixed_pose("X", scenario.X_WC)
     p_CG = X_WC.inverse() @ (fixed_pose("X", scenario.X_WBase) @ (0.5 * (reach.grip_low + reach.grip_high)))
     np.testing.assert_allclose(p_CG, [0.0, 0.0, 0.4], atol=1e-3)
+    p_BaseC = fixed_pose("X", scenario.X_WBase).inverse() @ X_WC.translation()
+    assert p_BaseC[2] < reach.grip_low[2] - 0.1, "the palm is at z = 0, and the fingers point along z"
+    assert X_WC.translation()[2] > 0.1
 
 
 def test_where_nothing_is_held_a_place_that_was_found_may_be_wrong(tmp_path: Path) -> None:
@@ -84,6 +87,19 @@ def test_light_joints_get_their_motor_s_inertia(tmp_path: Path) -> None:
     shadow = load_hand_config("shadow_like")
     plant = MultibodyPlant(0.004)
     assert add_motor_inertia(plant, add_hand(plant, shadow), GraspControllerParams()) == {}
+
+
+def test_a_motor_bears_what_follows_it_by_the_square_of_its_ratio(tmp_path: Path) -> None:
+    yaml = YAML.replace("joints: [right_slide]", "joints: [left_slide]")
+    coupled = "  couplings: [{joint: right_slide, follows: left_slide, ratio: %s}]\n  sensor_frame: right_tip"
+    for ratio in (0.5, 1.5):
+        told = yaml.replace("  sensor_frame: right_tip", coupled % ratio)
+        mimic = f'<mimic joint="left_slide" multiplier="{ratio}"/>'
+        plant = MultibodyPlant(0.02)
+        hand = add_hand(plant, load_hand_config(write_gripper(tmp_path, mimic=mimic, yaml=told)))
+        added = add_motor_inertia(plant, hand, GraspControllerParams())
+        needed = 0.5 * 0.02 * (0.02 * 5.0 + 0.02) / 0.05**2
+        assert added == {"left_slide": pytest.approx(needed - 0.06 * (1.0 + ratio**2))}
 
 
 def write_rows(folder: Path) -> Path:

@@ -11,8 +11,13 @@ from pydrake.systems.framework import Context, Diagram
 
 import tactopose_drake as tp
 from tactopose_drake.core.calibration.offset_refinement import OffsetRefinementParams
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.motion.rigid_motion import MotionHistory
 from tactopose_drake.core.poses import exp_so3, inverse, transform_points
+from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.keyframes import Keyframe
+from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.closed_grasps import ClosedGrasp, ClosedGraspParams
 from tactopose_drake.hand.encoder_offsets import encoder_gains, radian_units
@@ -20,6 +25,8 @@ from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.resources import model_path
+from tactopose_drake.systems import joint_offset_refiner
+from tactopose_drake.systems.joint_offset_refiner import JointOffsetRefiner
 from tactopose_drake.systems.object_tracker import ObjectTracker
 from tactopose_drake.systems.pose_estimation import MakePoseEstimation, PoseEstimationParams
 from tactopose_drake.systems.pose_tracking import MakePoseTracking, PoseTrackingParams
@@ -188,6 +195,41 @@ def test_a_joint_that_slides_counts_a_millimetre_as_a_degree(tmp_path: Path) -> 
     np.testing.assert_allclose(np.degrees(0.001 / radian_units(plant)), np.ones(2))
     shadow, _ = make_hand_plant(load_hand_config("shadow_like"))
     np.testing.assert_array_equal(radian_units(shadow), np.ones(shadow.num_positions()))
+
+
+def test_a_touch_tells_again_once_a_sliding_joint_has_moved_by_as_many_millimetres_as_others_by_degrees(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[float] = []
+    plant, hand = make_hand_plant(load_hand_config(write_gripper(tmp_path)))
+    system = JointOffsetRefiner(plant, hand, UNCERTAINTY, tp.ObjectModel.from_sphere(0.03), PARAMS.refinement)
+    context = system.CreateDefaultContext()
+
+    def note(*arguments: object) -> object:
+        asked.append(float(system.GetInputPort("joint_positions").Eval(context)[0]))
+        return arguments[-1]
+
+    monkeypatch.setattr(joint_offset_refiner, "refine_offsets", note)
+    contacts = Contacts(np.zeros((1, 3)), np.eye(3)[:1])
+    touch = Keyframe(contacts.p_PC, contacts.n_PC, np.ones((1, 2)), ("left",), np.eye(3, 4), np.zeros((6, 6)), 8)
+    belief = PoseBelief(
+        time=1.0,
+        status="ok",
+        history=MotionHistory((1.0,)),
+        mixture=GaussianMixture(np.eye(3, 4)[None], np.ones(1), np.eye(6)[None]),
+        explains_touch=np.ones(1, dtype=np.bool_),
+        contacts=contacts,
+        keyframes=(touch,),
+        touch_time=1.0,
+    )
+    system.GetInputPort("belief").FixValue(context, AbstractValue.Make(belief))
+    system.GetInputPort("contact_solutions").FixValue(context, AbstractValue.Make({}))
+    for slid in (0.0, 0.009, 0.011, 0.02, 0.022):
+        system.GetInputPort("joint_positions").FixValue(context, np.array([slid, 0.0]))
+        system.advance(context)
+    assert PARAMS.refinement is not None
+    assert PARAMS.refinement.least_turn_deg == 10.0
+    assert asked == [0.0, 0.011, 0.022]
 
 
 def test_it_is_off_by_default_and_refuses_what_cannot_be(bottle: ObjectModel) -> None:

@@ -89,6 +89,22 @@ def test_it_chooses_a_free_finger_from_where_it_is(bust: ObjectModel) -> None:
     assert len(rest_posture(plant, hand)) == plant.num_positions()
 
 
+def test_a_finger_keeps_off_all_others_and_not_off_itself(bust: ObjectModel) -> None:
+    config = load_hand_config("shadow_like")
+    plant, hand = make_hand_plant(config)
+    system, fingers = NextTouchChooser(config, bust, NextTouchParams()), make_hand_reach(config, ReachParams()).fingers
+    q, start = rest_posture(plant, hand), {}
+    for name in fingers:
+        joints = [plant.GetJointByName(joint, hand.model_instance) for joint in config.finger(name).joints]
+        start[name] = q[[joint.position_start() for joint in joints]]
+    tips = {name: reach.geometry.tip(start[name][None])[0] for name, reach in fingers.items()}
+    for name in fingers:
+        rest = system._rest_of_hand(name, start)
+        for other, tip in tips.items():
+            is_there = np.linalg.norm(rest.p_PH - tip, axis=1).min() < 1e-3
+            assert is_there == (other != name)
+
+
 def test_chance_takes_another_motion_that_tells_less(bust: ObjectModel) -> None:
     best, _, _ = choose(bust, estimate(0.6, 0.4))
     other, _, status = choose(bust, estimate(0.6, 0.4), NextTouchParams(moves=60, rule="chance"))

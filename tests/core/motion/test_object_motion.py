@@ -42,6 +42,20 @@ def test_rolling_fingertips_give_the_velocity_of_the_points_that_touch() -> None
     np.testing.assert_allclose(motion.twist, 0.01 * twist, rtol=0.03, atol=1e-5)
 
 
+def test_fingertips_that_turn_about_where_they_touch_rest_there() -> None:
+    """An object that two of them have held for a while is as free as by the speed of what touches it."""
+    contacts, names, points = Contacts(p_OC[:2], n_OC[:2]), NAMES[:2], p_OC[:2]
+
+    def covariance(turn: np.ndarray, slide: np.ndarray) -> np.ndarray:
+        tips = {name: np.concatenate([turn, slide - np.cross(turn, p)]) for name, p in zip(names, points, strict=True)}
+        return move_with_fingertips(contacts, names, tips, NOISE, 0.01, slips=False, settled=True).covariance
+
+    turn, slide = np.array([0.4, -0.3, 0.2]), np.array([0.002, 0.003, 0.0])
+    for way in (np.zeros(3), slide):
+        np.testing.assert_allclose(covariance(turn, way), covariance(np.zeros(3), way), rtol=1e-9, atol=1e-18)
+    assert np.trace(covariance(turn, slide)) > np.trace(covariance(turn, np.zeros(3)))
+
+
 def test_noise_grows_with_slip_but_not_through_the_fingertips() -> None:
     contacts = Contacts(0.03 * n_OC[:2], n_OC[:2])
     held, slipping = (

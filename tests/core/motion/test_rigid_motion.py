@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.motion.rigid_motion import Motion, MotionHistory, predict_poses
+from tactopose_drake.core.motion.rigid_motion import Motion, MotionHistory, error_of_motion, predict_poses
 from tactopose_drake.core.poses import (
     compose,
     identity_poses,
@@ -34,6 +34,15 @@ def test_covariances_move_as_samples_do() -> None:
     sampled = u.T @ u / count
     scale = np.sqrt(np.diag(covariance[0]))
     np.testing.assert_allclose(sampled / np.outer(scale, scale), covariance[0] / np.outer(scale, scale), atol=0.04)
+
+
+def test_what_is_unknown_of_a_motion_is_all_that_it_adds_where_it_ends() -> None:
+    motion = Motion(np.array([0.3, -0.4, 0.2, 0.05, 0.0, -0.03]), np.diag([1e-4, 3e-4, 2e-4, 4e-6, 1e-6, 2e-6]))
+    X_PO, P = np.stack([random_pose(1), random_pose(2)]), np.stack([COVARIANCE, 0.1 * COVARIANCE])
+    known = Motion(motion.twist, np.zeros((6, 6)))
+    moved, covariance = predict_poses(X_PO, P, motion)
+    _, without = predict_poses(X_PO, P, known)
+    np.testing.assert_allclose(error_of_motion(moved, motion), covariance - without, atol=1e-12)
 
 
 def test_a_late_pose_is_brought_along_by_what_moved_since() -> None:

@@ -6,9 +6,16 @@ import pytest
 from tactopose_drake.core.motion.object_motion import MotionNoise, move_with_palm
 from tactopose_drake.core.motion.rigid_motion import Motion
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.poses import make_poses, random_rotations, retract
+from tactopose_drake.core.poses import compose, inverse, make_poses, random_rotations, retract, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.slip.slip_by_surface import PoseChange, SlipTest, _between, _has_slipped, detect_by_surface
+from tactopose_drake.core.slip.slip_by_surface import (
+    PoseChange,
+    SlipTest,
+    _between,
+    _has_slipped,
+    _way,
+    detect_by_surface,
+)
 from tactopose_drake.core.slip.slip_params import SlipParams
 from tests.core.tracking.boxes import SIGMA_POSITION, draw_biases, make_box, read, touch
 
@@ -47,6 +54,14 @@ def test_a_motion_counts_by_how_far_it_takes_the_frames_apart_that_are_compared(
     share = poses[-recent:].mean(axis=0) - poses[:earlier].mean(axis=0)
     motions = np.random.default_rng(0).uniform(size=(count + 3, 1, 1)) * np.eye(6)
     np.testing.assert_allclose(_between(motions, recent, earlier), np.tensordot(share, motions[3:], 1))
+
+
+def test_the_way_of_an_increment_is_that_of_what_is_touched() -> None:
+    generator = np.random.default_rng(1)
+    points = X_PO[:, 3] + 0.05 * generator.normal(size=(5, 3))
+    for u in 1e-5 * generator.normal(size=(4, 6)) * np.repeat([10.0, 1.0], 3):
+        moved = transform_points(compose(retract(X_PO, u), inverse(X_PO)), points) - points
+        assert _way(points, X_PO, u) == pytest.approx(math.sqrt(np.mean(np.sum(moved**2, axis=1))), rel=1e-3)
 
 
 @pytest.mark.parametrize("roughness", [0.0, 0.0015])
