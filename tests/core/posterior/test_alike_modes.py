@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from tactopose_drake.core.poses import exp_so3, make_poses, retract
+from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, retract
 from tactopose_drake.core.posterior.alike_modes import indistinct_images, join_alike
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
@@ -66,6 +66,32 @@ def test_modes_along_the_turn_are_one_with_the_turn_free(can: ObjectModel) -> No
     # The axis does not move by the turns: its points are as sure as they were.
     J = np.hstack([-X_FIRST[:, :3] @ np.cross(np.eye(3), POINT), np.eye(3)])
     assert np.trace(J @ covariance @ J.T) == pytest.approx(np.trace(J @ COVARIANCE @ J.T), rel=1e-6)
+
+
+def test_what_is_known_of_an_image_is_said_of_the_axes_of_the_one_that_stays() -> None:
+    """Two modes that say the same of a square prism off its origin, each about its own axes, say it together."""
+    mesh = create.box((0.06, 0.06, 0.11))
+    mesh.apply_translation([0.04, 0.0, 0.02])
+    prism = ObjectModel.from_mesh(mesh, cache=False)
+    root = np.random.default_rng(0).normal(size=(6, 6)) * np.repeat([0.02, 0.001], 3) * np.array([[1, 5, 1, 1, 1, 1]]).T
+    covariance, steps = root @ root.T, 1e-6 * np.eye(6)
+    assert len(prism.symmetry_poses) == 8
+    for image in prism.symmetry_poses:
+        X_PO = np.stack([X_FIRST, compose(X_FIRST, image)])
+        J = increments_between(X_PO[1], compose(retract(X_FIRST, steps), image)).T / 1e-6
+        both = modes(X_PO, [0.5, 0.5])
+        mixture = dataclasses.replace(both.mixture, covariance=np.stack([covariance, J @ covariance @ J.T]))
+        one = join_alike(dataclasses.replace(both, mixture=mixture), prism)
+        assert len(one.mixture) == 1
+        np.testing.assert_allclose(one.mixture.covariance[0], covariance, atol=1e-4 * np.abs(covariance).max())
+
+
+def test_modes_are_alike_within_what_is_known_of_both(can: ObjectModel) -> None:
+    (X_FAR,) = retract(turned([1.0]), np.array([[0.0, 0.0, 0.0, 0.01, 0.0, 0.0]]))
+    both = modes(np.stack([X_FIRST, X_FAR]), [0.5, 0.5])
+    for widths, count in (([1.0, 1.0], 2), ([10.0, 1.0], 1), ([1.0, 10.0], 1)):
+        mixture = dataclasses.replace(both.mixture, covariance=np.square(widths)[:, None, None] * COVARIANCE)
+        assert len(join_alike(dataclasses.replace(both, mixture=mixture), can).mixture) == count
 
 
 def test_how_far_modes_lie_beside_the_turn_is_in_their_spread(can: ObjectModel) -> None:

@@ -10,7 +10,7 @@ from tactopose_drake.core.poses import (
     make_poses,
     retract,
 )
-from tactopose_drake.core.posterior.hypotheses import determined_part, find_modes, free_directions
+from tactopose_drake.core.posterior.hypotheses import determined_part, determined_variance, find_modes, free_directions
 
 SIZE = 0.2
 INFORMATION = np.diag([1e4] * 3 + [1e6] * 3)  # 0.01 rad and 1 mm
@@ -20,6 +20,16 @@ def modes(X_PO: np.ndarray, cost: list[float], symmetries: np.ndarray | None = N
     touch = np.tile(information, (len(X_PO), 1, 1))
     symmetries = identity_poses(1) if symmetries is None else symmetries
     return find_modes(X_PO, np.array(cost), touch, np.eye(6), symmetries, SIZE, limit)
+
+
+def test_the_variance_that_is_determined_is_that_of_what_is_left_of_increments() -> None:
+    generator, units = np.random.default_rng(0), np.repeat([2.0 / SIZE, 1.0], 3)
+    root = generator.normal(size=(6, 6)) * np.repeat([0.05, 0.002], 3)[:, None]
+    drawn = generator.normal(size=(200_000, 6)) @ root.T
+    for free in (np.zeros((0, 6)), generator.normal(size=(1, 6)), generator.normal(size=(3, 6))):
+        left = determined_part(drawn, free, SIZE) / units
+        found = determined_variance(root @ root.T, free, SIZE)
+        assert found == pytest.approx(np.mean(np.sum(left**2, axis=1)), rel=0.02)
 
 
 def test_poses_within_three_sigma_are_one_mode() -> None:

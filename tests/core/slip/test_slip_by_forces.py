@@ -35,6 +35,24 @@ def test_a_load_that_grows_slowly_within_the_cones_is_no_slip() -> None:
     assert not any(feel(turns))
 
 
+def test_forces_change_by_a_part_of_the_larger_whichever_come_first() -> None:
+    large, small = np.array([[3.0, 0.0, 4.0], [0.0, 1.0, 0.0]]), np.array([[0.3, 0.0, 0.4], [0.0, 1.0, 0.0]])
+    for forces in ([large, small], [small, large]):
+        test = ForceTest(times=(0.0, 1.0), forces=np.array(forces))
+        np.testing.assert_allclose(test.change_since(0.0), 4.5 / np.sqrt(26.0))
+
+
+def test_what_a_coefficient_is_at_the_least_does_not_fall() -> None:
+    """Fingers that held at large ratios may hold at smaller ones: they are within their cones then."""
+    test, seen = ForceTest(), []
+    for i in range(400):
+        ratios = HELD if i < 200 else 0.5 * HELD
+        test, _ = detect_by_forces(ForceTestParams(), test, press(ratios), PERIOD * i, is_new=i == 0)
+        seen.append(test.ratio)
+    assert seen[199] > 0.99 * HELD.max()
+    assert min(seen[199:]) == seen[199]
+
+
 def test_forces_that_go_over_to_other_fingers_at_once_are_a_slip() -> None:
     loose = press(np.array([0.9, 0.3, 0.6, 0.2, 0.4, 0.5]), np.array([0.3, 2, 4, 1, 2, 2]))
     said = feel([press(HELD)] * 50 + [loose] * 5)

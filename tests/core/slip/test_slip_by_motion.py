@@ -3,6 +3,7 @@ import pytest
 
 from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.poses import skew
 from tactopose_drake.core.slip.slip_by_motion import RigidityTest, detect_by_motion
 from tactopose_drake.core.slip.slip_params import RigidityTestParams
 from tests.core.tracking.boxes import n_OC, p_OC, read
@@ -103,6 +104,22 @@ def test_what_kinematics_err_along_the_way_is_no_slide() -> None:
     for seed in range(6):
         wrong = PARAMS.way_share * np.random.default_rng(seed).normal(size=(6, 1))  # for good, as a hand's errors are
         assert not any(calls([moves(fast, wrong * reach)] * 50))
+
+
+@pytest.mark.parametrize("factor", [0.95, 1.05])
+def test_a_slide_is_one_from_a_least_distance_on_that_is_the_mean_square_of_all_fingertips(factor: float) -> None:
+    """Of velocities without noise, what no twist explains of the displacements of one frame."""
+    params = RigidityTestParams(velocity_noise=1e-9, least_velocity_noise=1e-9, way_share=1e-9)
+    sliding = np.zeros((6, 3))
+    sliding[2] = ALONG[3:]
+    J = np.concatenate([np.hstack([-skew(p), np.eye(3)]) for p in p_OC])
+    left = sliding.ravel() - J @ np.linalg.lstsq(J, sliding.ravel())[0]
+    speed = factor * params.least_distance / (PERIOD * np.sqrt(np.mean(np.square(left).reshape(6, 3).sum(axis=1))))
+    test, said = RigidityTest(), []
+    for i, velocity in enumerate([*[0.0 * sliding] * 8, speed * sliding]):
+        test, slides = detect_by_motion(params, test, touch(), moves(REST, velocity), PERIOD * i, PERIOD)
+        said.append(slides)
+    assert said == [False] * 8 + [factor > 1.0]
 
 
 def test_velocities_that_are_noisier_than_told_are_learnt_to_be() -> None:

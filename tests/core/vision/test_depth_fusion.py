@@ -8,7 +8,14 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.vision.depth_fusion import DepthView, FusionParams, Reconstruction, reconstruct
+from tactopose_drake.core.vision.depth_fusion import (
+    DepthView,
+    FusionParams,
+    Reconstruction,
+    _is_seen,
+    _Volume,
+    reconstruct,
+)
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, noisy_depth
 from tactopose_drake.errors import InvalidInputError
 from tests.core.models import brick
@@ -71,6 +78,39 @@ def test_the_order_of_cameras_that_differ_tells_nothing(box: ObjectModel) -> Non
     assert first == pytest.approx(last, rel=1e-6)
     alike = [dataclasses.replace(view, camera=dataclasses.replace(CAMERA, common_share=1.0)) for view in seen]
     assert first < reconstruct(alike, TABLE).seen_sigma
+
+
+def test_what_an_image_s_errors_have_in_common_adds_to_those_of_its_points(box: ObjectModel) -> None:
+    seen = views(box, 120.0)
+    sigmas = []
+    for share in (0.0, 0.8):
+        camera = dataclasses.replace(CAMERA, common_share=share)
+        sigmas.append(reconstruct([dataclasses.replace(view, camera=camera) for view in seen], TABLE).seen_sigma)
+    noise = np.mean([CAMERA.depth_noise * np.median(view.depth[np.isfinite(view.depth)]) ** 2 for view in seen])
+    assert sigmas[1] ** 2 - sigmas[0] ** 2 == pytest.approx(0.8 * noise**2)
+
+
+def test_a_surface_is_seen_within_half_of_the_truncation(box: ObjectModel) -> None:
+    seen, params = views(box, 120.0), FusionParams()
+    points = seen[0].p_OQ[::50]
+    ray = points + seen[0].X_CO[:, :3].T @ seen[0].X_CO[:, 3]
+    for share, is_seen in ((0.4, True), (-0.4, True), (0.6, False), (-0.6, False)):
+        shifted = points + share * params.truncation * ray / (ray @ seen[0].X_CO[2, :3])[:, None]
+        found = np.isfinite(seen[0].depth_behind(shifted))
+        assert np.all(_is_seen(shifted[found], seen[:1], params) == is_seen)
+
+
+def test_what_lies_behind_a_surface_is_known_as_deep_as_distances_are(box: ObjectModel) -> None:
+    """Of one image; deeper, and where it sees nothing, all is as solid as can be."""
+    view, params = views(box, 120.0)[0], FusionParams()
+    volume = _Volume.of([view], params, np.array([[-0.1] * 3, [0.1] * 3]))
+    axes = [volume.origin[i] + volume.spacing * np.arange(volume.values.shape[i]) for i in range(3)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    within = np.abs(points).max(axis=3) < 0.1 - params.truncation
+    behind = view.depth_behind(points[within])
+    expected = np.where(np.isnan(behind), -params.truncation, np.clip(behind, -params.truncation, params.truncation))
+    assert np.count_nonzero((behind > -0.9 * params.truncation) & (behind < -0.6 * params.truncation)) > 100
+    np.testing.assert_allclose(volume.values[within], expected, atol=1e-12)
 
 
 def test_the_unseen_part_is_said(box: ObjectModel, around: Reconstruction) -> None:

@@ -7,7 +7,7 @@ import trimesh
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, DepthPicture, fit_to_picture
-from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, TrackedPose, fit_pose
+from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, TrackedPose, fit_pose, residuals
 from tactopose_drake.errors import InvalidInputError
 from tests.core.models import brick
 from tests.core.vision.seen_scenes import NO_HAND, picture_of
@@ -84,6 +84,27 @@ def test_what_its_points_have_in_common_counts_as_one_of_them(box: ObjectModel) 
         found.append((np.linalg.inv(fit.covariance) - np.linalg.inv(BEFORE + model.motion), fit.points))
     (apart, count), (in_common, _) = found
     np.testing.assert_allclose(in_common * (1.0 + count), apart, rtol=1e-3, atol=1e-3 * np.abs(apart).max())
+
+
+@pytest.mark.parametrize("is_beyond", [False, True])
+def test_no_point_is_surer_than_what_the_pose_leaves_over_or_what_is_seen_beyond_it(
+    box: ObjectModel, is_beyond: bool
+) -> None:
+    """Whichever is larger, where every tenth pixel sees something nearer than the object, or something far behind."""
+    depth, generator = picture(box, NO_HAND, DepthCameraModel(depth_noise=0.0)).depth, np.random.default_rng(0)
+    wrong = np.isfinite(depth) & (generator.uniform(size=depth.shape) < 0.1)
+    depth = np.where(wrong, depth + (0.06 if is_beyond else -0.004), depth)
+    camera, model = DepthCameraModel(depth_noise=0.0, common_share=0.0), DepthTrackerModel()
+    seen = DepthPicture(depth, np.zeros(depth.shape, dtype=np.bool_), camera)
+    fit = fit_pose(seen, box, X_CO, BEFORE, model)
+    assert fit is not None
+    _, J, near = residuals(seen.points(without_hand=True), box, fit.X_CO, model.gate)
+    told = np.linalg.inv(fit.covariance) - np.linalg.inv(BEFORE + model.motion)
+    misfit = fit_to_picture(seen, box, fit.X_CO).misfit
+    assert (misfit > 2.0 * fit.residual) == is_beyond
+    assert (fit.residual > 1.2 * misfit) != is_beyond
+    scale = max(misfit, fit.residual)
+    np.testing.assert_allclose(scale**2 * told, J[near].T @ J[near], rtol=1e-6, atol=1e-6 * near.sum())
 
 
 def test_what_is_not_seen_is_as_uncertain_as_before_and_by_its_motion() -> None:
