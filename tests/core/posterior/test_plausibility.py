@@ -9,11 +9,13 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
+from tactopose_drake.core.objectives.contact_mixture import Judgement
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.poses import compose, exp_so3
 from tactopose_drake.core.posterior.plausibility import (
     degrees_of_freedom,
     explain_touch,
+    explain_with_doubt,
     is_at_rest,
     is_comfortable,
     lies_on_planes,
@@ -105,6 +107,21 @@ def test_the_answer_moves_with_the_frame() -> None:
         moved = Contacts(contacts.p_PC @ move[:, :3].T + move[:, 3])
         answers = [may_be_touched(box, X, EXACT, c) for X, c in ((shifted, contacts), (compose(move, shifted), moved))]
         assert answers[0] == answers[1]
+
+
+def test_many_contacts_are_explained_up_to_the_middle_between_two_scales_of_the_noise() -> None:
+    """The next scale has twice the variance; few contacts leave more than that by chance."""
+    box, X_PO, generator = make_box(), np.eye(3, 4)[None], np.random.default_rng(0)
+    for touches, expected in ((30, [True, True, False]), (1, [True, True, True])):
+        contacts = touch(X_PO[0], generator)
+        for _ in range(touches - 1):
+            contacts = contacts.joined(touch(X_PO[0], generator))
+        freedom, told = 3 * len(contacts), []
+        for ratio in (1.2, 1.4, 1.45):
+            cost, inlier = np.zeros(1), np.ones((1, len(contacts)))
+            judged = Judgement(cost, inlier, np.ones(1), np.array([0.5 * ratio * freedom]), inlier < 0.5)
+            told.append(bool(explain_with_doubt(box, Evidence(contacts), judged, X_PO)[0]))
+        assert told == expected
 
 
 @pytest.mark.parametrize("count", [5, 10])

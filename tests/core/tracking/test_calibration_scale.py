@@ -72,6 +72,26 @@ def test_the_scale_is_found_up_to_a_factor(box: ObjectModel, scale: float) -> No
     assert np.all((found > 0.4 * scale) & (found < 2.5 * scale))
 
 
+def test_what_a_hand_declares_beside_its_calibration_is_no_larger_calibration(box: ObjectModel) -> None:
+    declared = 0.002, math.radians(8.0)
+    new = PARAMS.frame_position, math.radians(PARAMS.frame_normal_deg)
+    lasting = tuple(math.hypot(*pair) for pair in zip(TOLD, declared, strict=True))
+    sigmas = tuple(math.hypot(*pair) for pair in zip(lasting, new, strict=True))
+    covariance = np.tile(np.diag(np.repeat(np.square(sigmas), 3)), (6, 1, 1))
+    found = []
+    for seed in range(8):
+        generator = np.random.default_rng(seed)
+        bias = draw_biases(generator, *lasting)
+        felt = [touch(X_PO, generator, bias, lasting, sigmas).with_covariance(covariance) for _ in range(8)]
+        n_PC = np.mean([contacts.n_PC for contacts in felt], axis=0)
+        n_PC /= np.linalg.norm(n_PC, axis=1, keepdims=True)
+        mean = felt[-1].with_arrays(p_PC=np.mean([c.p_PC for c in felt], axis=0), n_PC=n_PC)
+        factors = Felt(read(felt[-1]), mean, 8).estimate(box, modes_at(X_PO))
+        assert factors is not None
+        found.append(math.sqrt(math.sqrt(factors[0] * factors[1])))
+    assert 0.75 < np.median(found) < 1.5
+
+
 def test_where_the_pose_is_believed_to_be_has_no_part_in_it(box: ObjectModel) -> None:
     X_near = retract(X_PO, np.array([0.02, -0.01, 0.02, 0.002, -0.002, 0.001]))
     at_truth, beside = (feel(3, 2.0).estimate(box, modes_at(X)) for X in (X_PO, X_near))

@@ -153,6 +153,33 @@ def test_a_mode_of_the_filter_is_no_better_known_than_by_the_touches_of_now_and_
     np.testing.assert_allclose(after[2], wide.covariance[0], rtol=1e-9, atol=1e-15)
 
 
+def test_modes_that_the_filter_has_come_first_with_what_is_said_of_them(box: ObjectModel) -> None:
+    """Of three modes the second likeliest is the filter's."""
+    touched = touch_of(touch(X_PO, np.random.default_rng(1)))
+    X = np.stack([ELSEWHERE, X_PO, retract(X_PO, np.array([0.0, 0.0, 0.0, 0.0, 0.1, 0.0]))])
+    spread, weights = np.array([1.0, 4.0, 9.0])[:, None, None] * 1e-6 * np.eye(6), np.array([0.5, 0.3, 0.2])
+    posterior = Modes(GaussianMixture(X, weights, spread), np.zeros(3), (np.empty((0, 6)),) * 3, 0.0)
+    after = relocalise(box, PARAMS, touched, modes_at(X_PO), posterior, 1.0)
+    for i, j in enumerate((1, 0, 2)):
+        np.testing.assert_allclose(after.X_PO[i], X[j], atol=1e-12)
+        assert math.exp(after.log_weight[i]) == pytest.approx(weights[j])
+        np.testing.assert_allclose(np.linalg.inv(after.most_information[i]), spread[j], rtol=1e-9, atol=1e-15)
+
+
+def test_what_is_free_turns_with_the_motion_as_spreads_do() -> None:
+    motion = Motion(np.array([0.4, -0.8, 0.3, 0.05, 0.01, -0.02]), np.zeros((6, 6)))
+    generator = np.random.default_rng(0)
+    free, root = generator.normal(size=(2, 6)), generator.normal(size=(6, 6))
+    modes = Modes(GaussianMixture(X_PO[None], np.ones(1), (root @ root.T)[None]), np.zeros(1), (free,), 0.0)
+    moved = WeighedModes(modes, np.ones(1), ("a",), 1.0).moved(motion.pose).modes
+    after = motion.of_poses(X_PO)
+    np.testing.assert_allclose(moved.mixture.X_PO[0], after, atol=1e-12)
+    rows = np.concatenate([free, root.T])
+    expected = increments_between(after, motion.of_poses(retract(X_PO, 1e-6 * rows))) / 1e-6
+    np.testing.assert_allclose(moved.free_directions[0], expected[:2], atol=1e-4)
+    np.testing.assert_allclose(moved.mixture.covariance[0], expected[2:].T @ expected[2:], atol=1e-3)
+
+
 def test_what_now_does_not_tell_apart_the_touches_of_the_past_do(box: ObjectModel) -> None:
     now = read(touch(X_PO, np.random.default_rng(1))[:3])
     others = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(2))[3:]), NAMES[3:])

@@ -13,6 +13,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import BiasModel, as_doubted, averaged_variances, with_errors
 from tactopose_drake.core.tracking.contact_update import (
     begin_modes,
+    follow_lasting_errors,
     follow_roughness,
     limit_gain,
     only_as_told,
@@ -55,6 +56,39 @@ def update_often(box: ObjectModel, frames: int) -> TrackedModes:
 def test_modes_keep_their_order(box: ObjectModel) -> None:
     modes = update_often(box, 1)
     assert np.linalg.norm(modes.X_PO[1, :, 3]) < np.linalg.norm(modes.X_PO[0, :, 3])
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_a_direction_is_untold_from_a_share_of_the_object_s_size_on(box: ObjectModel, factor: float) -> None:
+    """Of turns by the way of a point at half its size."""
+    params, arm = PoseTrackerParams(), 0.5 * box.size
+    units = np.repeat([1.0 / arm, 1.0], 3)
+    for direction in range(6):
+        sigma = np.full(6, 0.001)
+        sigma[direction] = factor * params.untold_share * box.size
+        information = np.diag(1.0 / np.square(sigma * units))
+        before, after = np.diag(np.square(0.1 * units)), np.diag(np.square(0.01 * units))
+        expected = after.copy()
+        if factor > 1.0:
+            expected[direction, direction] = before[direction, direction]
+        found = only_as_told(box, params, information[None], before[None], after[None])[0]
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-15)
+
+
+def test_what_is_left_of_a_surface_s_roughness_stays_where_the_hand_s_errors_seem_otherwise(box: ObjectModel) -> None:
+    """What is doubted of a finger is taken off, and what is doubted from now on is added; never less than that."""
+    params, generator = PoseTrackerParams(), np.random.default_rng(0)
+    rough = 1e-7 * generator.uniform(size=(1, 6, 2))
+    before, after = (
+        with_errors(read(touch(X_PO, generator)), SeemingErrors(dict.fromkeys("abcdef", doubt)), params)
+        for doubt in (4.0, 2.0)
+    )
+    modes = make_modes(np.diag(np.repeat([1e-4, 1e-6], 3))[None])
+    felt = dataclasses.replace(modes, roughness=before.parts.excess + rough)
+    followed = follow_lasting_errors(felt, before, after, params)
+    np.testing.assert_allclose(followed.roughness, after.parts.excess + rough, rtol=1e-9)
+    smooth = dataclasses.replace(modes, roughness=0.5 * before.parts.excess[None])
+    np.testing.assert_allclose(follow_lasting_errors(smooth, before, after, params).roughness[0], after.parts.excess)
 
 
 def test_an_update_makes_a_mode_no_surer_than_it_was_or_than_the_touch_can(box: ObjectModel) -> None:

@@ -69,7 +69,7 @@ def best_poses(
 ) -> tuple[BestPoses, BestPoses]:
     """Of the poses of all pairs those within reach that cost least, by all contacts, and by all but one.
 
-    The one is that which a pose suits least, for it may be false. Costs of up to a half for each contact tell nothing:
+    The one is that which a pose suits least, for it may be false. Costs of up to one for each contact tell nothing:
     samples, voxels and sensors err as much. Such poses are taken by chance; else those would come first that happen to
     lie well in the voxels, all on one face of a box that is touched by one.
 
