@@ -46,6 +46,22 @@ def mug() -> ObjectModel:
     return ObjectModel.from_mesh(mesh, symmetry="none", max_grid_bytes=8_000_000, samples=300)
 
 
+def test_modes_are_told_apart_by_as_much_as_their_answers_overlap_at_least() -> None:
+    """By the integral of the root of both densities; the truth, of the same answers, is more."""
+    mean, sigma, weights = np.array([0.0, 0.002]), np.array([0.001, 0.0015]), np.array([0.7, 0.3])
+    unused, variance = np.zeros((2, 1, 6, 6)), np.square(sigma)[:, None, None, None]
+    foreseen = Foreseen(np.ones((2, 1)), mean[:, None, None], variance, unused[:, 0], unused, unused, unused)
+    z = np.linspace(-0.02, 0.02, 40_001)
+    density = np.exp(-0.5 * ((z - mean[:, None]) / sigma[:, None]) ** 2) / (math.sqrt(2.0 * math.pi) * sigma[:, None])
+    step, hit = z[1] - z[0], foreseen.chance[0, 0]
+    overlap = hit * np.sqrt(density[:, None] * density[None]).sum(axis=2) * step + 1.0 - hit
+    found = told_of_mode(weights, foreseen)[0]
+    assert found == pytest.approx(-weights @ np.log(overlap @ weights), rel=1e-6)
+    mixture = weights @ density
+    told = np.sum(weights[:, None] * density * np.log(np.maximum(density, 1e-300) / np.maximum(mixture, 1e-300))) * step
+    assert 0.5 * told < found < hit * told
+
+
 def spins(*angles: float, probability: list[float] | None = None) -> GaussianMixture:
     X = make_poses(exp_so3(np.array([[0.0, 0.0, angle] for angle in angles])), np.zeros((len(angles), 3)))
     share = np.ones(len(angles)) if probability is None else np.array(probability)

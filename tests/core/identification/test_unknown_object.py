@@ -155,3 +155,15 @@ def test_normals_that_are_any_count_as_none() -> None:
         mixed = Contacts(told.p_PC, n_PC, sigma_position=SIGMA, sigma_normal=sigmas)
         found.append((log_evidence_of_any(mixed), unknown_probability([-20.0], 1, mixed, 0.3)))
     np.testing.assert_allclose(found[0], found[1], atol=1e-9)
+
+
+@pytest.mark.parametrize("objects", [2, 5])
+def test_the_others_stand_for_what_might_be_held_by_their_mean(objects: int) -> None:
+    """All but the best; of those that are ruled out, and left away, the evidence is nothing."""
+    params = UnknownObjectParams(trust=1.0, least_surplus=0.0, lookalikes=1e-12)
+    touch = Contacts(0.03 * np.eye(3), np.eye(3))
+    best, other = LOG_ROTATIONS + log_evidence_of_any(touch) + np.array([0.7, -1.3])
+    share = params.library_share * (1.0 - 1.0 / objects)
+    guess = (1.0 - share) * log_evidence_of_any(touch) + share * (other - LOG_ROTATIONS - np.log(objects - 1))
+    found = unknown_probability([best, other], objects, touch, 0.5, params)
+    assert np.log(found / (1.0 - found)) == pytest.approx(guess - (best - LOG_ROTATIONS), abs=1e-6)
