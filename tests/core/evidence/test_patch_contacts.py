@@ -54,6 +54,22 @@ def test_cells_that_look_every_way_are_a_contact_where_they_are_pressed_most(tur
     assert np.asarray(contacts.sigma_normal) == pytest.approx(0.4)
 
 
+def test_where_the_palm_s_frame_is_decides_nothing_of_how_sure_a_pad_s_place_is() -> None:
+    """A pad turns about the middle of its cells."""
+    root = np.random.default_rng(3).normal(size=(6, 6)) * np.repeat([0.001, 0.05], 3)[:, None]
+    X_PQ = make_poses(random_rotations(np.random.default_rng(4), 1), np.array([[0.2, -0.4, 0.3]]))[0]
+    twice = np.kron(np.eye(2), X_PQ[:, :3])
+    depth, near, far = np.where(np.arange(24) < 8, 0.001 + 0.02 * flat_pad()[:, 0], 0.0), np.eye(3, 4), X_PQ
+    sigmas = []
+    for X, turn in ((near, np.eye(6)), (far, twice)):
+        cells, n_PT = flat_pad() @ X[:, :3].T + X[:, 3], OUT @ X[:, :3].T
+        misplacement = turn @ root @ root.T @ turn.T
+        patch = describe_patch(cells, depth / ALPHA, alpha=ALPHA, n_PT=n_PT, misplacement=misplacement)
+        contacts = patch_contacts([patch])
+        sigmas.append([float(np.asarray(contacts.sigma_position)[0]), float(np.asarray(contacts.sigma_normal)[0])])
+    np.testing.assert_allclose(sigmas[1], sigmas[0], rtol=1e-9)
+
+
 def test_the_spread_of_an_areas_normal_is_what_it_claims() -> None:
     generator, sigma, turn = np.random.default_rng(0), 0.0004, 0.05
     tilts, claims = [], []

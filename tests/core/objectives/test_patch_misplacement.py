@@ -47,6 +47,23 @@ def test_a_covariance_of_the_sigmas_is_the_sigmas(blob: ObjectModel) -> None:
         np.testing.assert_allclose(*hessians, rtol=1e-2, atol=1e-2 * np.abs(hessians[1]).max())
 
 
+def test_a_pad_that_cannot_be_misplaced_in_some_directions_is_known_there_to_a_hundredth_of_a_millimetre(
+    blob: ObjectModel,
+) -> None:
+    """And to a ten-thousandth of a radian."""
+    X_PO, patches = pads_on(blob, 21)
+    poses = retract(X_PO[None], np.random.default_rng(21).normal(size=(10, 6)) * ([0.01] * 3 + [0.001] * 3))
+    along = np.zeros((6, 6))
+    along[0, 0] = 0.001**2
+    least = np.diag(np.repeat([1e-5, 1e-4], 3) ** 2)
+    costs = [
+        PatchCells(blob.grid, [dataclasses.replace(p, misplacement=each) for p in patches], **NOISE).cost(poses)
+        for each in (along, along + 1e-3 * least, along + 8.0 * least)
+    ]
+    np.testing.assert_allclose(costs[1], costs[0], rtol=1e-3)
+    assert np.all(costs[2] < costs[0])
+
+
 @pytest.mark.parametrize("scale", [1.0, 0.1])
 def test_on_a_flat_surface_a_correlated_misplacement_and_an_alpha_that_is_off_are_integrated_out(
     slab: ObjectModel, scale: float

@@ -39,6 +39,26 @@ def search(model: ObjectModel, contacts: Contacts, seed: int = 0) -> SearchResul
     return PairSearch(model=model, contacts=contacts).minimize(objective, space, np.random.default_rng(seed))
 
 
+def test_the_best_poses_are_tried_in_the_images_that_the_touch_may_tell_apart_too() -> None:
+    """A box that is a little narrower at its top: upside down it is not the same to a sensor as exact."""
+    mesh = trimesh.creation.box((0.16, 0.2, 0.25))
+    vertices = np.array(mesh.vertices)
+    vertices[vertices[:, 2] > 0.0, :2] *= 0.99
+    model = ObjectModel.from_mesh(trimesh.Trimesh(vertices, mesh.faces), cache=False)
+    misfits = model.symmetry_misfits
+    assert len(misfits) == 4
+    X = make_poses(random_rotations(np.random.default_rng(0), 3), np.zeros((3, 3)))
+    for sigma, told_apart in ((0.01, []), (0.002, [2, 3])):
+        assert np.all(misfits[:2] < 0.1 * sigma)
+        contacts = Contacts(np.zeros((2, 3)), sigma_position=np.array([sigma, 0.02]))
+        tried = PairSearch(model=model, contacts=contacts)._with_images(X)
+        np.testing.assert_array_equal(tried[:3], X)
+        assert len(tried) == 3 + 2 * (len(told_apart) + len(model.half_turns))
+        for image in told_apart:
+            wanted = compose(X[:2], model.symmetry_poses[image])
+            assert np.abs(tried - wanted[:, None]).max(axis=(2, 3)).min(axis=1).max() < 1e-12
+
+
 @pytest.mark.parametrize("noise", [1.0, 2.0])
 @pytest.mark.parametrize("count", [3, 5, 10])
 @pytest.mark.parametrize("name", ["mug", "bust", "tea_box", "wine_glass", "pencil"])
