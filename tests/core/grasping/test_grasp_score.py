@@ -62,6 +62,38 @@ def test_rotating_everything_changes_nothing():
     np.testing.assert_allclose(here.force, there.force, atol=0.3)
 
 
+def test_what_a_touch_tells_is_how_the_object_moves_under_it():
+    """By an increment (w, v) about the centre of mass, in the palm's axes: of the distance, and of the normal."""
+    generator = np.random.default_rng(2)
+    n = generator.normal(size=(5, 3))
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    p = 0.05 * generator.normal(size=(5, 3))
+    of = terms(p, n)
+    for u in generator.normal(size=(6, 6)):
+        moved = np.cross(u[:3], p) + u[3:]
+        np.testing.assert_allclose(PARAMS.touch_position * of.distance @ u, np.sum(n * moved, axis=1), atol=1e-12)
+        turned = PARAMS.touch_normal * of.normal @ u
+        np.testing.assert_allclose(np.abs(turned), np.abs(np.cross(u[:3], n)), atol=1e-12)
+    # What both tell adds up; of the information's entropy a half counts.
+    rows = np.concatenate([of.distance, of.normal.reshape(-1, 6)])
+    prior = np.diag(np.repeat([PARAMS.prior_rotation, PARAMS.prior_translation], 3) ** -2.0)
+    few = dataclasses.replace(PARAMS, least_contacts=6)
+    expected = 0.25 * np.linalg.slogdet(rows.T @ rows + prior)[1] + 5.0 - 0.7
+    assert score_grasp(of, 0.7, LOAD, few).value == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("least_force", "most_force"), [(1.0, 2.5), (3.5, 8.0)])
+def test_forces_that_are_out_of_their_range_cost_by_how_far_they_are(least_force: float, most_force: float):
+    p, n = ring(4)
+    force, _ = balance(terms(p, n), LOAD, PARAMS)
+    narrow = dataclasses.replace(PARAMS, least_force=least_force, most_force=most_force)
+    wide, clipped = (score_grasp(terms(p, n), 0.0, LOAD, params) for params in (PARAMS, narrow))
+    out = np.abs(force - np.clip(force, least_force, most_force)).sum()
+    assert out > 1.5
+    assert wide.value - clipped.value == pytest.approx(PARAMS.clipping_cost * out)
+    np.testing.assert_allclose(clipped.force, np.clip(force, least_force, most_force))
+
+
 def test_touches_from_all_sides_score_higher_than_from_two():
     p, n = ring(4)
     flat = np.array([[1.0, 0, 0], [1.0, 0, 0], [-1.0, 0, 0], [-1.0, 0, 0]])
