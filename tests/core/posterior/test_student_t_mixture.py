@@ -56,6 +56,20 @@ def test_the_density_is_by_the_volume_of_poses() -> None:
     np.testing.assert_allclose(densities(away, near), densities(here, near), rtol=0.02)
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-4, 1.0, 3.0])
+def test_directions_at_a_pose_are_told_by_how_the_increments_to_it_change(angle: float) -> None:
+    """And what is known of them stays as it is."""
+    X, generator = poses(1), np.random.default_rng(4)
+    center = np.concatenate([angle * np.array([0.36, -0.48, 0.8]), [0.02, 0.0, -0.01]])
+    there, H, turns = retract(X, center[None]), information(1), generator.normal(size=(1, 6, 3))
+    found, local, moved = in_chart(X, np.array([0]), there, H, turns)
+    np.testing.assert_allclose(found[0], center, atol=1e-9)
+    ends = retract(there, 1e-6 * turns[0].T), retract(there, -1e-6 * turns[0].T)
+    change = (increments_between(X, ends[0]) - increments_between(X, ends[1])) / 2e-6
+    np.testing.assert_allclose(moved[0], change.T, atol=1e-5)
+    np.testing.assert_allclose(moved[0].T @ local[0] @ moved[0], turns[0].T @ H[0] @ turns[0], rtol=1e-6)
+
+
 def test_the_samples_scatter_as_they_should() -> None:
     whole = mixture(80_000)
     X_PO = whole.sample(np.random.default_rng(2))
