@@ -9,6 +9,7 @@ from tactopose_drake.core.grasping.serial_chain import SerialChain
 from tactopose_drake.core.poses import compose, inverse, make_poses, random_rotations, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
+from tests.core.models import brick
 
 BALL, TIP = 0.03, 0.008
 START = np.array([[0.1, 0.0, 0.0], [0.1, 0.02, 0.0], [0.1, 0.06, 0.0]])
@@ -137,3 +138,12 @@ def test_impossible_motions_are_refused() -> None:
         GuardedMoves(np.zeros((3, 1, 3)), TIP, np.zeros((3, 1, 0, 3)), np.zeros(0))
     with pytest.raises(InvalidInputError, match="body: has shape"):
         GuardedMoves(np.zeros((3, 2, 3)), TIP, np.zeros((3, 2, 1, 3)), np.zeros(0))
+
+
+@pytest.mark.parametrize(("x", "is_apart"), [(0.035, False), (0.02, True)])
+def test_where_a_motion_ends_the_finger_keeps_off_others_and_beyond_it_does_not_come(x: float, is_apart: bool) -> None:
+    """A fingertip of 8 mm that comes in steps of 5 mm, and meets a face at 30 mm when its centre is at 35 mm."""
+    box = brick(0.06, 0.09, 0.13)
+    moves = GuardedMoves.lines([[0.1, 0.0, 0.0]], [[-1.0, 0.0, 0.0]], 0.09, radius=0.008, step=0.005)
+    beside = HandGeometry(np.array([[x, 0.012, 0.0]]), np.array([0.0045]))
+    assert moves.stay_apart(beside, box, np.eye(3, 4)[None])[0] == is_apart

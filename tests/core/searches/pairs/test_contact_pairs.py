@@ -6,6 +6,7 @@ from tactopose_drake.core.poses import make_poses, random_rotations
 from tactopose_drake.core.searches.pairs.contact_pairs import PairChoice, spread_out
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tests.core.models import brick
 
 
 def choose(model: ObjectModel, touch: Contacts, /, **choice: int) -> list[tuple[int, int, int, int]]:
@@ -53,6 +54,31 @@ def test_contacts_that_coincide_or_lie_metres_apart_say_nothing(blob: ObjectMode
     assert choose(blob, Contacts([[0, 0, 0], [1e-4, 0, 0]], n_PC)) == []
     assert choose(blob, Contacts([[0, 0, 0], [3.0, 0, 0]], n_PC)) == []
     assert choose(blob, Contacts([[0, 0, 0]], n_PC[:1])) == []
+
+
+def test_two_contacts_have_a_direction_from_three_standard_deviations_of_their_distance_on() -> None:
+    box, sigma = brick(0.06, 0.09, 0.13), np.array([0.0009, 0.0012])
+    least = 3.0 * np.hypot(*sigma)
+    for factor, is_asked in ((0.98, False), (1.02, True)):
+        contacts = Contacts([[0, 0, 0], [factor * least, 0, 0]], [[0, 0, 1.0], [0, 0, 1.0]], sigma_position=sigma)
+        assert bool(choose(box, contacts)) == is_asked
+
+
+def test_of_more_matches_than_there_is_room_for_some_of_all_are_taken(blob: ObjectModel) -> None:
+    """They come by their features, so the first would be alike."""
+    features = blob.pair_features
+    for seed in range(4):
+        contacts = touch_surface(blob, np.eye(3, 4), 2, np.random.default_rng(seed))
+        every = PairChoice(poses=10**7).choose(features, contacts, np.random.default_rng(0))
+        count = int(every.begins[-1])
+        for room in (int(0.55 * count), count // 5):
+            few = PairChoice(poses=4 * room).choose(features, contacts, np.random.default_rng(0))
+            taken = np.searchsorted(every.matches[:count], few.matches[: few.begins[-1]])
+            assert np.all(np.diff(every.matches[:count]) > 0)
+            assert 0.5 * room < len(taken) <= room
+            assert taken.min() < 0.1 * count
+            assert taken.max() > 0.9 * count
+            assert np.all(np.diff(taken) > 0)
 
 
 def test_opposite_normals_leave_the_spin_open(blob: ObjectModel) -> None:
