@@ -25,8 +25,9 @@ def box_mesh(size: ArrayLike) -> trimesh.Trimesh:
 def cylinder_mesh(radius: float, length: float) -> trimesh.Trimesh:
     """A cylinder along z, m."""
     radius, length = positive_number("radius", radius), positive_number("length", length)
-    mesh: trimesh.Trimesh = _creation().cylinder(radius=radius, height=length, sections=_SECTIONS)
-    return mesh
+    larger = _whole_scale(radius)
+    mesh = _creation().cylinder(radius=larger * radius, height=larger * length, sections=_SECTIONS)
+    return _scaled(mesh, 1.0 / larger)
 
 
 def sphere_mesh(radius: float) -> trimesh.Trimesh:
@@ -38,9 +39,24 @@ def sphere_mesh(radius: float) -> trimesh.Trimesh:
 def capsule_mesh(radius: float, length: float) -> trimesh.Trimesh:
     """Hemispheres on a cylinder of this length along z, m."""
     radius, length = positive_number("radius", radius), positive_number("length", length)
-    mesh: trimesh.Trimesh = _creation().capsule(height=length, radius=radius, count=[_SECTIONS, _SECTIONS])
+    larger = _whole_scale(radius)
+    mesh = _creation().capsule(height=larger * length, radius=larger * radius, count=[_SECTIONS, _SECTIONS])
     mesh.apply_translation(-np.asarray(mesh.bounds).mean(axis=0))
-    return mesh
+    return _scaled(mesh, 1.0 / larger)
+
+
+def _whole_scale(radius: float) -> float:
+    """By how much larger a solid of revolution is made: trimesh leaves out faces below 1e-8 m2, such as those at poles.
+
+    It is a power of two, so that making the solid smaller again changes no bit.
+    """
+    return float(2.0 ** (1 - np.frexp(radius)[1]))
+
+
+def _scaled(mesh: trimesh.Trimesh, scale: float) -> trimesh.Trimesh:
+    import trimesh
+
+    return trimesh.Trimesh(scale * mesh.vertices, mesh.faces, process=False)
 
 
 def _creation() -> Any:
