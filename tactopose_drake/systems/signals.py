@@ -17,7 +17,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.geometry_checks import pose_matrix
-from tactopose_drake.core.validation import FloatArray, number_array
+from tactopose_drake.core.validation import FloatArray, finite_array, instance_of, number_array
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.resources.yaml_files import shown
@@ -101,6 +101,8 @@ class SignalRecorder:
         """
         self.signals: dict[str, Signal] = {}
         self._last: dict[str, str] = {}
+        self._kinds: dict[str, list[Value]] = {}  # of each signal a value that is known
+        self._time = -math.inf
         self.file = None if path is None else LineFile(path)
 
     def __enter__(self) -> Self:
@@ -111,15 +113,37 @@ class SignalRecorder:
             self.file.close()
 
     def write(self, name: str, time: float, value: Value) -> None:
-        """Adds a value, unless it is the signal's last one."""
+        """Adds a value, unless it is the signal's last one.
+
+        Args:
+            name: of the signal.
+            time: from when on it holds, s; not before that of the last value that was added, of whichever signal.
+            value: a vector, a `RigidTransform`, a `PosePrior`, or None while it is not known.
+
+        Raises:
+            InvalidInputError: what could not be read again: a time that is none or falls, or a value of another type,
+                or of another kind or length than the signal's others. Nothing is added.
+        """
+        instance_of("name", name, str)
+        time = float(finite_array("time", time, ()))
+        value = _as_value(f"value of {name!r}", value)
+        known = self._kinds.setdefault(name, [])
+        try:
+            _check_like(value, known)
+        except ValueError as error:
+            raise InvalidInputError(f"value of {name!r}: {error}; allowed are such as before, and None.") from None
         text = json.dumps(_encode(value), allow_nan=False)
         if self._last.get(name) == text:
             return
-        self._last[name] = text
+        if time < self._time:
+            raise InvalidInputError(f"time: is {time:g} s, after {self._time:g} s; allowed are times that do not fall.")
+        self._last[name], self._time = text, time
+        if value is not None and not known:
+            known.append(value)
         if self.file is not None:
             self.file.write(f'{{"time": {time!r}, "name": {json.dumps(name)}, {text[1:]}')
             return
-        _append(self.signals, name, time, value.copy() if isinstance(value, np.ndarray) else value)
+        _append(self.signals, name, time, value)
 
 
 def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
@@ -151,6 +175,17 @@ def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
             raise InvalidFileError(f"{path}: line {number} is no signal ({reason}).") from None
         _append(signals, name, time, value)
     return signals, f"{path}: is cut off after {len(lines)} whole lines." if rest else ""
+
+
+def _as_value(name: str, value: Value) -> Value:
+    """A value that can be kept, a vector as a copy of its own."""
+    if value is None or isinstance(value, PosePrior | RigidTransform):
+        return value
+    if not isinstance(value, np.ndarray | list | tuple):
+        raise InvalidInputError(
+            f"{name}: is a {type(value).__name__}; allowed are a vector, a RigidTransform, a PosePrior and None."
+        )
+    return number_array(name, value, (None,))
 
 
 def _append(signals: dict[str, Signal], name: str, time: float, value: Value) -> None:

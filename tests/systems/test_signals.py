@@ -99,6 +99,45 @@ def test_what_is_kept_does_not_follow_the_original() -> None:
     np.testing.assert_array_equal(recorder.signals["vector"].values, [[0.0, 0.0], [1.0, 0.0]])
 
 
+def test_numbers_of_numpy_and_lists_are_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "signals.jsonl"
+    with SignalRecorder(path) as recorder:
+        for k, time in enumerate(np.arange(0.0, 0.3, 0.1)):
+            recorder.write("list", time, [k, np.float32(0.5)])
+        recorder.write("single", np.float32(0.5), np.zeros(2, dtype=np.float32))
+    signals, _ = read_signals(path)
+    assert signals["list"].times == [0.0, 0.1, 0.2]
+    np.testing.assert_array_equal(signals["list"].values, [[0.0, 0.5], [1.0, 0.5], [2.0, 0.5]])
+    assert signals["single"].times == [0.5]
+
+
+@pytest.mark.parametrize("on_disk", [True, False])
+@pytest.mark.parametrize(
+    ("time", "value", "message"),
+    [
+        (0.5, np.ones(2), "time: is 0.5 s, after 1 s; allowed are times that do not fall"),
+        (np.nan, np.ones(2), "time: "),
+        ("now", np.ones(2), "time: not an array of numbers"),
+        (2.0, np.zeros(3), "value of 'a': it is of another kind or length than the signal's others"),
+        (2.0, RigidTransform(), "value of 'a': it is of another kind or length"),
+        (2.0, np.zeros((2, 2)), r"value of 'a': has shape \(2, 2\); allowed is \(n,\)"),
+        (2.0, 0.1, "value of 'a': is a float; allowed are a vector, a RigidTransform, a PosePrior and None"),
+    ],
+)
+def test_what_could_not_be_read_again_is_refused(
+    tmp_path: Path, on_disk: bool, time: object, value: object, message: str
+) -> None:
+    path = tmp_path / "signals.jsonl"
+    with SignalRecorder(path if on_disk else None) as recorder:
+        recorder.write("a", 1.0, np.zeros(2))
+        with pytest.raises(InvalidInputError, match=message):
+            recorder.write("a", time, value)
+        recorder.write("a", 2.0, None)
+        recorder.write("a", 3.0, np.ones(2))
+    signals = read_signals(path)[0] if on_disk else recorder.signals
+    assert signals["a"].times == [1.0, 2.0, 3.0]
+
+
 def test_a_file_is_good_to_its_last_whole_line(tmp_path: Path) -> None:
     path = tmp_path / "signals.jsonl"
     write(path)
