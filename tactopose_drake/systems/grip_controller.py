@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PdControllerGains
+from pydrake.multibody.tree import Joint, PdControllerGains, PrismaticJoint
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
 
+from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.grasping.stall_law import close_until_stalled
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
@@ -19,9 +20,10 @@ from tactopose_drake.systems.collectable_system import CollectableSystem
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class GripControllerParams:
-    """How the motors move."""
+    """How the motors move. Of a joint that slides, 5 cm count as a radian."""
 
-    fixed: dict[str, float] = dataclasses.field(default_factory=dict)  # joints that do not close: their position, rad
+    # Joints that do not close: their position, rad, of one that slides m.
+    fixed: dict[str, float] = dataclasses.field(default_factory=dict)
     closing_speed: float = 1.5  # of the others, rad/s
     stall_torque: float = 1.0  # of the others, N m
     stiffness: float = 50.0  # of each motor's position control, N m/rad
@@ -49,13 +51,21 @@ def set_motor_gains(plant: MultibodyPlant, hand: Hand, params: GripControllerPar
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_mutable_joint_actuator(index)
         if actuator.model_instance() == hand.model_instance:
-            actuator.set_controller_gains(PdControllerGains(p=params.stiffness, d=params.damping))
+            per_radian = _arm(actuator.joint()) ** 2
+            gains = PdControllerGains(p=params.stiffness / per_radian, d=params.damping / per_radian)
+            actuator.set_controller_gains(gains)
+
+
+def _arm(joint: Joint) -> float:
+    """What motion of a joint counts as a radian."""
+    return SLIDING_ARM if isinstance(joint, PrismaticJoint) else 1.0
 
 
 class GripController(CollectableSystem):
     """Closes each finger at a constant speed until its motor stalls; from then on the motor holds its position.
 
-    So do hands with worm drives, like Barrett's. The plant needs `set_motor_gains`.
+    So do hands with worm drives, like Barrett's. A joint closes towards larger positions. The plant needs
+    `set_motor_gains`.
 
     .. pydrake_system::
 
@@ -67,9 +77,10 @@ class GripController(CollectableSystem):
         - holding
         - status
 
-    - hand_state: measured positions and velocities of the hand's joints, shape (nq + nv,), rad and rad/s.
-    - desired_state: of the hand's actuators, positions, then velocities, shape (2 na,), rad and rad/s; for the plant's
-      port of that name. Changes once a period. The initialisation sets the closing joints to where they are measured,
+    - hand_state: measured positions and velocities of the hand's joints, shape (nq + nv,), rad and rad/s, of those that
+      slide m and m/s.
+    - desired_state: of the hand's actuators, positions, then velocities, shape (2 na,), likewise; for the plant's port
+      of that name. Changes once a period. The initialisation sets the closing joints to where they are measured,
       0 before; a context that is initialised again goes on as it was.
     - holding: shape (1,), 1 once every closing motor has stalled, 0 before.
     - status: str, "closing: " and the joints whose motors have not stalled, or "holding".
@@ -94,6 +105,7 @@ class GripController(CollectableSystem):
             if name not in names:
                 raise UnknownNameError("GripControllerParams.fixed: joint", name, names)
         self._joints = joints.positions(names)
+        self._arms = np.array([_arm(plant.GetJointByName(name, hand.model_instance)) for name in names])
         self._names = names
         start = np.array([self._params.fixed.get(name, np.nan) for name in names])
 
@@ -132,8 +144,8 @@ class GripController(CollectableSystem):
             commanded,
             self._measured(context),
             stalled > 0,
-            step=params.closing_speed * params.period,
-            reach=params.stall_torque / params.stiffness,
+            step=self._arms * (params.closing_speed * params.period),
+            reach=self._arms * (params.stall_torque / params.stiffness),
         )
         state.get_mutable_vector().SetFromVector(np.concatenate([commanded, now_stalled]))
         return EventStatus.Succeeded()
@@ -141,7 +153,7 @@ class GripController(CollectableSystem):
     def _calc_desired_state(self, context: Context, output: BasicVector) -> None:
         commanded, stalled = np.split(context.get_discrete_state_vector().value(), 2)
         # Without the velocity, the damping would hold a moving finger back as if it had stalled.
-        velocity = np.where(stalled > 0, 0.0, self._params.closing_speed)
+        velocity = np.where(stalled > 0, 0.0, self._arms * self._params.closing_speed)
         output.SetFromVector(np.concatenate([np.nan_to_num(commanded), velocity]))
 
     def _calc_holding(self, context: Context, output: BasicVector) -> None:

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform
@@ -6,10 +8,12 @@ from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 
+from tactopose_drake.core.grasping import SLIDING_ARM
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand, make_hand_plant
 from tactopose_drake.systems.grip_controller import GripController, GripControllerParams, set_motor_gains
+from tests.hand.grippers import write_gripper
 
 SPREAD = {"finger_1_spread_joint": 0.5}
 
@@ -100,6 +104,32 @@ def test_a_blocked_finger_pushes_with_the_stall_torque_and_the_hand_holds_when_a
     hand.simulator.AdvanceTo(1.4)  # the others come to their own limits
     assert hand.holding()
     assert hand.status() == "holding"
+
+
+def test_joints_that_slide_close_as_ones_that_turn_on_an_arm(tmp_path: Path) -> None:
+    params = GripControllerParams(closing_speed=1.5, stall_torque=0.5)
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.002)
+    hand = add_hand(plant, load_hand_config(write_gripper(tmp_path)), RigidTransform())
+    set_motor_gains(plant, hand, params)
+    plant.GetJointByName("right_slide").set_position_limits([0.0], [0.01])
+    plant.Finalize()
+    controller = builder.AddSystem(GripController(plant, hand, params))
+    builder.Connect(plant.get_state_output_port(hand.model_instance), controller.get_input_port())
+    desired = plant.get_desired_state_input_port(hand.model_instance)
+    builder.Connect(controller.GetOutputPort("desired_state"), desired)
+    simulator = Simulator(builder.Build())
+    plant_context = plant.GetMyContextFromRoot(simulator.get_context())
+    status = controller.GetOutputPort("status")
+    simulator.AdvanceTo(0.3)
+    left = plant.GetJointByName("left_slide")
+    assert left.get_translation(plant_context) == pytest.approx(0.3 * 1.5 * SLIDING_ARM, abs=1e-3)
+    assert status.Eval(controller.GetMyContextFromRoot(simulator.get_context())) == "closing: left_slide"
+    forces = plant.get_net_actuation_output_port(hand.model_instance).Eval(plant_context)
+    assert forces[1] == pytest.approx(params.stall_torque / SLIDING_ARM, rel=0.1)
+    simulator.AdvanceTo(1.0)
+    assert left.get_translation(plant_context) == pytest.approx(0.045, abs=1e-3)
+    assert status.Eval(controller.GetMyContextFromRoot(simulator.get_context())) == "holding"
 
 
 def test_the_commands_start_where_the_hand_is() -> None:

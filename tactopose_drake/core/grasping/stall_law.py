@@ -7,16 +7,21 @@ from tactopose_drake.core.validation import FloatArray
 
 
 def close_until_stalled(
-    commanded: FloatArray, measured: FloatArray, stalled: NDArray[np.bool_], *, step: float, reach: float
+    commanded: FloatArray,
+    measured: FloatArray,
+    stalled: NDArray[np.bool_],
+    *,
+    step: FloatArray | float,
+    reach: FloatArray | float,
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """One step of the commanded positions.
 
     Args:
-        commanded: positions, shape (k,), rad.
-        measured: positions, shape (k,), rad.
+        commanded: positions, shape (k,), rad, or m of joints that slide.
+        measured: positions, shape (k,), likewise.
         stalled: which motors have stalled before, shape (k,); they hold their command whatever comes.
-        step: how far a command moves on, rad.
-        reach: how far ahead of its joint a command is when the motor stalls: stall torque over stiffness, rad.
+        step: how far a command moves on, a number or shape (k,).
+        reach: how far ahead of its joint a command is when the motor stalls: stall torque over stiffness; likewise.
 
     Returns:
         The new commands and which motors have stalled now.
