@@ -12,7 +12,7 @@ from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.grasping.stall_law import close_until_stalled
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
-from tactopose_drake.errors import UnknownNameError
+from tactopose_drake.errors import InvalidInputError, UnknownNameError
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.systems.collectable_system import CollectableSystem
@@ -24,6 +24,7 @@ class GripControllerParams:
 
     # Joints that do not close: their position, rad, of one that slides m.
     fixed: dict[str, float] = dataclasses.field(default_factory=dict)
+    falling: list[str] = dataclasses.field(default_factory=list)  # joints that close towards smaller positions
     closing_speed: float = 1.5  # of the others, rad/s
     stall_torque: float = 1.0  # of the others, N m
     stiffness: float = 50.0  # of each motor's position control, N m/rad
@@ -37,6 +38,11 @@ class GripControllerParams:
         positive_number("GripControllerParams.damping", self.damping, allow_zero=True)
         for joint, position in self.fixed.items():
             finite_array(f"GripControllerParams.fixed[{joint}]", position, ())
+        for joint in self.falling:
+            if joint in self.fixed:
+                raise InvalidInputError(
+                    f"GripControllerParams.falling: has {joint!r}, which is fixed; allowed is either."
+                )
 
 
 def set_motor_gains(plant: MultibodyPlant, hand: Hand, params: GripControllerParams) -> None:
@@ -64,8 +70,8 @@ def _arm(joint: Joint) -> float:
 class GripController(CollectableSystem):
     """Closes each finger at a constant speed until its motor stalls; from then on the motor holds its position.
 
-    So do hands with worm drives, like Barrett's. A joint closes towards larger positions. The plant needs
-    `set_motor_gains`.
+    So do hands with worm drives, like Barrett's. A joint closes towards larger positions, unless the parameters say
+    that it is `falling`. The plant needs `set_motor_gains`.
 
     .. pydrake_system::
 
@@ -95,17 +101,19 @@ class GripController(CollectableSystem):
             params: how the motors move.
 
         Raises:
-            UnknownNameError: if `fixed` names a joint that no motor moves.
+            UnknownNameError: if `fixed` or `falling` name a joint that no motor moves.
         """
         super().__init__()
         self._params = params_of(GripControllerParams, params)
         joints = HandJoints.of(plant, hand)
         names = joints.actuated
-        for name in self._params.fixed:
-            if name not in names:
-                raise UnknownNameError("GripControllerParams.fixed: joint", name, names)
+        for key in ("fixed", "falling"):
+            for name in getattr(self._params, key):
+                if name not in names:
+                    raise UnknownNameError(f"GripControllerParams.{key}: joint", name, names)
         self._joints = joints.positions(names)
         self._arms = np.array([_arm(plant.GetJointByName(name, hand.model_instance)) for name in names])
+        self._signs = np.array([-1.0 if name in self._params.falling else 1.0 for name in names])
         self._names = names
         start = np.array([self._params.fixed.get(name, np.nan) for name in names])
 
@@ -144,7 +152,7 @@ class GripController(CollectableSystem):
             commanded,
             self._measured(context),
             stalled > 0,
-            step=self._arms * (params.closing_speed * params.period),
+            step=self._signs * self._arms * (params.closing_speed * params.period),
             reach=self._arms * (params.stall_torque / params.stiffness),
         )
         state.get_mutable_vector().SetFromVector(np.concatenate([commanded, now_stalled]))
@@ -153,7 +161,7 @@ class GripController(CollectableSystem):
     def _calc_desired_state(self, context: Context, output: BasicVector) -> None:
         commanded, stalled = np.split(context.get_discrete_state_vector().value(), 2)
         # Without the velocity, the damping would hold a moving finger back as if it had stalled.
-        velocity = np.where(stalled > 0, 0.0, self._arms * self._params.closing_speed)
+        velocity = np.where(stalled > 0, 0.0, self._signs * self._arms * self._params.closing_speed)
         output.SetFromVector(np.concatenate([np.nan_to_num(commanded), velocity]))
 
     def _calc_holding(self, context: Context, output: BasicVector) -> None:

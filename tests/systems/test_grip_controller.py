@@ -106,19 +106,30 @@ def test_a_blocked_finger_pushes_with_the_stall_torque_and_the_hand_holds_when_a
     assert hand.status() == "holding"
 
 
-def test_joints_that_slide_close_as_ones_that_turn_on_an_arm(tmp_path: Path) -> None:
-    params = GripControllerParams(closing_speed=1.5, stall_torque=0.5)
+def with_gripper(folder: Path) -> tuple[DiagramBuilder, MultibodyPlant, Hand]:
+    """A plant that is not finalized yet with a gripper of two fingers that slide."""
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, 0.002)
-    hand = add_hand(plant, load_hand_config(write_gripper(tmp_path)), RigidTransform())
+    return builder, plant, add_hand(plant, load_hand_config(write_gripper(folder)), RigidTransform())
+
+
+def closing(
+    builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand, params: GripControllerParams
+) -> tuple[GripController, Simulator]:
     set_motor_gains(plant, hand, params)
-    plant.GetJointByName("right_slide").set_position_limits([0.0], [0.01])
     plant.Finalize()
     controller = builder.AddSystem(GripController(plant, hand, params))
     builder.Connect(plant.get_state_output_port(hand.model_instance), controller.get_input_port())
     desired = plant.get_desired_state_input_port(hand.model_instance)
     builder.Connect(controller.GetOutputPort("desired_state"), desired)
-    simulator = Simulator(builder.Build())
+    return controller, Simulator(builder.Build())
+
+
+def test_joints_that_slide_close_as_ones_that_turn_on_an_arm(tmp_path: Path) -> None:
+    params = GripControllerParams(closing_speed=1.5, stall_torque=0.5)
+    builder, plant, hand = with_gripper(tmp_path)
+    plant.GetJointByName("right_slide").set_position_limits([0.0], [0.01])
+    controller, simulator = closing(builder, plant, hand, params)
     plant_context = plant.GetMyContextFromRoot(simulator.get_context())
     status = controller.GetOutputPort("status")
     simulator.AdvanceTo(0.3)
@@ -130,6 +141,22 @@ def test_joints_that_slide_close_as_ones_that_turn_on_an_arm(tmp_path: Path) -> 
     simulator.AdvanceTo(1.0)
     assert left.get_translation(plant_context) == pytest.approx(0.045, abs=1e-3)
     assert status.Eval(controller.GetMyContextFromRoot(simulator.get_context())) == "holding"
+
+
+def test_a_joint_may_close_towards_smaller_positions(tmp_path: Path) -> None:
+    params = GripControllerParams(falling=["left_slide"], stall_torque=0.5)
+    builder, plant, hand = with_gripper(tmp_path)
+    plant.GetJointByName("left_slide").set_default_translation(0.04)
+    controller, simulator = closing(builder, plant, hand, params)
+    simulator.AdvanceTo(0.3)
+    plant_context = plant.GetMyContextFromRoot(simulator.get_context())
+    left, right = (plant.GetJointByName(f"{name}_slide").get_translation(plant_context) for name in ("left", "right"))
+    assert left == pytest.approx(0.04 - right, abs=1e-3)
+    assert right == pytest.approx(0.3 * params.closing_speed * SLIDING_ARM, abs=1e-3)
+    simulator.AdvanceTo(1.0)
+    forces = plant.get_net_actuation_output_port(hand.model_instance).Eval(plant_context)
+    assert min(-forces[0], forces[1]) > 0.9 * params.stall_torque / SLIDING_ARM, "both press against their limits"
+    assert controller.GetOutputPort("holding").Eval(controller.GetMyContextFromRoot(simulator.get_context()))[0] == 1.0
 
 
 def test_the_commands_start_where_the_hand_is() -> None:
@@ -163,6 +190,7 @@ def test_a_context_that_is_initialised_again_goes_on_as_it_was() -> None:
         ({"stiffness": np.nan}, "stiffness: is nan"),
         ({"damping": -0.1}, "damping: is -0.1"),
         ({"period": 0.0}, "period: is 0"),
+        ({"fixed": SPREAD, "falling": list(SPREAD)}, "falling: has 'finger_1_spread_joint', which is fixed"),
         ({"fixed": {"finger_1_spread_joint": np.inf}}, r"fixed\[finger_1_spread_joint\]: is inf"),
     ],
 )
@@ -171,8 +199,10 @@ def test_a_bad_parameter_is_named(values: dict[str, object], message: str) -> No
         GripControllerParams(**values).validate()
 
 
-def test_a_joint_without_a_motor_cannot_be_fixed() -> None:
+def test_a_joint_without_a_motor_can_neither_be_fixed_nor_close() -> None:
     plant, hand = make_hand_plant(load_hand_config("barrett_like"))
     assert isinstance(plant, MultibodyPlant)
     with pytest.raises(UnknownNameError, match=r"'finger_2_spread_joint' is unknown; valid names: finger_1_spread"):
         GripController(plant, hand, GripControllerParams(fixed={"finger_2_spread_joint": 0.1}))
+    with pytest.raises(UnknownNameError, match=r"falling: joint: 'finger_2_spread_joint' is unknown"):
+        GripController(plant, hand, GripControllerParams(falling=["finger_2_spread_joint"]))

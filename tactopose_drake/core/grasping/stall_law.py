@@ -20,11 +20,11 @@ def close_until_stalled(
         commanded: positions, shape (k,), rad, or m of joints that slide.
         measured: positions, shape (k,), likewise.
         stalled: which motors have stalled before, shape (k,); they hold their command whatever comes.
-        step: how far a command moves on, a number or shape (k,).
+        step: how far a command moves on, a number or shape (k,); below 0 where closing makes positions smaller.
         reach: how far ahead of its joint a command is when the motor stalls: stall torque over stiffness; likewise.
 
     Returns:
         The new commands and which motors have stalled now.
     """
-    stalled = stalled | (commanded - measured >= reach)
+    stalled = stalled | (np.sign(step) * (commanded - measured) >= reach)
     return np.where(stalled, commanded, commanded + step), stalled
