@@ -42,10 +42,11 @@ class TactileArray(CollectableSystem):
       that samples its contact results gives those of its last step, so on a moving pad they are one time step old.
     - noise: random input, a standard normal number for each cell (`AddRandomInputs` connects it); zero when not
       connected.
-    - pressures: of each cell, Pa, >= 0. Changes once a period, first at t = period. NaN before, and where a cell is
-      dead.
+    - pressures: of each cell, Pa, >= 0. Changes once a period, first at t = period. NaN before, where a cell is dead,
+      and, while a point contact is on the pad, which has no pressure field, where a cell feels nothing else.
     - status: str, "ok", "no contact", "no sample yet", or "saturated: " and the cells; ends with "a point contact is
-      not felt" where Drake has put a point contact on the pad, which has no pressure field. Changes with `pressures`.
+      not felt" while one is on the pad: shapes that are not compliant, or a contact model of points. Changes with
+      `pressures`.
     """
 
     def __init__(self, plant: MultibodyPlant, pad_frame: Frame, pad: TactilePad) -> None:
@@ -98,9 +99,14 @@ class TactileArray(CollectableSystem):
             state.get_mutable_discrete_state(self._peaks).SetFromVector(peaks)
             pressure = cell_response(pressure, peaks, rubber)
         frame = read_cells(pressure, noise, self._pad.model)
-        state.get_mutable_discrete_state(self._pressures).SetFromVector(frame.pressure)
-        unfelt = f"; {POINT_CONTACT}" if self._has_point_contact(results) else ""
-        state.get_mutable_abstract_state(self._status).set_value(frame.status + unfelt)
+        reading, status = frame.pressure, frame.status
+        if self._has_point_contact(results):
+            # Which cells it presses on is not known: zero would say that nothing is there.
+            felt = pressure > 0.0
+            reading = np.where(felt, reading, np.nan)
+            status = f"{status}; {POINT_CONTACT}" if felt.any() else POINT_CONTACT
+        state.get_mutable_discrete_state(self._pressures).SetFromVector(reading)
+        state.get_mutable_abstract_state(self._status).set_value(status)
         return EventStatus.Succeeded()
 
     def _fields(self, results: ContactResults, X_WT: RigidTransform) -> list[PressureField]:

@@ -43,9 +43,12 @@ def friction() -> CoulombFriction:
 
 
 def rest_on_pad(
-    pad: TactilePad, p_TO=(0.004, -0.002), *, order="pad first", shape=None, seed=None, **plant_config
+    pad: TactilePad, p_TO=(0.004, -0.002), *, order="pad first", shape=None, seed=None, beside=False, **plant_config
 ) -> tuple[np.ndarray, str]:
-    """A body that rests on a soft pad, let go just above; the array's reading after 0.6 s."""
+    """A body that rests on a soft pad, let go just above; the array's reading after 0.6 s.
+
+    With `beside`, a ball that says nothing of compliance lies in the pad's corner, too.
+    """
     shape = Box(0.02, 0.016, 0.02) if shape is None else shape
     builder = DiagramBuilder()
     config = MultibodyPlantConfig(time_step=0.005, **{"contact_model": "hydroelastic"} | plant_config)
@@ -65,6 +68,10 @@ def rest_on_pad(
         else:
             AddRigidHydroelasticProperties(0.005, properties)
             plant.RegisterCollisionGeometry(bodies[name], RigidTransform(), shape, "object", properties)
+    if beside:
+        ball = plant.AddRigidBody("ball", SpatialInertia.SolidSphereWithMass(0.001, 0.001))
+        plant.RegisterCollisionGeometry(ball, RigidTransform(), Sphere(0.001), "ball", friction())
+        plant.SetDefaultFloatingBaseBodyPose(ball, X_WT @ RigidTransform([-0.025, -0.025, 0.001]))
     frame = plant.AddFrame(FixedOffsetFrame("T", bodies["pad"].body_frame(), X_PadT))
     plant.Finalize()
     array = builder.AddNamedSystem("array", TactileArray(plant, frame, pad))
@@ -184,10 +191,18 @@ def test_nothing_on_the_pad_is_no_contact() -> None:
     assert not pressures.any()
 
 
-def test_a_point_contact_has_no_pressure_and_is_said() -> None:
+def test_of_a_point_contact_no_pressure_is_known_and_that_is_said() -> None:
     pressures, status = rest_on_pad(make_pad(), shape=Sphere(0.01), contact_model="point")
-    assert status == "no contact; a point contact is not felt"
-    assert not pressures.any()
+    assert status == "a point contact is not felt"
+    assert np.isnan(pressures).all(), "zero would say that nothing is there"
+
+
+def test_beside_a_point_contact_what_is_felt_still_is() -> None:
+    felt, _ = rest_on_pad(make_pad())
+    pressures, status = rest_on_pad(make_pad(), beside=True, contact_model="hydroelastic_with_fallback")
+    assert status == "ok; a point contact is not felt"
+    np.testing.assert_allclose(pressures[felt > 0.0], felt[felt > 0.0], rtol=1e-3)
+    assert np.isnan(pressures[felt == 0.0]).all()
 
 
 def test_there_is_no_reading_before_the_first_sample() -> None:
