@@ -81,10 +81,12 @@ class FingertipWeight(CollectableSystem):
         cached.set_value({finger: now[finger] - at_tare[k] for k, finger in enumerate(self._fingers)})
 
     def _now(self, context: Context) -> dict[str, FloatArray]:
-        has_palm = self._palm.HasValue(context)
-        R_WP = eval_input(self._palm, context, RigidTransform).rotation() if has_palm else None
+        X_WP = eval_input(self._palm, context, RigidTransform) if self._palm.HasValue(context) else None
+        if X_WP is not None and not np.isfinite(X_WP.GetAsMatrix34()).all():
+            # As everywhere, one NaN says that the palm's pose is not known, and nothing of its orientation then counts.
+            return {finger: np.full(6, np.nan) for finger in self._fingers}
         weights: FingertipWeights = self._weights.Eval(context)
-        return weights.wrenches(self._positions.Eval(context), R_WP)
+        return weights.wrenches(self._positions.Eval(context), None if X_WP is None else X_WP.rotation())
 
     def _remember(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         before = context.get_discrete_state(self._at_tare).value()

@@ -120,6 +120,27 @@ def test_a_context_that_is_initialised_again_keeps_the_tare(hand) -> None:
     np.testing.assert_allclose(system.GetOutputPort("wrench_thumb").Eval(again), TOUCH)
 
 
+def test_while_the_palm_pose_is_not_known_there_is_no_reading(hand) -> None:
+    plant, parts = hand
+    weights = FingertipWeights(plant, parts, RotationMatrix())
+    system = FingertipWeight(weights, ("thumb",), plant.num_positions())
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    unknown = RigidTransform(np.full(3, np.nan))  # its rotation is the identity, which says nothing
+    system.GetInputPort("joint_positions").FixValue(context, held_cube.Q)
+    system.GetInputPort("wrench_thumb").FixValue(context, TOUCH)
+    felt = system.GetOutputPort("wrench_thumb")
+    system.GetInputPort("palm_pose").FixValue(context, AbstractValue.Make(unknown))
+    simulator.Initialize()  # nor is the tare's weight known
+    assert np.isnan(felt.Eval(context)).all()
+    turned = RigidTransform(RotationMatrix.MakeXRotation(1.0), [1.0, 2.0, 3.0])
+    system.GetInputPort("palm_pose").FixValue(context, AbstractValue.Make(turned))
+    simulator.Initialize()
+    np.testing.assert_allclose(felt.Eval(context), TOUCH, atol=1e-12)
+    system.GetInputPort("palm_pose").FixValue(context, AbstractValue.Make(unknown))
+    assert np.isnan(felt.Eval(context)).all()
+
+
 def test_the_weight_by_the_palm_is_that_by_the_base(hand) -> None:
     plant, parts = hand
     context = plant.CreateDefaultContext()
