@@ -71,7 +71,7 @@ class GripController(CollectableSystem):
     """Closes each finger at a constant speed until its motor stalls; from then on the motor holds its position.
 
     So do hands with worm drives, like Barrett's. A joint closes towards larger positions, unless the parameters say
-    that it is `falling`. The plant needs `set_motor_gains`.
+    that it is `falling`; one of no finger, such as a wrist's, stays where it is. The plant needs `set_motor_gains`.
 
     .. pydrake_system::
 
@@ -86,7 +86,7 @@ class GripController(CollectableSystem):
     - hand_state: measured positions and velocities of the hand's joints, shape (nq + nv,), rad and rad/s, of those that
       slide m and m/s.
     - desired_state: of the hand's actuators, positions, then velocities, shape (2 na,), likewise; for the plant's port
-      of that name. Changes once a period. The initialisation sets the closing joints to where they are measured,
+      of that name. Changes once a period. The initialisation sets all but the fixed joints to where they are measured,
       0 before; a context that is initialised again goes on as it was.
     - holding: shape (1,), 1 once every closing motor has stalled, 0 before.
     - status: str, "closing: " and the joints whose motors have not stalled, or "holding".
@@ -116,12 +116,14 @@ class GripController(CollectableSystem):
         self._signs = np.array([-1.0 if name in self._params.falling else 1.0 for name in names])
         self._names = names
         start = np.array([self._params.fixed.get(name, np.nan) for name in names])
+        of_fingers = {name for finger in hand.config.fingers for name in finger.joints} or set(names)
+        stays = [name in self._params.fixed or name not in of_fingers for name in names]
 
         nx = plant.num_multibody_states(hand.model_instance)
         self._state_port = self.DeclareVectorInputPort("hand_state", nx)
         # Commands, NaN until the initialisation where nothing is commanded yet, then which motors have stalled; a motor
         # that does not close counts as stalled.
-        state = self.DeclareDiscreteState(np.concatenate([start, ~np.isnan(start)]))
+        state = self.DeclareDiscreteState(np.concatenate([start, stays]))
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(self._params.period, self._params.period, self._update)
         ticket = self.discrete_state_ticket(state)

@@ -143,6 +143,21 @@ def test_joints_that_slide_close_as_ones_that_turn_on_an_arm(tmp_path: Path) -> 
     assert status.Eval(controller.GetMyContextFromRoot(simulator.get_context())) == "holding"
 
 
+def test_joints_of_no_finger_stay_where_they_are() -> None:
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.002)
+    hand = add_hand(plant, load_hand_config("shadow_like"), RigidTransform())
+    wrist = plant.GetJointByName("WRJ1")
+    wrist.set_default_angle(-0.2)
+    controller, simulator = closing(builder, plant, hand, GripControllerParams(stall_torque=20.0))
+    simulator.AdvanceTo(0.3)
+    plant_context = plant.GetMyContextFromRoot(simulator.get_context())
+    assert wrist.get_angle(plant_context) == pytest.approx(-0.2, abs=0.03)  # it gives way a little
+    assert plant.GetJointByName("FFJ3").get_angle(plant_context) > 0.3
+    status = controller.GetOutputPort("status").Eval(controller.GetMyContextFromRoot(simulator.get_context()))
+    assert "WRJ" not in status
+
+
 def test_a_joint_may_close_towards_smaller_positions(tmp_path: Path) -> None:
     params = GripControllerParams(falling=["left_slide"], stall_torque=0.5)
     builder, plant, hand = with_gripper(tmp_path)
