@@ -18,6 +18,8 @@ from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
+_NOTHING_HELD = (0.0, 0.0, 0.0, math.nan)  # radius, volume, force closure, probability
+
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class GraspQualityParams:
@@ -56,12 +58,13 @@ class GraspQualityEvaluator(CollectableSystem):
         - force_closure
         - probability
 
-    All inputs are read, and all outputs change, at each period; before the first, outputs are those of no contact.
+    All inputs are read, and all outputs change, at each period. Before the first, outputs are those of no contact; and so
+    they are while the hypotheses' status is "no_solution": `object_pose`, which may be held, is then no estimate.
 
     - contacts: `Contacts` in P.
     - object_pose: `RigidTransform` X_PO.
     - hypotheses: `PoseEstimate`, or None while there is none; may stay unconnected.
-    - quality: `GraspQuality` at the object's pose; None before the first judgement.
+    - quality: `GraspQuality` at the object's pose; None before the first judgement, and while there is no estimate.
     - radius: of the largest ball in the wrench space, shape (1,), N.
     - volume: of the wrench space, shape (1,), N^6; NaN for the norm "Linf", where it takes too long.
     - force_closure: shape (1,), 1 or 0.
@@ -78,7 +81,7 @@ class GraspQualityEvaluator(CollectableSystem):
         self._pose = self.DeclareAbstractInputPort("object_pose", AbstractValue.Make(RigidTransform()))
         self._hypotheses = self.DeclareAbstractInputPort("hypotheses", AbstractValue.Make(None))
         self._quality = self.DeclareAbstractState(AbstractValue.Make(None))
-        self._numbers = self.DeclareDiscreteState([0.0, 0.0, 0.0, math.nan])
+        self._numbers = self.DeclareDiscreteState(_NOTHING_HELD)
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
         self.DeclareStateOutputPort("quality", self._quality)
         for index, name in enumerate(("radius", "volume", "force_closure", "probability")):
@@ -91,6 +94,11 @@ class GraspQualityEvaluator(CollectableSystem):
 
     def _update(self, context: Context, state: State) -> EventStatus:
         contacts = eval_input(self._contacts, context, Contacts)
+        estimate = eval_optional_input(self._hypotheses, context, PoseEstimate)
+        if estimate is not None and estimate.status == "no_solution":
+            state.get_mutable_abstract_state(self._quality).set_value(None)
+            state.get_mutable_discrete_state(self._numbers).SetFromVector(_NOTHING_HELD)
+            return EventStatus.Succeeded()
         params = self._params
         quality = grasp_quality(
             self._model,
@@ -102,7 +110,7 @@ class GraspQualityEvaluator(CollectableSystem):
         )
         volume = quality.volume if params.norm == "L1" else math.nan
         closure = float(quality.force_closure)
-        probability = self._probability(contacts, eval_optional_input(self._hypotheses, context, PoseEstimate))
+        probability = self._probability(contacts, estimate)
         state.get_mutable_abstract_state(self._quality).set_value(quality)
         state.get_mutable_discrete_state(self._numbers).SetFromVector(
             [quality.radius, volume, closure, probability.value]

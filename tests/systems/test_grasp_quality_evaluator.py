@@ -71,6 +71,14 @@ def test_an_open_hand_holds_nothing(box: ObjectModel) -> None:
     assert out["radius"] == out["volume"] == out["force_closure"] == out["probability"] == [0.0]
 
 
+def test_a_pose_that_is_no_estimate_is_not_judged(box: ObjectModel) -> None:
+    lost = dataclasses.replace(hypotheses(1.0), status="no_solution")
+    out = evaluate(GraspQualityEvaluator(box), hypotheses=lost)
+    assert out["quality"] is None
+    assert out["radius"] == out["volume"] == out["force_closure"] == [0.0]
+    assert np.isnan(out["probability"])
+
+
 def test_outputs_are_held_between_periods(box: ObjectModel) -> None:
     system = GraspQualityEvaluator(box, GraspQualityParams(period=0.1))
     simulator = Simulator(system)
