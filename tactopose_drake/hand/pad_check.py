@@ -56,7 +56,10 @@ def _place(
     link, p_BC, step = body.name(), X_BT.multiply(layout.p_TC.T).T, _STEP * layout.n_T @ X_BT.rotation().matrix().T
     depth, behind, before = (body_depths(plant, inspector, body, p) for p in (p_BC, p_BC - step, p_BC + step))
     if depth is None or behind is None or before is None:
-        text = f"the link {link!r} has no collision shape, which its cells could be compared with"
+        text = (
+            f"the link {link!r} has no collision shape, which its cells could be compared with, and that could be "
+            "touched in simulation: there, its frame must be one of the link that has the shape"
+        )
         yield Finding(part, text, "note")
         return
     share, off = float(np.mean(np.abs(depth) < _NEAR)), float(np.mean(depth < -_NEAR))

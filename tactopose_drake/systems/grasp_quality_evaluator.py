@@ -58,7 +58,7 @@ class GraspQualityEvaluator(CollectableSystem):
         - force_closure
         - probability
 
-    All inputs are read, and all outputs change, at each period. Before the first, outputs are those of no contact; and so
+    All inputs are read, and all outputs change, at each period. Before the first, outputs are those of no contact. So
     they are while the hypotheses' status is "no_solution": `object_pose`, which may be held, is then no estimate.
 
     - contacts: `Contacts` in P.

@@ -67,7 +67,11 @@ class TactileArray(CollectableSystem):
         # Drake's own identifiers would keep the plant.
         self._geometries = {geometry.get_value() for geometry in plant.GetCollisionGeometriesForBody(body)}
         if not self._geometries:
-            raise InvalidInputError(f"pad_frame: its body {body.name()!r} has no collision geometry to be touched.")
+            raise InvalidInputError(
+                f"pad_frame: is {pad_frame.name()!r}, whose body {body.name()!r} has no collision geometry to be "
+                "touched; allowed are frames of a body that has: in a URDF <frame link= name= xyz= rpy=/>, in an SDF "
+                "<frame attached_to=>."
+            )
         self._pad, self._body = pad, body.index()
         self._X_BT = pad_frame.GetFixedPoseInBodyFrame()
         self._spread = spread_matrix(pad.layout, pad.model.spread)

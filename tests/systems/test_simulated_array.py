@@ -221,7 +221,10 @@ def test_there_is_no_reading_before_the_first_sample() -> None:
     simulator = Simulator(array, context)
     with pytest.raises(PortTypeError, match="'body_poses' of system 'array'"):
         simulator.AdvanceTo(0.02)
-    with pytest.raises(InvalidInputError, match="its body 'bare' has no collision geometry"):
+    with pytest.raises(
+        InvalidInputError,
+        match="whose body 'bare' has no collision geometry to be touched; allowed are frames of a body",
+    ):
         TactileArray(plant, bare.body_frame(), make_pad())
     with pytest.raises(InvalidInputError, match="dead_cells: holds 400"):
         TactileArray(plant, body.body_frame(), dataclasses.replace(make_pad(), model=TactileModel(dead_cells=[400])))
