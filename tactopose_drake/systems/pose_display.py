@@ -34,7 +34,7 @@ class PoseDisplayParams:
     """What is displayed, and how often."""
 
     period: float = 1.0 / 32.0  # s between two frames
-    path: str = "/tactopose"  # of all parts in Meshcat's tree
+    path: str = "/tactopose"  # of all parts in Meshcat's tree; of two displays in one Meshcat, each needs its own
     max_contacts: int = 10  # that can be shown at once
     friction_coefficient: float | None = None  # of the friction cones; no cones without
     aim_camera: bool = True  # once, at where the object is or is thought to be when a simulation is initialized
