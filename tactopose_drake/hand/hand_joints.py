@@ -33,12 +33,13 @@ class HandJoints:
         """The order in a finalized plant that holds the hand."""
         joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
         moving = [joint for joint in joints if joint.num_positions() > 0]
-        first_q = min(joint.position_start() for joint in moving)
-        first_v = min(joint.velocity_start() for joint in moving)
+        # What hangs on a finger by a joint of its own may stand between the hand's in the plant.
+        q = plant.GetPositionsFromArray(hand.model_instance, np.arange(float(plant.num_positions()))).tolist()
+        v = plant.GetVelocitiesFromArray(hand.model_instance, np.arange(float(plant.num_velocities()))).tolist()
         actuators = plant.GetJointActuatorIndices(hand.model_instance)
         return cls(
-            {joint.name(): joint.position_start() - first_q for joint in moving},
-            {joint.name(): joint.velocity_start() - first_v for joint in moving},
+            {joint.name(): q.index(joint.position_start()) for joint in moving},
+            {joint.name(): v.index(joint.velocity_start()) for joint in moving},
             tuple(plant.get_joint_actuator(index).joint().name() for index in actuators),
         )
 
