@@ -81,7 +81,8 @@ def find_families(
     """Finds which minima are one mode, directly or by way of others between them.
 
     Args:
-        X_PO: minima, the most telling first, shape (g, 3, 4); those behind `params.most_joined` stay alone.
+        X_PO: minima, the most important first, shape (g, 3, 4). Up to `params.most_joined`, all pairs of them are
+            evaluated; of each further one and the minima between, the pairs with its nearest neighbours.
         objective: the negative log posterior.
         to_the_floor: moves poses (B, 3, 4) beside a valley down to its floor.
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
@@ -91,7 +92,7 @@ def find_families(
     """
     found = Families(X_PO, np.arange(len(X_PO)), symmetry_poses, 0.5 * size)
     most = min(len(X_PO), params.most_joined)
-    asked = X_PO[:most] if between is None else np.concatenate([X_PO[:most], between])
+    asked = X_PO if between is None else np.concatenate([X_PO, between])
     if len(asked) < 2:
         return found
     low, lay = objective.cost(asked), functools.partial(_lay, asked, found)
@@ -109,8 +110,7 @@ def find_families(
         saddle[chosen], unknown[chosen] = _saddles(pairs[chosen], low, lay, objective, to_the_floor), False
         family = _join(pairs, saddle, params.ridge, low)[0]
         chosen = unknown & (family[pairs[:, 0]] != family[pairs[:, 1]])
-    found.family[:most] = family[:most]
-    return found
+    return found._replace(family=family[: len(X_PO)])
 
 
 def _join(

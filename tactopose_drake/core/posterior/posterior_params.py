@@ -102,7 +102,7 @@ class MomentParams:
     # By how much the saddle between minima of one mode is at most above the higher side's lowest: half of a Gaussian
     # mode lies further up (half of chi-square's median, 6 degrees). Two equal ones are one up to 5.2 deviations.
     ridge: float = 2.67
-    most_joined: int = 24  # modes of which that is asked, the most telling ones
+    most_joined: int = 24  # modes of which all pairs are evaluated, the most important ones
     # Of minima between modes: so many samples, drawn by their weights, lead to them; within so many standard deviations
     # of a tile two are one; and of so many, the lowest ones, it is asked whether they join any.
     led: int = 64

@@ -90,8 +90,9 @@ _FIRST_STEPS = LevenbergMarquardt(max_iterations=3, tolerance=3e-4, initial_damp
 _FURTHER_STEPS = dataclasses.replace(_FIRST_STEPS, max_iterations=4)
 # Most poses are on their way to the same few minima: of those that come together on it, one is left.
 _ON_THE_WAY = Stage(refinement=_FURTHER_STEPS, kept=20, worth=20.0, apart=1.0)
-# So few contacts leave many poses that explain them, most without a prior: more are followed.
-_FEW_CONTACTS, _MANY_ON_THE_WAY = 4, dataclasses.replace(_ON_THE_WAY, kept=80)
+# So few measured numbers, three of a contact with its normal and one of a point alone, leave many poses that explain
+# them, most without a prior: more are followed.
+_FEW_NUMBERS, _MANY_ON_THE_WAY = 12, dataclasses.replace(_ON_THE_WAY, kept=80)
 # A descent may get stuck where the field has a kink; from the best another one goes on.
 _AGAIN = dataclasses.replace(_ON_THE_WAY, kept=3)
 # All that come out have arrived: a pose on its way down a valley would count as a mode of its own.
@@ -144,12 +145,12 @@ class PairSearch(Search):
 
     @classmethod
     def of(cls, model: ObjectModel, contacts: Contacts) -> "PairSearch":
-        """The search for these contacts, wider where they are few.
+        """The search for these contacts, wider if they are few.
 
-        And where they are without normals: then a match leaves a turn open.
+        It is also wider without normals, since a match of two points then leaves a rotation open.
         """
         search = cls(model=model, contacts=contacts)
-        if len(contacts.p_PC) <= _FEW_CONTACTS:
+        if len(contacts.p_PC) * (1 if contacts.n_PC is None else 3) <= _FEW_NUMBERS:
             search = dataclasses.replace(search, stages=global_stages(320, 160), on_the_way=_MANY_ON_THE_WAY)
         return search if contacts.n_PC is not None else search.widened()
 

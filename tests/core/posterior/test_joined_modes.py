@@ -186,19 +186,22 @@ def _arch(way: FloatArray) -> FloatArray:
     return 0.5 * way * (6.0 - way)
 
 
-def test_minima_round_an_axis_are_one_and_the_least_telling_stay_alone() -> None:
+def test_minima_round_an_axis_are_one() -> None:
     turns = np.zeros((3, 6))
     turns[:, 2] = np.radians([0.0, 120.0, -120.0])
-    flat = Valleys([0.0], [0.0])
 
     class Round:
         def cost(self, X: FloatArray) -> FloatArray:
             return np.zeros(len(X))
 
     np.testing.assert_array_equal(families(retract(np.tile(X_PO, (3, 1, 1)), turns), Round()).family, [0, 0, 0])
-    most = MomentParams().most_joined
-    family = families(along(*np.linspace(0.0, 1.0, most + 3)), flat).family
-    np.testing.assert_array_equal(family, [0] * most + [most, most + 1, most + 2])
+
+
+def test_many_minima_along_a_flat_valley_are_one_but_for_one_behind_a_ridge() -> None:
+    count = 2 * MomentParams().most_joined
+    places = [*np.linspace(0.0, 1.0, count), 20.0]
+    family = families(along(*places), Valleys([0.0, 1.0, 10.0, 20.0], [0.0, 0.0, 50.0, 0.0])).family
+    np.testing.assert_array_equal(family, [0] * count + [count])
 
 
 def test_of_a_family_the_lowest_cost_stays_and_owns_the_others() -> None:
