@@ -107,6 +107,8 @@ def touch(model: tp.ObjectModel, seed: int, arguments: argparse.Namespace, has_p
         model, X_PO, arguments.contacts, generator, spread=arguments.spread, sigma_position=0.0, sigma_normal=0.0
     )
     exact = tp.Contacts(exact.p_PC, exact.n_PC, **noise)
+    if arguments.without_normals:
+        contacts, exact = (tp.Contacts(c.p_PC, sigma_position=noise["sigma_position"]) for c in (contacts, exact))
     return Touch(model=model, X_PO=X_PO, contacts=contacts, exact=exact, prior=prior, generator=generator)
 
 
@@ -176,6 +178,7 @@ def main() -> None:
     parser.add_argument("--objects", nargs="+", default=list(OBJECTS))
     parser.add_argument("--scans", type=Path, help="a folder of further meshes")
     parser.add_argument("--contacts", type=int, default=5)
+    parser.add_argument("--without-normals", action="store_true", help="the estimate is told the points alone")
     parser.add_argument("--noise", type=float, default=1.0, help="in units of 0.9 mm and 5 degrees")
     parser.add_argument("--spread", action="store_true", help="contacts far apart, rather than anywhere")
     parser.add_argument("--out", type=Path, default=Path("out/calibration"))

@@ -14,6 +14,8 @@ LEVEL = 0.95
 # It is well known when no direction is wider than this share of the object's size. The Cramer-Rao bound takes the
 # surface for as curved as it is at the truth; over longer ways that is another surface, with edges.
 WELL_KNOWN = 0.05
+SURE = 0.95
+WRONG = chi2.ppf(0.999, 6)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -77,10 +79,13 @@ def summary(title: str, trials: list[Trial]) -> str:
     held = np.array([trial.held[at] for trial in trials])
     unique = [trial for trial in trials if trial.unique]
     error, promised = np.sqrt(held.mean() * (1 - held.mean()) / len(held)), np.mean([t.promised for t in trials])
+    sure = [trial for trial in trials if trial.probability > SURE]
+    wrong = sum(trial.mahalanobis > WRONG for trial in sure)
     lines = [
         f"{title}: {len(trials)} trials",
         f"  truth in the smallest set that holds 95 %: {held.mean():.1%}, standard error {error:.1%}; "
         f"promised {promised:.1%}",
+        f"  of {len(sure)} answers with more than {SURE:.0%}, {wrong} are wrong beyond 99.9 % of their own covariance",
     ]
     if unique:
         square = np.array([trial.mahalanobis for trial in unique])
