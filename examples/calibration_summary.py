@@ -118,7 +118,9 @@ def save_figure(runs: dict[str, list[Trial]], path: Path) -> None:
 
         squares = [trial.mahalanobis for trial in trials if trial.unique]
         grid = np.linspace(0, 30, 121)
-        row[1].hist(np.minimum(squares, 29.9), bins=30, range=(0, 30), density=True, alpha=0.5, label="unique poses")
+        row[1].hist(
+            np.minimum(squares, 29.9), bins=30, range=(0, 30), density=len(squares) > 0, alpha=0.5, label="unique poses"
+        )
         row[1].plot(grid, chi2.pdf(grid, 6), label="chi-square, 6 degrees of freedom")
         row[1].set(xlabel="squared Mahalanobis error (the last bin: and more)", ylabel="density")
         row[1].legend()

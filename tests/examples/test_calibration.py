@@ -34,4 +34,4 @@ def test_points_without_normals_are_tried_too(
     load_script("calibration.py").main()
     shares = [float(share) for share in re.findall(r"holds 95 %: ([0-9.]+)%", capsys.readouterr().out)]
     assert len(shares) == 2
-    assert min(shares) > 80.0
+    assert min(shares) > 70.0
