@@ -285,3 +285,12 @@ def test_near_a_prior_contacts_without_normals_are_looked_up_more_widely(blob: O
     ):
         assert (wider.candidates, wider.samples) == (4 * start.candidates, 4 * start.samples)
     assert points.start == told.start
+
+
+def test_more_poses_are_followed_where_few_numbers_are_measured(blob: ObjectModel) -> None:
+    contacts = touch_surface(blob, np.eye(3, 4), 13, np.random.default_rng(0))
+    for count, of_normals, of_points in ((4, True, True), (5, False, True), (12, False, True), (13, False, False)):
+        for told, is_wide in ((contacts[:count], of_normals), (Contacts(contacts.p_PC[:count]), of_points)):
+            search, usual = PairSearch.of(blob, told), PairSearch(model=blob, contacts=told)
+            assert (search.on_the_way.kept > usual.on_the_way.kept) == is_wide
+            assert (search.stages[0].kept > usual.stages[0].kept) == is_wide
