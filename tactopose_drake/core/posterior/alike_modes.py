@@ -1,8 +1,9 @@
-"""Modes that are alike because the object nearly is: what a touch does not tell apart is one hypothesis.
+"""Joins modes that are nearly symmetric images of each other and that the touch cannot tell apart.
 
-A scan of a can is bumpy, so its spin has many minima where that of a can has none; two sides of a bottle differ by a
-fraction of a millimetre. Where such modes share the mass among them, they are one mode, and the turn between them is
-free. Where one of them has nearly all of it, the touch tells them apart, and each keeps its own.
+A scanned can has a bumpy surface, so the posterior over its spin has many modes where that of an ideal can is flat; two
+sides of a bottle may differ by a fraction of a millimetre. Where such modes share their probability, they become one
+mode, with the rotation between them as a free direction. Where one of them has nearly all of it, the touch tells them
+apart, and each stays a mode of its own.
 """
 
 import dataclasses
@@ -20,36 +21,36 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tactopose_drake.core.validation import FloatArray
 
-# Over the contacts' sigma, how far a symmetry must leave the surface off for a touch to tell its images apart.
-_TOLD_APART = 1.0
-# Over a spread's trace, what is certain of its other entries.
+# A symmetry's images are distinguishable when it displaces the surface by more than this many sigmas of the contacts.
+_DISTINCT_SIGMAS = 1.0
+# Relative to a covariance's trace: regularises its smallest eigenvalues.
 _ROUNDING = 1e-15
-# Of a free direction, how much of the way of a turn it must not share to be another one.
-_ANOTHER = 0.5
+# A free direction is distinct from the turns when more than this share of its length lies across them.
+_LEAST_ACROSS = 0.5
 
 
 def indistinct_images(model: ObjectModel, sigma: float) -> FloatArray:
-    """Those of the object's finite symmetries that no touch of contacts known to sigma, m, tells apart.
+    """Returns the finite symmetries that no touch with contacts of standard deviation sigma, m, can tell apart.
 
-    Symmetries that were told hold, whatever the surface says.
+    Symmetries given by the user always hold, whatever the surface looks like.
 
     Returns:
         Poses X_OO', the identity first, shape (g, 3, 4).
     """
     if model.symmetries_are_given:
         return model.symmetry_poses
-    indistinct = model.symmetry_misfits <= _TOLD_APART * sigma
+    indistinct = model.symmetry_misfits <= _DISTINCT_SIGMAS * sigma
     indistinct[0] = True
     return model.symmetry_poses[indistinct]
 
 
 def join_alike(modes: Modes, model: ObjectModel, params: ModeParams = DEFAULT_PARAMS.modes) -> Modes:
-    """The modes, of which those that near symmetries map onto each other are one where none has nearly all their mass.
+    """Joins modes that near symmetries map onto each other, unless one of them has nearly all of their probability.
 
     Args:
-        modes: by falling probability.
-        model: the object, with its near symmetries, and the finite ones that `find_modes` may have left apart.
-        params: the share of the mass that says which mode it is, and how wide a turn is free.
+        modes: in descending order of probability.
+        model: the object with its near symmetries, and with the finite ones that `find_modes` may have left unmerged.
+        params: the probability share that settles which mode it is, and how uncertain a free turn is.
     """
     mixture, axes = modes.mixture, [each for each in model.near_symmetries if each.is_continuous]
     if len(mixture) == 1 or (not axes and len(model.symmetry_poses) == 1):
@@ -60,7 +61,7 @@ def join_alike(modes: Modes, model: ObjectModel, params: ModeParams = DEFAULT_PA
         mass = mixture.weights[family.index]
         if mass[0] >= params.answer_share * mass.sum():
             family = family.first()
-        joined.append(_as_one(modes, family, axes, model.size, params))
+        joined.append(_join(modes, family, axes, model.size, params))
         left = np.setdiff1d(left, family.index)
     joined.sort(key=lambda one: -one.weight)
     return dataclasses.replace(
@@ -81,9 +82,9 @@ class _Family:
 
     Attributes:
         index: of the modes, shape (n,).
-        residual: increments (n, 6) from the first to each when that is turned toward it.
-        covariance: of the modes so turned, shape (n, 6, 6).
-        turns: from the first to each, about the near symmetries' axes, shape (n, c), rad.
+        residual: increments from the first mode to each, after turning that toward the first, shape (n, 6).
+        covariance: of the turned modes, shape (n, 6, 6).
+        turns: angles about the near symmetries' axes from the first mode to each, shape (n, c), rad.
     """
 
     index: NDArray[np.intp]
@@ -97,8 +98,8 @@ class _Family:
 
 
 @dataclasses.dataclass(frozen=True)
-class _One:
-    """One mode made of a family: whose pose it has, and what it says."""
+class _MergedMode:
+    """The mode that replaces a family: the index of the mode whose pose it has, and its own statistics."""
 
     index: int
     weight: float
@@ -113,7 +114,7 @@ def _family(
     axes: Sequence[RotationalSymmetry],
     same_sigmas: float,
 ) -> _Family:
-    """The modes among those left (falling probability) that an image and turns about axes bring to the first one."""
+    """Those of the modes left (in descending probability) that an image and turns about the axes map to the first."""
     X_first, count = mixture.X_PO[left[0]], len(left)
     by_images = compose(mixture.X_PO[left][:, None], images[None]).reshape(-1, 3, 4)
     turned = turn_toward(by_images, X_first, axes)
@@ -134,12 +135,14 @@ def _family(
     return _Family(left[alike], residual[alike], covariance[alike], turns[alike])
 
 
-def _as_one(modes: Modes, family: _Family, axes: Sequence[RotationalSymmetry], size: float, params: ModeParams) -> _One:
-    """A family as one mode: its first one's pose, and the spread of all about that."""
+def _join(
+    modes: Modes, family: _Family, axes: Sequence[RotationalSymmetry], size: float, params: ModeParams
+) -> _MergedMode:
+    """Merges a family into one mode at its first mode's pose, with the second moment of all about that pose."""
     index = int(family.index[0])
     mass = modes.mixture.weights[family.index]
     if len(family.index) == 1:
-        return _One(index, float(mass[0]), modes.mixture.covariance[index], modes.free_directions[index])
+        return _MergedMode(index, float(mass[0]), modes.mixture.covariance[index], modes.free_directions[index])
     share = mass / mass.sum()
     directions = continuous_turns(axes, modes.mixture.X_PO[index])
     moment = np.einsum("n,nc,nd->cd", share, family.turns, family.turns)
@@ -150,17 +153,17 @@ def _as_one(modes: Modes, family: _Family, axes: Sequence[RotationalSymmetry], s
     )
     variance = np.einsum("ci,ij,cj->c", directions[:, :3], covariance[:3, :3], directions[:, :3])
     turned = directions[np.sqrt(variance) > 2.0 * params.free_share]
-    return _One(index, float(mass.sum()), covariance, _with_turns(modes.free_directions[index], turned, size))
+    return _MergedMode(index, float(mass.sum()), covariance, _with_turns(modes.free_directions[index], turned, size))
 
 
 def _with_turns(free: FloatArray, turns: FloatArray, size: float) -> FloatArray:
-    """Free directions (f, 6) and turns (c, 6) as orthonormal rows; a free direction that is nearly a turn is that."""
+    """Orthonormal rows that span the turns (c, 6) and the free directions (f, 6) that are not nearly one of these."""
     if not len(turns):
         return free
     if len(free):
         units = increments_of_one_metre(size)
         others = determined_part(free, turns, size)
         way, whole = np.linalg.norm(others / units, axis=1), np.linalg.norm(free / units, axis=1)
-        turns = np.concatenate([turns, others[way > _ANOTHER * whole]])
+        turns = np.concatenate([turns, others[way > _LEAST_ACROSS * whole]])
     rows: FloatArray = np.linalg.qr(turns.T)[0].T
     return rows

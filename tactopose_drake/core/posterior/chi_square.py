@@ -10,20 +10,20 @@ import functools
 import math
 from statistics import NormalDist
 
-_ROUNDING = 1e-15  # relative: where the fraction, and Newton's steps, end
+_ROUNDING = 1e-15  # relative tolerance of the series, the continued fraction and Newton's steps
 
 
 @functools.lru_cache
 def chi_square_limit(freedom: int, chance: float) -> float:
-    """What a chi-square variable of so many degrees of freedom exceeds by a chance, above 0 and below 1.
+    """The quantile that a chi-square variable with `freedom` degrees of freedom exceeds with probability `chance`.
 
-    Newton's method on the chance's logarithm, from Wilson and Hilferty's approximation.
+    The chance is above 0 and below 1. Newton's method on its logarithm, started at Wilson and Hilferty's approximation.
     """
     share = 2.0 / (9.0 * freedom)
     root = 1.0 - share - NormalDist().inv_cdf(chance) * math.sqrt(share)
     limit = freedom * max(root, 0.1) ** 3
     for _ in range(50):
-        # Both tails over limit * density, and that as a logarithm: it is very small far out.
+        # The incomplete gamma functions over the density's scale, kept as a logarithm: it is tiny far out.
         a, x = 0.5 * freedom, 0.5 * limit
         log_scale = a * math.log(x) - x - math.lgamma(a)
         is_upper = x > a + 1.0
@@ -38,7 +38,7 @@ def chi_square_limit(freedom: int, chance: float) -> float:
 
 
 def _series(a: float, x: float) -> float:
-    """The lower incomplete gamma function over x^a exp(-x), for x up to a + 1."""
+    """The lower incomplete gamma function over x^a exp(-x), for x up to a + 1, by its series."""
     value = term = 1.0 / a
     n = 0
     while term > _ROUNDING * value:
@@ -49,7 +49,7 @@ def _series(a: float, x: float) -> float:
 
 
 def _fraction(a: float, x: float) -> float:
-    """The upper incomplete gamma function over x^a exp(-x), for x above a + 1."""
+    """The upper incomplete gamma function over x^a exp(-x), for x above a + 1, by Lentz's continued fraction."""
     tiny = 1e-300
     b = x + 1.0 - a
     c, d = 1.0 / tiny, 1.0 / b

@@ -1,9 +1,9 @@
-"""The Cramer-Rao bound: how well any estimator can know an object's pose from a grasp.
+"""The Cramer-Rao bound: how accurately any estimator can know an object's pose from a grasp.
 
-The residuals' noise is white by construction, so the information of a touch is J^T J, with the Jacobian J of the
-residuals by the increment of the pose at the truth [K93]. A Gaussian prior adds its own (the Bayesian bound of [V68]).
-What bounds the variance of a linear function a^T u of the increment u is a^T (J^T J)^-1 a; it is infinite where the
-function has a part along a direction in which the object can move without a change of the touch.
+The residuals' noise is white by construction, so the information of a touch is J^T J, with J the Jacobian of the
+residuals with respect to the pose increment, at the true pose [K93]. A Gaussian prior adds its own information (the
+Bayesian bound of [V68]). The variance of a linear function a^T u of the increment u is at least a^T (J^T J)^-1 a; it is
+infinite where a has a component along a direction in which the object can move without changing the touch.
 
 Sources: [K93] S. Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, 1993, eqs. 3.20 and 3.30;
 [V68] H. Van Trees, Detection, Estimation, and Modulation Theory, part I, 1968, section 2.4.3.
@@ -24,7 +24,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import TooFewContactsError
 
-# A function of the increment has a part along the free directions when that is more than this share of it.
+# A function of the increment involves the free directions when more than this share of it lies along them.
 _NOTICEABLE = 1e-6
 
 
@@ -98,7 +98,7 @@ def cramer_rao_bound(
     if prior is not None:
         information = touch + PriorSpace(prior).information
         return CramerRaoBound(information, free, np.linalg.inv(information), True)
-    # In the directions that are left, which are as many as the information's rank.
+    # Invert on the remaining directions, as many as the information has rank.
     basis = np.linalg.svd(determined_part(np.eye(6), free, model.size), full_matrices=False)[2][: 6 - len(free)]
     covariance = basis.T @ np.linalg.inv(basis @ touch @ basis.T) @ basis
     return CramerRaoBound(touch, free, covariance, False)

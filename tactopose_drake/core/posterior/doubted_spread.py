@@ -1,12 +1,12 @@
-"""How far off a mode may be if one of the contacts is false.
+"""Widens modes for the possibility that one of the contacts is an outlier.
 
-A contact that alone tells a direction is believed, and yet one of a few is displaced by a centimetre or two. That is a
-rare event of large effect: the few samples of a mode hold one or none of it, and their covariance says too little. What
-a contact's distance tells is one row J of the Jacobian. With H the Hessian of all and H_i that without it, poses along
-the line d = H^-1 J are those that go where the contact does not hold them, the others followed as well as they can be,
-and what is across the line spreads as before. So the exact posterior along that line, as far as H_i lets it go, is its
-density by how far the contact is wrong, and no covariance is said to be less along it. It is likewise with a contact
-that may have any normal, along the direction that loses most.
+Where a single contact determines a direction, it is trusted, although one contact in a few may be off by a centimetre
+or two. This is a rare event of large effect: the few samples of a mode hold one or none of it, and their covariance is
+too small. A contact's distance adds one row J to the Jacobian. With H the Hessian of all residuals and H_i that without
+this one, moving along d = H^-1 J^T changes this residual and the others as little as possible, and the spread in the
+H-conjugate directions stays as it was. So the exact posterior is evaluated along this line, as far as H_i allows, and
+no covariance is left smaller along it. The same is done for a contact whose normal may be arbitrary, along the
+direction that loses most information.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from tactopose_drake.core.posterior.posterior import Posterior
 
 
 def widen_by_doubt(modes: Modes, posterior: Posterior) -> Modes:
-    """The modes, each no narrower than doubt of single contacts makes it; those of little weight stay as they are."""
+    """Widens each mode along the lines where one contact may be false; modes of low weight are returned unchanged."""
     mixture = modes.mixture
     likely = (mixture.weights > posterior.params.sampling.least_tailed_share).nonzero()[0]
     if posterior.alternatives is None or not len(likely):

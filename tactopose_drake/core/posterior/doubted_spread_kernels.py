@@ -19,23 +19,23 @@ from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, solve
 from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 
-# On each side of a line, in standard deviations of the mode with all contacts as told: places as far as these are known
-# well, and then farther and farther ones, to so many standard deviations of the mode with one of them false.
+# Abscissae on each side of a line: the first in standard deviations of the mode with all contacts; then a geometric
+# sequence, _POINTS in all, up to _LAST standard deviations of the mode with the contact left out.
 _NEAR = (0.5, 1.0, 1.5)
 _POINTS, _LAST = 12, 4.0
-# A line is worth asking where a false contact makes the mode so many times as wide.
+# A line is evaluated only if leaving out the contact widens the mode at least by this factor.
 _LEAST_WIDER = 2.0
-# Of the power method, by which the direction that loses most is found; that of a distance is at once.
+# Iterations of the power method that finds the direction of most lost information; a distance (rank 1) needs only one.
 _STEPS = 6
 
 
 class Lines(NamedTuple):
-    """Lines through modes, along which these go where one contact is false.
+    """Lines through modes along which these spread if one contact is false.
 
     Attributes:
-        mode: which mode each goes through, shape (n,).
-        direction: increments by one standard deviation of the mode with all contacts as told, shape (n, 6).
-        place: of the points on it, in these, those of one side after those of the other, shape (n, q).
+        mode: index of the mode that each line goes through, shape (n,).
+        direction: increments of one standard deviation of the mode with all contacts, shape (n, 6).
+        place: abscissae of the points on the line, in `direction`s, one side after the other, shape (n, q).
         X: the points, shape (n, q, 3, 4).
     """
 
@@ -46,7 +46,7 @@ class Lines(NamedTuple):
 
     @classmethod
     def empty(cls, count: int) -> Self:
-        """For so many lines."""
+        """Uninitialised arrays for `count` lines."""
         points = 2 * _POINTS
         return cls(
             np.empty(count, dtype=np.int64),
@@ -56,15 +56,16 @@ class Lines(NamedTuple):
         )
 
     def first(self, count: int) -> Self:
-        """So many of them."""
+        """The first `count` lines."""
         return type(self)(self.mode[:count], self.direction[:count], self.place[:count], self.X[:count])
 
 
 @kernel
 def lay_lines(X: Floats3, information: Floats3, left: Floats4, lines: Lines) -> int:
-    """Lays lines through modes (B, 3, 4) along what each alternative loses, and says how many are worth it.
+    """Lays lines through modes (B, 3, 4) along the direction in which each alternative loses most information.
 
-    The information (B, 6, 6) is that of all contacts as told, what is left of it in each alternative (B, m, 6, 6).
+    information (B, 6, 6) counts all contacts; left (B, m, 6, 6) is what remains of it in each alternative. Returns the
+    number of lines that are worth evaluating.
     """
     n, L, d, lost, u = 0, np.empty((6, 6)), np.empty(6), np.empty((6, 6)), np.empty(6)
     for b in range(X.shape[0]):
@@ -89,7 +90,7 @@ def lay_lines(X: Floats3, information: Floats3, left: Floats4, lines: Lines) -> 
                 for i in range(6):
                     square += u[i] * d[i]
                 for i in range(6):
-                    d[i] /= np.sqrt(square)  # d^T H d is u^T H^-1 u.
+                    d[i] /= np.sqrt(square)  # Normalises d^T H d to 1: before, it is u^T H^-1 u.
                 kept = 0.0
                 for i in range(6):
                     u[i] = 0.0
@@ -116,7 +117,7 @@ def lay_lines(X: Floats3, information: Floats3, left: Floats4, lines: Lines) -> 
 
 @part
 def _mean_square(place: Floats1, low: float, cost: Floats1) -> float:
-    """The mean of the place's square by densities exp(low - cost); lower costs far off are those of another mode."""
+    """The mean square abscissa under densities exp(low - cost), capped at 1: lower costs belong to another mode."""
     mass, second = 0.0, 0.0
     for side in range(2):
         before, at = 1.0, 0.0
@@ -130,15 +131,15 @@ def _mean_square(place: Floats1, low: float, cost: Floats1) -> float:
 
 @kernel
 def widen_modes(lines: Lines, low: Floats1, cost: Floats2, information: Floats3, covariance: OutFloats3) -> None:
-    """Makes covariances (B, 6, 6) no less along any line than its exact costs (n, q) say.
+    """Raises covariances (B, 6, 6) to the variance that the exact costs (n, q) imply along each line.
 
-    The modes' own costs are low (B,), and their information with all contacts as told (B, 6, 6).
+    low (B,) are the modes' own costs; information (B, 6, 6) is that of all contacts.
     """
     dual = np.empty(6)
     for line in range(lines.mode.shape[0]):
         b, d = lines.mode[line], lines.direction[line]
         variance = 0.0
-        for i in range(6):  # That of dual^T u, which is 1 at u = d and 0 across the line.
+        for i in range(6):  # The functional dual^T u is 1 at u = d and 0 on the H-conjugate directions.
             dual[i] = 0.0
             for j in range(6):
                 dual[i] += information[b, i, j] * d[j]

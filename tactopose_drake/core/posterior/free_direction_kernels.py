@@ -10,10 +10,10 @@ from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 
 @kernel
 def find_free(information: Floats3, units: Floats1, limit: float, rows: OutFloats3, count: OutLongs1) -> None:
-    """Directions of less information than the limit in these units (6,), of matrices (n, 6, 6).
+    """Finds the directions in which matrices (n, 6, 6) have less information than `limit`, in these units (6,).
 
-    Into rows (n, 6, 6), orthonormal ones, and how many, count (n,); on entry those that are known to be free. Where no
-    other is free these stay as they are.
+    On entry rows (n, 6, 6) and count (n,) hold directions known to be free; on return, orthonormal rows that span these
+    and the newly found ones, and their number. Where none is found, the rows stay unchanged.
     """
     A, L, work, across = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     basis, vectors, values = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
@@ -24,7 +24,7 @@ def find_free(information: Floats3, units: Floats1, limit: float, rows: OutFloat
                 A[i, k] = information[b, i, k] * units[i] * units[k]
                 basis[i, k] = rows[b, i, k] / units[k]
         if known:
-            # The known directions count for just so much that they are not found again.
+            # Give the known directions twice the limit, so that they are not found again.
             orthonormalize(basis, known)
             for i in range(6):
                 for k in range(6):
@@ -37,7 +37,7 @@ def find_free(information: Floats3, units: Floats1, limit: float, rows: OutFloat
                     A[i, k] += 2.0 * limit * ((1.0 if i == k else 0.0) - across[i, k])
         for i in range(6):
             A[i, i] -= limit
-        # Most have no other: all eigenvalues are above the limit, which is sooner known than what they are.
+        # Most matrices have no other: a Cholesky factorisation proves that sooner than the eigenvalues do.
         if cholesky(A, L) < np.inf:
             continue
         diagonalize(A, values, vectors)

@@ -1,4 +1,4 @@
-"""What is believed of an object's pose at one time: a mixture of Gaussians over poses."""
+"""A Gaussian mixture over poses: the belief about an object's pose at one instant."""
 
 import dataclasses
 
@@ -10,13 +10,13 @@ from tactopose_drake.core.poses import retract
 from tactopose_drake.core.validation import FloatArray, instance_of, limited
 from tactopose_drake.errors import InvalidInputError
 
-# Of a mixture that is given from outside: nobody believes more, and products of such numbers are still finite.
+# Bounds on a mixture from outside, far beyond any real belief; products of such numbers are still finite.
 _MOST_WEIGHT, _MOST_VARIANCE = 1e100, 1e6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class GaussianMixture:
-    """Modes of the object's pose in the palm frame, each a Gaussian of the increments from its pose; n of them.
+    """A mixture over the object's pose in the palm frame: n modes, Gaussian in the increments from their poses.
 
     Attributes:
         X_PO: the modes' poses, shape (n, 3, 4).
@@ -30,7 +30,7 @@ class GaussianMixture:
 
     @classmethod
     def empty(cls) -> "GaussianMixture":
-        """No mode at all: nothing is known."""
+        """A mixture without modes: nothing is known."""
         return cls(np.zeros((0, 3, 4)), np.zeros(0), np.zeros((0, 6, 6)))
 
     def __len__(self) -> int:
@@ -38,12 +38,12 @@ class GaussianMixture:
 
     @property
     def entropy(self) -> float:
-        """Of which mode is the true one, nats."""
+        """Entropy of the discrete distribution over the modes, nats."""
         share = self.weights[self.weights > 0.0]
         return float(-np.sum(share * np.log(share)))
 
     def likely(self, least: float) -> NDArray[np.intp]:
-        """The modes of at least that weight, or of the largest there is."""
+        """Indices of the modes with at least this weight, or of the heaviest if none has it."""
         return np.flatnonzero(self.weights >= min(least, self.weights.max()))
 
     def sample(self, count: int, generator: np.random.Generator) -> FloatArray:
@@ -54,7 +54,7 @@ class GaussianMixture:
         return retract(self.X_PO[mode], increment)
 
     def roots(self) -> FloatArray:
-        """Matrices whose products with their transposes are the covariances, shape (n, 6, 6)."""
+        """Square roots A of the covariances, A A^T = covariance, shape (n, 6, 6)."""
         values, vectors = np.linalg.eigh(self.covariance)
         roots: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
         return roots

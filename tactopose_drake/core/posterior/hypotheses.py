@@ -16,21 +16,22 @@ from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
 from tactopose_drake.core.validation import FloatArray
 
-# Of the largest eigenvalue of a matrix of six rows, what is certain of the others.
+# Relative to a matrix's largest eigenvalue: smaller eigenvalues are rounding errors.
 _ROUNDING = 1e-13
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Modes:
-    """Distinct modes of the posterior, by falling probability.
+    """Distinct modes of the posterior, in descending order of probability.
 
     Attributes:
-        mixture: their poses, posterior weights and covariances; n of them.
+        mixture: the modes' poses, posterior weights and covariances; n of them.
         cost: negative log likelihoods up to a constant, shape (n,).
         free_directions: for each mode the increments that the touch does not determine, unit rows (f, 6).
-        log_mass: logarithm of the integral of exp(-cost) over all modes, by the volume of poses, rad^3 m^3. Of the
-            images that the object's finite symmetries make of a mode one counts.
-        standard_error: the largest that sampling leaves of a mode's weight; infinite where they are Laplace's.
+        log_mass: logarithm of the integral of exp(-cost) over all modes, with respect to the volume of poses,
+            rad^3 m^3. Each mode counts once, however many images the object's finite symmetries make of it.
+        standard_error: the largest standard error that sampling leaves in a mode's weight; infinite if the weights are
+            those of Laplace's approximation.
     """
 
     mixture: GaussianMixture
@@ -49,9 +50,9 @@ def find_modes(
     size: float,
     max_modes: int,
 ) -> Modes:
-    """Merges poses that are one mode up to the object's symmetries, and weighs the modes.
+    """Merges poses that are one mode up to the object's symmetries, and weights the modes by Laplace's approximation.
 
-    Of those that are one the cheapest stays: a mode that is wide takes none in whose minimum is deeper.
+    Of the merged poses the cheapest stays: a wide mode does not absorb a pose of lower cost.
 
     Args:
         X_PO: refined poses, in any order, shape (B, 3, 4).
@@ -59,7 +60,7 @@ def find_modes(
         touch_information: Gauss-Newton Hessians of the touch alone, shape (B, 6, 6).
         prior_information: what else is known (the prior, or the extent of the searched space), shape (6, 6).
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (g, 3, 4).
-        size: the object's size, m; rotations count by the way of a point at half of it.
+        size: the object's size, m; rotations are compared by the displacement of a point at half of it.
         max_modes: how many modes are kept at the most.
     """
     order = cost.argsort(kind="stable")
@@ -80,11 +81,10 @@ def find_modes(
 
 
 def _inverses(information: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
-    """The inverses of information (n, 6, 6), each of which has one, and the logarithms (n,) of the determinants.
+    """Returns the inverses of information matrices (n, 6, 6) and the logarithms (n,) of their determinants.
 
-    Where doubles cannot hold what the touch determines best beside what is known of the rest, rounding may leave none.
-    There the least that is known of any direction is what rounding leaves to know; see `free_directions` for how
-    rotations compare with translations.
+    A matrix whose condition number exceeds double precision may be numerically singular. Its eigenvalues are then
+    clipped from below at the rounding error, in the metric of `free_directions`.
     """
     inverse, log_determinant = inverses(information)
     lost = (~np.isfinite(log_determinant)).nonzero()[0]
@@ -98,7 +98,7 @@ def _inverses(information: FloatArray, size: float) -> tuple[FloatArray, FloatAr
 
 
 def increments_of_one_metre(size: float) -> FloatArray:
-    """Each coordinate of an increment (w, v) that moves a point at half an object's size by a metre, shape (6,)."""
+    """The increment of each coordinate (w, v) that moves a point at half an object's size by one metre, shape (6,)."""
     turn = 2.0 / size
     return np.array([turn, turn, turn, 1.0, 1.0, 1.0])
 
@@ -109,11 +109,11 @@ def free_directions(
     known: Sequence[FloatArray] = (),
     params: ModeParams = DEFAULT_PARAMS.modes,
 ) -> list[FloatArray]:
-    """For each information matrix (n, 6, 6) the directions that it leaves free, as orthonormal rows (f, 6).
+    """Returns the directions that each information matrix (n, 6, 6) leaves free, as orthonormal rows (f, 6).
 
     Rotations and translations are compared as motions of a point at half the object's size (m) from its origin. A
-    direction is free when its standard deviation from the touch alone exceeds a share of the size. Of directions that
-    are known to be free, rows (f, 6) for each matrix, those across them are found that are free too.
+    direction is free when its standard deviation from the touch alone exceeds a share of the size. If `known` gives
+    free directions, rows (f, 6) for each matrix, further ones are searched across these.
     """
     units = increments_of_one_metre(size)
     rows, count = np.zeros((len(touch_information), 6, 6)), np.zeros(len(touch_information), dtype=np.int64)
@@ -125,7 +125,7 @@ def free_directions(
 
 
 def determined_part(increments: FloatArray, free: FloatArray, size: float) -> FloatArray:
-    """Increments (..., 6) without their part along the free directions (f, 6), in the metric of `free_directions`."""
+    """Projects increments (..., 6) off the free directions (f, 6), in the metric of `free_directions`."""
     if not len(free):
         return increments
     units = increments_of_one_metre(size)
@@ -136,13 +136,13 @@ def determined_part(increments: FloatArray, free: FloatArray, size: float) -> Fl
 
 
 def determined_rows(covariance: FloatArray, free: FloatArray, size: float) -> FloatArray:
-    """Increments (6, 6) whose outer products add up to a covariance without its part along free directions (f, 6)."""
+    """Rows (6, 6) whose outer products add up to the covariance with the free directions (f, 6) projected out."""
     rows = np.asarray(np.linalg.cholesky(covariance).T, dtype=np.float64)
     return determined_part(rows, free, size)
 
 
 def determined_variance(covariance: FloatArray, free: FloatArray, size: float) -> float:
-    """The sum of the variances of a covariance (6, 6) across free directions (f, 6), in their metric, m^2."""
+    """Trace of a covariance (6, 6) across the free directions (f, 6), in the metric of `free_directions`, m^2."""
     units = increments_of_one_metre(size)
     variance = float((covariance.diagonal() / (units * units)).sum())
     if len(free):
@@ -152,6 +152,6 @@ def determined_variance(covariance: FloatArray, free: FloatArray, size: float) -
 
 
 def _metric_basis(free: FloatArray, units: FloatArray) -> FloatArray:
-    """Orthonormal columns (6, f) that span the directions (f, 6) in metres."""
+    """Orthonormal columns (6, f) that span the free directions (f, 6), scaled to metres."""
     columns: FloatArray = (free / units).T
     return columns / math.sqrt(float(np.sum(columns * columns))) if len(free) == 1 else np.linalg.qr(columns)[0]

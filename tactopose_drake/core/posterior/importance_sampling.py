@@ -1,11 +1,11 @@
-"""The mass and the spread of each mode, by importance sampling of the exact posterior.
+"""Mass, mean and covariance of each mode by importance sampling of the exact posterior.
 
-Laplace's approximation takes each mode for a Gaussian by its curvature. Real modes have kinks where a contact passes an
-edge, and bend where a direction is hardly determined: a Gaussian that fits at the middle leaves the valley. Therefore
-each mode is covered by tiles, densities like Laplace's that lie along its floor; samples of their mixture are weighted
-by the exact posterior over the mixture [OZ00]; and a mode's mass, its pose and the spread about it are its samples'.
-Modes between which the density hardly falls are joined. A sample far out, where hardly any is drawn, would outweigh
-thousands: none weighs more than so many times the mean [I08].
+Laplace's approximation takes each mode for a Gaussian of the curvature at its minimum. Real modes have kinks where a
+contact passes an edge, and bend where a direction is hardly determined: a Gaussian that fits in the middle leaves the
+valley. Therefore each mode is covered by tiles: proposal densities like Laplace's, placed along the valley's floor.
+Samples of their mixture are weighted by the ratio of the exact posterior to the mixture [OZ00], and give each mode's
+mass, pose and covariance. Modes with hardly any barrier between them are joined. A sample far out, where few are drawn,
+could outweigh thousands of others, so weights are truncated relative to their mean [I08].
 
 Source: [OZ00] A. Owen and Y. Zhou, Safe and effective importance sampling, J. Am. Stat. Assoc. 95, 2000 (deterministic
 mixture weights). [CDG08] O. Cappe et al., Adaptive importance sampling in general mixture classes, Stat. Comput. 18,
@@ -34,24 +34,24 @@ from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.student_t_mixture import Increments, StudentTMixture, find_increments
 from tactopose_drake.core.validation import FloatArray
 
-# Logarithm of the volume of the turns about one continuous axis, or about the three of a ball.
+# Log volume of the rotations about the continuous symmetry axes, by their number: none, one, or the three of a ball.
 _LOG_TURNS = {0: 0.0, 1: np.log(2.0 * np.pi), 3: np.log(8.0 * np.pi**2)}
 
 
 class Samples(NamedTuple):
-    """Samples of the posterior.
+    """Importance samples of the posterior from the proposals of g modes.
 
     Attributes:
         X_PO: poses, shape (B, 3, 4).
         cost: their exact costs, shape (B,).
-        increments: from the sampled modes to them.
-        density: of the modes' proposals there, times the number of all samples, shape (B, g).
-        proposals: of which they are drawn, one a round, as long as these are made better.
-        times: how often they are drawn from all of these that are of each mode, shape (g,).
-        drawn: how many are drawn of each component, a part for each mixture and each time, in the samples' order.
-        weights: in the modes' shares, over the density exp(lowest - cost), shape (B, g).
-        variance: of the noisiest share, what the samples from each mode's proposals have of it, shape (g,).
-        weighed: what they say together.
+        increments: from the sampled modes to the poses.
+        density: of each mode's proposals at the samples, times the number of all samples, shape (B, g).
+        proposals: the mixtures sampled so far: one for each round that adapted the proposal.
+        times: how many times the proposals of each mode have been sampled, shape (g,).
+        drawn: number of samples of each component, one array for each time a proposal was sampled, in sample order.
+        weights: importance weights split among the modes, relative to the density exp(lowest - cost), shape (B, g).
+        variance: contribution of each mode's samples to the variance of the noisiest family's probability, shape (g,).
+        weighed: summary of the weights.
     """
 
     X_PO: FloatArray
@@ -67,27 +67,28 @@ class Samples(NamedTuple):
 
     @property
     def draws(self) -> Draws:
-        """They as they were drawn."""
+        """The samples as the weighting kernel reads them."""
         group = [each.group for each in self.proposals] * (len(self.drawn) // len(self.proposals))
         return Draws(self.cost, self.density, np.concatenate(self.drawn), np.concatenate(group))
 
     @property
     def once(self) -> NDArray[np.intp]:
-        """How many are drawn of each mode's proposals (g,) at a time."""
+        """How many samples one pass over all proposals draws for each mode, shape (g,)."""
         count, group = (np.concatenate([getattr(each, name) for each in self.proposals]) for name in ("count", "group"))
         return np.bincount(group, count, len(self.times)).astype(np.intp)
 
 
 class Weighing(NamedTuple):
-    """How far modes are weighed: a step is a part of it that takes about as long as the others, see `weigh_on`.
+    """State of the weighting, which `weigh_on` advances by steps of about equal duration.
 
     Attributes:
-        modes: by Laplace's approximation; as the samples say once it is done.
-        cover: of those that are sampled; None once it is done, or where they cannot be.
-        families: which of the sampled modes are one; None as long as that has not been asked.
-        samples: so far; None before the first round.
-        X_between: minima between the modes, that the samples lead to, shape (n, 3, 4); None before these are needed.
-        is_joined: whether all that the samples lead to has been asked which modes are one.
+        modes: by Laplace's approximation; once done, as the samples give them.
+        cover: the proposals that cover the sampled modes; None once done, or where there can be none.
+        families: which of the sampled modes are one; None before that is tested.
+        samples: drawn so far; None before the first round.
+        X_between: further minima between the modes, found from the samples, shape (n, 3, 4); None before they are
+            needed.
+        is_joined: whether the minima found from the samples have been used to join modes.
     """
 
     modes: Modes
@@ -99,9 +100,9 @@ class Weighing(NamedTuple):
 
 
 def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
-    """The modes with the mass and covariance that samples of the exact posterior give them.
+    """Returns the modes with mass and covariance from importance samples of the exact posterior.
 
-    Each is no narrower than the doubt of single contacts makes it, which few of the samples show.
+    Each is then widened for single contacts that may be false, which few of the samples show; see `widen_by_doubt`.
     """
     weighing = begin_weighing(modes, posterior, generator)
     while weighing.cover is not None:
@@ -110,12 +111,12 @@ def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
 
 
 def begin_weighing(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Weighing:
-    """The first step: densities that cover the modes. Where they cannot be, Laplace's approximation has to do."""
+    """The first step: covers the modes with proposals, or falls back to Laplace's approximation if it cannot."""
     return Weighing(modes, cover_modes(modes, posterior, generator))
 
 
 def weigh_on(weighing: Weighing, posterior: Posterior, generator: np.random.Generator) -> Weighing:
-    """The next step, of modes that are covered: what is one, samples, what these make one, further rounds, the end."""
+    """The next step for modes that are covered: join, sample, find minima between, join again, resample, or finish."""
     modes, cover, families, samples, X_between, is_joined = weighing
     assert cover is not None
     if families is None:
@@ -123,7 +124,7 @@ def weigh_on(weighing: Weighing, posterior: Posterior, generator: np.random.Gene
     elif samples is None:
         samples = _first_round(cover, families, posterior, generator)
         is_joined = samples.weighed.error <= posterior.params.sampling.standard_error
-    elif not is_joined and X_between is None:  # Maybe minima between the modes have been missed.
+    elif not is_joined and X_between is None:  # Minima between the modes may have been missed.
         X_between = minima_between(samples.X_PO, samples.weights, cover, posterior)
     elif not is_joined:
         families, is_joined = join_modes(cover, posterior, X_between), True
@@ -136,26 +137,26 @@ def weigh_on(weighing: Weighing, posterior: Posterior, generator: np.random.Gene
 
 
 def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples, posterior: Posterior) -> Modes:
-    """The modes with the masses and moments of their samples."""
+    """Returns the modes with the masses and moments of their samples."""
     close, worthy, weights, weighed = cover.close, cover.worthy, samples.weights, samples.weighed
     moments = weigh_moments(samples.increments.u, weights)
     if not (moments.effective_samples > 1.0).any():
-        return modes  # One sample outweighs all others: they say less than Laplace's approximation.
+        return modes  # One sample outweighs all others; Laplace's approximation is more reliable.
     every = np.exp(cover.laplace + weighed.lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
-    # Of a mode that costs so much more than the best no sample counts: Laplace's approximation has to do.
+    # Samples do not count for modes of much higher cost than the best: these keep Laplace's approximation.
     cost = modes.cost[close[worthy]]
     counts = cost < cost.min() + posterior.params.sampling.depth
     every[worthy[counts]] = weights[:, counts].sum(axis=0)
     masses = modes.mixture.weights * (every.sum() / modes.mixture.weights[close].sum())
     masses[close] = every
-    whole = masses.sum() + weighed.mass - weights.sum()  # What is no part of any mode is part of that.
+    whole = masses.sum() + weighed.mass - weights.sum()  # Includes the samples that belong to no mode.
     log_mass = float(np.log(whole) - weighed.lowest + _LOG_TURNS[len(posterior.turns[0])])
     found = _update(modes, close[worthy], masses / masses.sum(), moments, families, posterior, log_mass)
     return copied(found, standard_error=weighed.error)
 
 
 def _first_round(cover: Cover, families: Families, posterior: Posterior, generator: np.random.Generator) -> Samples:
-    """Samples of what covers the modes."""
+    """Draws and weights the samples of the first proposal."""
     proposal, g = cover.proposal, len(cover.X_PO)
     X_PO = proposal.sample(generator)
     increments, density = find_increments(cover.X_PO, X_PO), np.zeros((len(X_PO), g))
@@ -168,7 +169,7 @@ def _first_round(cover: Cover, families: Families, posterior: Posterior, generat
 
 
 def _weighed_anew(samples: Samples, cover: Cover, families: Families, posterior: Posterior) -> Samples:
-    """The samples weighed by these families, in arrays of their own."""
+    """Recomputes the weights for these families, in new arrays."""
     params, weights, variance = posterior.params.sampling, np.empty_like(samples.density), np.empty(len(cover.X_PO))
     limits = params.depth, params.truncation
     weighed = weigh(samples.draws, families.family, cover.lowest, *limits, weights, variance)
@@ -178,11 +179,11 @@ def _weighed_anew(samples: Samples, cover: Cover, families: Families, posterior:
 def _next_round(
     samples: Samples, cover: Cover, families: Families, posterior: Posterior, generator: np.random.Generator
 ) -> Samples | None:
-    """The samples and those of another round; None where they are sure enough, or there may be no other.
+    """Adds a round of samples. Returns None if they are accurate enough, or the limit on samples is reached.
 
-    As long as they are worth few of the posterior, it is drawn about those that are there, as their weights say
-    [CDG08], and all are weighed by all proposals together [CMMR12]. That makes of a heavy sample many light ones, and
-    so all that is likely a little likelier. Therefore, once they are worth enough, the same proposals are drawn from.
+    While the effective sample size is small, a new proposal is placed about the weighted samples [CDG08], and all
+    samples are weighted by the mixture of all proposals [CMMR12]. This splits heavy samples into many light ones, which
+    favours likely regions a little. Once the effective sample size suffices, the existing proposals are sampled again.
     """
     params, weighed, drawn = posterior.params.sampling, samples.weighed, len(samples.X_PO)
     sure = weighed.error <= params.standard_error and weighed.worth >= params.effective_samples
@@ -205,11 +206,11 @@ def _next_round(
 
 
 def _times_wanted(samples: Samples, posterior: Posterior) -> NDArray[np.intp]:
-    """How often each mode's proposals (g,) are drawn from until the noisiest share is as sure as it shall be.
+    """How many times to sample each mode's proposals (g,) for the noisiest probability to be accurate enough.
 
-    Where n samples of a mode's proposals have the part v of that share's variance, m have n v / m. Of all samples that
-    are as many together, the least is left by those of which m is as sqrt(n v) [N34]. But v is of few samples itself:
-    half of them are as n.
+    If n samples of a mode contribute v to the variance, m samples contribute n v / m; for a given total this is least
+    with m proportional to sqrt(n v) [N34]. As v is itself estimated from few samples, half of the total is allocated in
+    proportion to n.
     """
     params, once, drawn = posterior.params.sampling, samples.once, len(samples.X_PO)
     count = samples.times * once
@@ -228,7 +229,7 @@ def _times_wanted(samples: Samples, posterior: Posterior) -> NDArray[np.intp]:
 def _drawn_again(
     samples: Samples, times: NDArray[np.intp], cover: Cover, posterior: Posterior, generator: np.random.Generator
 ) -> Samples:
-    """With as many more as it takes until each mode's proposals have been drawn from so many times (g,)."""
+    """Samples the proposals again, until those of each mode have been sampled so many times (g,)."""
     more = times - samples.times
     again = [copied(each, count=more[each.group] * each.count) for each in samples.proposals]
     X_PO = np.concatenate([each.sample(generator) for each in again])
@@ -238,7 +239,7 @@ def _drawn_again(
 
 
 def _joined(samples: Samples, X_PO: FloatArray, cover: Cover, posterior: Posterior) -> Samples:
-    """With others (B, 3, 4), not yet weighed, whose densities are those of the proposals."""
+    """Appends poses (B, 3, 4) with the densities of all proposals there; the weights are left as they are."""
     increments, density = find_increments(cover.X_PO, X_PO), np.zeros((len(X_PO), len(cover.X_PO)))
     for proposal in samples.proposals:
         proposal.add_to(density, increments)
@@ -251,9 +252,9 @@ def _joined(samples: Samples, X_PO: FloatArray, cover: Cover, posterior: Posteri
 
 
 def _cost_of_one_image(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterior) -> FloatArray:
-    """The exact cost of samples (B, 3, 4); infinite where an image by a symmetry is nearer to a mode than the sample.
+    """The exact cost of samples (B, 3, 4); infinite where a symmetric image is nearer to a mode than the sample.
 
-    Of all images of a pose one counts, or modes that are wide enough to reach their own images would count manyfold.
+    Only one image of each pose counts; otherwise a mode wide enough to reach its own images would count repeatedly.
     """
     if len(posterior.symmetry_poses) == 1:
         return posterior.exact_cost(X_PO)
@@ -273,7 +274,7 @@ def _update(
     posterior: Posterior,
     log_mass: float,
 ) -> Modes:
-    """The modes with these masses, and of those that the samples know their moments; of a family one."""
+    """Returns the modes with these masses, merged by family, and with the moments of their samples where known."""
     params, X_PO, covariance = posterior.params, modes.mixture.X_PO.copy(), modes.mixture.covariance.copy()
     cost, mass = modes.cost.copy(), masses.copy()
     known = moments.effective_samples > 1.0
@@ -286,7 +287,7 @@ def _update(
         X_PO[index], cost[index], laplace, moments, posterior.objective, params.moments
     )
     covariance[index] = spread(X_PO[index], moments._replace(second=second), laplace, posterior)
-    # Bumps along a valley's floor may hide from the curvature that it is one.
+    # Bumps along a valley's floor can hide a free direction from the curvature, but not from the samples.
     by_touch = inverses(covariance[index])[0] - posterior.prior_information
     free = list(modes.free_directions)
     by_both = free_directions(by_touch, posterior.size, [free[i] for i in index], params.modes)

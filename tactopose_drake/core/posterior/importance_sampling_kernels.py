@@ -1,13 +1,13 @@
-"""The belief's compiled loops: importance weights, their moments, and steps to a valley's floor; see
+"""Compiled loops of the posterior: importance weights, their moments, and steps to a valley's floor; see
 `importance_sampling.py` and `mode_moments.py`.
 
-With the exact posterior exp(-c) and the groups' densities q_g that add up to the mixture's q = sum_g q_g, a sample x
-of N weighs w = exp(-c(x)) / (N q(x)), of which w q_g(x) / q(x) belongs to group g [OZ00]. For increments u from the
-group's pose the moments are sum w u / sum w and sum w u u^T / sum w; the effective sample size is
-(sum w)^2 / sum w^2. A weight is truncated at the mean of all times a power of N [I08], which leaves them consistent.
+With the exact posterior exp(-c) and the groups' densities q_g, which add up to the mixture q = sum_g q_g, a sample x
+out of N has the weight w = exp(-c(x)) / (N q(x)), of which w q_g(x) / q(x) belongs to group g [OZ00]. For increments u
+from the group's pose the moments are sum w u / sum w and sum w u u^T / sum w; the effective sample size is
+(sum w)^2 / sum w^2. Weights are truncated at their mean times a power of N, which keeps estimates consistent [I08].
 
-Of a mean m of increments with the covariance S, over an effective sample size n, the share
-max(0, 1 - chance / (n m^T S^-1 m)) is not by chance [JS61].
+A mean m of increments with covariance S and effective sample size n is shrunk by the factor
+max(0, 1 - chance / (n m^T S^-1 m)) [JS61].
 """
 
 from typing import NamedTuple
@@ -32,13 +32,13 @@ from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
 
 
 class Draws(NamedTuple):
-    """Samples, those of a component behind each other.
+    """Samples, sorted by component.
 
     Attributes:
         cost: negative log posterior densities, up to a constant, shape (B,).
-        density: of the groups' proposals there, times the number of all samples, shape (B, g).
-        each: how many are of each component, shape (J,).
-        group: which group each component belongs to, shape (J,).
+        density: of each group's proposals at the samples, times the number of all samples, shape (B, g).
+        each: number of samples of each component, shape (J,).
+        group: the group of each component, shape (J,).
     """
 
     cost: Floats1
@@ -48,13 +48,13 @@ class Draws(NamedTuple):
 
 
 class Weighed(NamedTuple):
-    """What samples say together.
+    """Summary of the importance weights.
 
     Attributes:
-        lowest: the lowest cost, at which exp(-c) is 1.
-        error: the largest standard error of the families' shares, of which 1 is all.
-        worth: the number of samples of the posterior itself that these are worth, their weights as they were.
-        mass: the sum of the weights, those of samples that are no part of any group included.
+        lowest: the lowest cost; weights are relative to exp(lowest).
+        error: the largest standard error of the families' probabilities.
+        worth: the effective sample size before truncation.
+        mass: the sum of the weights, including those of samples that belong to no group.
     """
 
     lowest: float
@@ -73,11 +73,11 @@ def weigh(
     weights: OutFloats2,
     variance: OutFloats1,
 ) -> Weighed:
-    """Weighs samples in the groups' shares (B, g); what each group (g,) has of the variance of the noisiest share.
+    """Fills the weights (B, g), and each group's contribution (g,) to the variance of the noisiest probability.
 
-    Of groups that are one the shares are noisier than what they are together: a family (g,) is named by one of its
-    groups. A sample is no part of any whose cost is so much more than the lowest that is known; and none weighs more
-    than the mean of all that are times that power of their number [I08].
+    Variances are those of families, each named by one of its groups (g,), as probability that moves between groups of
+    the same family does not matter. A sample that costs more than the lowest known cost plus `depth` belongs to no
+    group; no weight exceeds the mean of all times their number to the given power [I08].
     """
     cost, density = draws.cost, draws.density
     for b in range(cost.shape[0]):
@@ -100,7 +100,7 @@ def weigh(
         return Weighed(lowest, 0.5, 0.0, mass)
     most, squares = total * cost.shape[0] ** (power - 1.0), 0.0
     for b in range(cost.shape[0]):
-        squares += (each[b] / total) ** 2  # Are numbers, however far below the best known pose all samples lie.
+        squares += (each[b] / total) ** 2  # Normalised first, as the weights may be near underflow.
     total, mass = 0.0, 0.0
     for b in range(cost.shape[0]):
         mass += min(every[b], most)
@@ -126,13 +126,13 @@ def weigh(
 
 @part
 def _variance(weights: Floats2, g: int, each: Floats1, draws: Draws, variance: OutFloats1) -> float:
-    """The variance of the share of one of the groups, by its weights (B, g) and those (B,) of all, which sum up to 1.
+    """The variance of a family's probability, from its weights (B, g) and the total weights (B,), which sum to 1.
 
-    It is the sum of what the samples of each group have of it, variance (g,).
+    Fills variance (g,) with the contribution of each group's samples to it.
 
-    A share is a ratio of sums over the samples: its variance is that of its numerator beyond what the denominator
-    explains. What is drawn of each component, `count` samples (J,) in pairs, is as much as was meant to be: it varies
-    by the pairs of a component alone.
+    The probability is a ratio of sums over the samples; its variance is that of the linearised ratio, the residuals
+    w_g - share * w. The samples are stratified by component, with `count` (J,) of each, and drawn in antithetic pairs:
+    only the variance between the pairs of a component counts.
     """
     share, whole, first, count = 0.0, 0.0, 0, draws.each
     for b in range(each.shape[0]):
@@ -148,7 +148,7 @@ def _variance(weights: Floats2, g: int, each: Floats1, draws: Draws, variance: O
             units += 1
             total += unit
             squares += unit * unit
-        # One unit alone does not say how it varies: as much as it is, at the most.
+        # The variance of a single unit is unknown; its square is an upper bound.
         own = squares if units < 2 else (squares - total * total / units) * units / (units - 1.0)
         variance[draws.group[j]] += own
         whole += own
@@ -157,7 +157,7 @@ def _variance(weights: Floats2, g: int, each: Floats1, draws: Draws, variance: O
 
 
 class Drawn(NamedTuple):
-    """Samples that are drawn anew, by rising group: which ones, their groups, and how often each, shape (n,)."""
+    """Resampled samples, sorted by group: their indices, groups and multiplicities, shape (n,)."""
 
     sample: OutLongs1
     group: OutLongs1
@@ -166,9 +166,9 @@ class Drawn(NamedTuple):
 
 @kernel
 def resample(weights: Floats2, drawn: Drawn) -> int:
-    """Draws as many of the samples as there is room for, evenly by their weights (B, g), each of its heaviest group.
+    """Systematic resampling by weights (B, g): draws as many as fit, and assigns each to its heaviest group.
 
-    Returns the number of those that are drawn at all, which are all that is filled.
+    Returns the number of distinct samples drawn; only so many entries are filled.
     """
     sample, group, times = drawn
     most, total, passed, done, count = sample.shape[0], 0.0, 0.0, 0, 0
@@ -200,9 +200,9 @@ def resample(weights: Floats2, drawn: Drawn) -> int:
 
 @kernel
 def find_nearest_images(X: Floats3, X_mode: Floats3, symmetries: Floats3, arm: float, nearest: OutLongs1) -> None:
-    """By which symmetry (s, 3, 4) the image of each pose X (B, 3, 4) is that is nearest to one of the modes (g, 3, 4).
+    """Finds the symmetry (s, 3, 4) whose image of each pose X (B, 3, 4) is nearest to any of the modes (g, 3, 4).
 
-    A turn by a small angle counts as the way of an arm, m.
+    Rotations are weighted by a lever arm, m.
     """
     image, turns = np.empty((3, 4)), 0.5 * arm * arm
     for b in range(X.shape[0]):
@@ -220,7 +220,7 @@ def find_nearest_images(X: Floats3, X_mode: Floats3, symmetries: Floats3, arm: f
 
 
 class Tried(NamedTuple):
-    """What `try_shares` fills: shares of the means, shape (n, s), and poses so far toward them, shape (n, s, 3, 4)."""
+    """Output of `try_shares`: fractions of the means, shape (n, s), and the poses there, shape (n, s, 3, 4)."""
 
     shares: OutFloats2
     X: OutFloats4
@@ -230,7 +230,7 @@ class Tried(NamedTuple):
 def try_shares(
     X: Floats3, laplace: Floats3, mean: Floats2, effective_samples: Floats1, way: Floats1, chance: float, tried: Tried
 ) -> None:
-    """The share of each mean that counts, times those of the way (s,), and the poses so far from X (n, 3, 4)."""
+    """Tries fractions `way` (s,) of each shrunken mean (n, 6): fills the fractions and the poses so far from X."""
     L, information, u = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
     for j in range(X.shape[0]):
         cholesky(laplace[j], L)
@@ -251,7 +251,7 @@ def try_shares(
 def step_down(
     gradient: Floats2, hessian: Floats3, soft: Floats1, units: Floats1, longest: float, X: OutFloats3
 ) -> None:
-    """Moves poses X (B, 3, 4) by -(H + diag soft)^-1 g, or as much of it as is no longer than that, m, in the units."""
+    """Moves poses X (B, 3, 4) by -(H + diag soft)^-1 g, at most by the length `longest`, m, in these units (6,)."""
     H, L, forward, step, moved = np.empty((6, 6)), np.empty((6, 6)), np.empty(6), np.empty(6), np.empty((3, 4))
     for b in range(X.shape[0]):
         for i in range(6):
@@ -273,7 +273,7 @@ def step_down(
 def add_moments(
     increment: Floats3, weights: Floats2, effective_samples: OutFloats1, first: OutFloats2, second: OutFloats3
 ) -> None:
-    """Fills `mode_moments.Moments`, of which `first` and `second` are zero on entry, from weights (B, g)."""
+    """Fills `mode_moments.Moments` from weights (B, g); `first` and `second` are zero on entry."""
     for g in range(weights.shape[1]):
         mass, squares = 0.0, 0.0
         for b in range(weights.shape[0]):

@@ -1,10 +1,10 @@
-"""Modes between which the density hardly falls are one: a valley with bumps along its floor has many minima.
+"""Joins modes with hardly any barrier between them: a valley with a bumpy floor has many minima.
 
-Two equal Gaussians make one peak when their means are within two standard deviations of each other, and at four and a
-half the density between them is e^-2 of that at either. Whether that is so is asked of the posterior itself, and not of
-samples: those are few in some modes, and others with another seed. Minima are joined by rising saddles, as long as the
-saddle is a low one above the lowest minimum of either side, which then is all its minima's [CGOS13]: a mode that is
-joined by way of a third one is so however many the search has found between them.
+Two equal Gaussians have one peak when their means are within two standard deviations of each other; at four and a half,
+the density between them is e^-2 of that at either. The barrier is evaluated on the posterior itself rather than from
+samples, which are few in some modes and vary with the seed. Minima are joined in order of rising saddles, if the saddle
+is little higher than the lowest minimum on either side; the lowest one then stands for all that are joined [CGOS13].
+Modes that are connected through a third one are thus joined however many minima the search has found between them.
 
 Source: [CGOS13] F. Chazal et al., Persistence-based clustering in Riemannian manifolds, J. ACM 60, 2013.
 """
@@ -23,22 +23,22 @@ from tactopose_drake.core.posterior.mode_moments import Moments
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, MomentParams
 from tactopose_drake.core.validation import FloatArray
 
-# Shares of the way between two minima at which the density is asked for.
+# Fractions of the path between two minima at which the cost is evaluated.
 _SHARES, _HALF = np.arange(1.0, 6.0) / 6.0, np.array([3.0 / 6.0])
-# So many pairs are asked for at once; of more, first those that are likely to settle the others.
+# With more pairs than this, those that are likely to settle the others are evaluated first.
 _FEW_PAIRS = 10
-# Of the ways from a minimum between modes so many are asked for, the shortest ones.
+# How many paths from each minimum between modes are evaluated, the shortest ones.
 _NEAREST = 5
 
 
 class Families(NamedTuple):
-    """Which of g modes are one.
+    """A partition of g modes into families, each of which is one mode.
 
     Attributes:
-        X_PO: their minima, shape (g, 3, 4).
-        family: the first mode of each one's family, maybe itself, shape (g,).
+        X_PO: the modes' minima, shape (g, 3, 4).
+        family: index of the first mode in the family of each, shape (g,).
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
-        arm: the way of a turn by a radian, by which images are compared, m.
+        arm: lever arm that compares rotations with translations between images, m.
     """
 
     X_PO: FloatArray
@@ -47,13 +47,13 @@ class Families(NamedTuple):
     arm: float
 
     def chosen(self, index: NDArray[np.intp]) -> "Families":
-        """Of some of the modes."""
+        """The partition of a subset of the modes."""
         return self._replace(X_PO=self.X_PO[index], family=self.family[index])
 
     def join(
         self, cost: FloatArray, mass: FloatArray, moments: Moments
     ) -> tuple[FloatArray, Moments, NDArray[np.intp]]:
-        """The masses and moments of modes of which those of a family are one: that of the lowest cost.
+        """Merges the masses and moments of each family into its mode of lowest cost.
 
         Args:
             cost: of the minima, shape (g,).
@@ -61,7 +61,7 @@ class Families(NamedTuple):
             moments: of increments from the minima.
 
         Returns:
-            Masses, none for a mode that another one has taken in; the moments; and which mode each one is part of.
+            The masses, 0 for modes that were merged into another; the moments; and the index of each one's new mode.
         """
         mass, joint = mass.copy(), Moments(*(moment.copy() for moment in moments))
         order, owner = cost.argsort(kind="stable"), np.empty(len(mass), dtype=np.intp)
@@ -78,16 +78,16 @@ def find_families(
     between: FloatArray | None = None,
     params: MomentParams = DEFAULT_PARAMS.moments,
 ) -> Families:
-    """Finds which minima are one mode, directly or by way of others between them.
+    """Finds which minima are one mode, directly or through other minima between them.
 
     Args:
-        X_PO: minima, the most important first, shape (g, 3, 4). Up to `params.most_joined`, all pairs of them are
-            evaluated; of each further one and the minima between, the pairs with its nearest neighbours.
+        X_PO: minima, the most important first, shape (g, 3, 4). All pairs of the first `params.most_joined` are
+            evaluated; of each further one, and of the minima between, the pairs with its nearest neighbours.
         objective: the negative log posterior.
-        to_the_floor: moves poses (B, 3, 4) beside a valley down to its floor.
+        to_the_floor: moves poses (B, 3, 4) on a valley's side to its floor.
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
-        size: the object's, m.
-        between: more minima, by way of which those may be one, shape (n, 3, 4); None: no others.
+        size: the object's size, m.
+        between: further minima through which modes may be connected, shape (n, 3, 4), or None.
         params: which minima are one mode.
     """
     found = Families(X_PO, np.arange(len(X_PO)), symmetry_poses, 0.5 * size)
@@ -101,7 +101,7 @@ def find_families(
         pairs = np.concatenate([pairs, _near_pairs(asked, most, found)])
     chosen = np.ones(len(pairs), dtype=np.bool_)
     if len(pairs) > _FEW_PAIRS:
-        # Ways that join all as low as can be come first: between two that are one by then, another way changes nothing.
+        # First a minimum spanning tree: once two minima are joined, another path between them changes nothing.
         pairs, halfway = _passable(pairs, low, params.ridge, lay, objective, to_the_floor)
         _, chosen = _join(pairs, halfway, np.inf, low)
     saddle, unknown = np.full(len(pairs), np.inf), np.ones(len(pairs), dtype=np.bool_)
@@ -116,7 +116,7 @@ def find_families(
 def _join(
     pairs: NDArray[np.intp], saddle: FloatArray, ridge: float, low: FloatArray
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """The families (g,) of minima of these costs (g,) by the saddles (n,) of pairs (n, 2); which pairs joined any."""
+    """Families (g,) of minima with costs (g,), joined over the saddles (n,) of pairs (n, 2); and which pairs joined."""
     family, joined = np.arange(len(low)), np.zeros(len(pairs), dtype=np.bool_)
     join_over_saddles(pairs, saddle, saddle.argsort(kind="stable"), ridge, low.copy(), family, joined)
     return family, joined
@@ -124,14 +124,14 @@ def _join(
 
 @functools.cache
 def _pairs(count: int) -> NDArray[np.intp]:
-    """All pairs of so many, shape (n, 2)."""
+    """All pairs of `count` indices, shape (n, 2)."""
     return np.stack(np.tril_indices(count, -1), axis=1)
 
 
 def _near_pairs(X_PO: FloatArray, first: int, images: Families) -> NDArray[np.intp]:
-    """Pairs (n, 2) of each of the poses (g, 3, 4) from that one on with the few nearest of all, up to a symmetry."""
+    """Pairs (n, 2) of each pose (g, 3, 4) from index `first` on with its nearest neighbours, up to a symmetry."""
     count, turned = min(_NEAREST + 1, len(X_PO)), images.arm / np.sqrt(2.0)
-    # A turn moves the columns of a rotation matrix by its angle times the root of two.
+    # A rotation by an angle changes the rotation matrix by sqrt(2) times that angle in the Frobenius norm.
     places = compose(X_PO, images.symmetry_poses[:, None]) * np.array([turned, turned, turned, 1.0])
     places = places.reshape(len(images.symmetry_poses), -1, 12)
     square, asked = np.square(places).sum(axis=2), places[0, first:]
@@ -143,7 +143,7 @@ def _near_pairs(X_PO: FloatArray, first: int, images: Families) -> NDArray[np.in
 
 
 def _lay(X_PO: FloatArray, images: Families, pairs: NDArray[np.intp], shares: FloatArray) -> FloatArray:
-    """Poses (n, t, 3, 4) at shares (t,) of the ways between pairs (n, 2) of minima (g, 3, 4)."""
+    """Poses (n, t, 3, 4) at fractions (t,) of the paths between pairs (n, 2) of minima (g, 3, 4)."""
     ways = np.empty((len(pairs), len(shares), 3, 4))
     lay_paths(X_PO, pairs, images.symmetry_poses, images.arm, shares, ways)
     return ways
@@ -157,7 +157,7 @@ def _passable(
     objective: Objective,
     to_the_floor: Callable[[FloatArray], FloatArray],
 ) -> tuple[NDArray[np.intp], FloatArray]:
-    """Of pairs (n, 2) those that half the way between them does not tell apart, and the costs halfway."""
+    """The pairs among (n, 2) without a high barrier halfway between them, and the costs halfway."""
     most, halfway = low[pairs].max(axis=1) + ridge, lay(pairs, _HALF)[:, 0]
     cost = objective.cost(halfway)
     high = np.flatnonzero(cost > most)
@@ -173,9 +173,9 @@ def _saddles(
     objective: Objective,
     to_the_floor: Callable[[FloatArray], FloatArray],
 ) -> FloatArray:
-    """The highest cost on the ways between pairs (n, 2) of minima of these costs (g,), shape (n,).
+    """The highest cost on the path between each pair (n, 2) of minima with costs (g,), shape (n,).
 
-    A way that rises is straight no longer, where its points find lower ones on the valley's floor.
+    Where a straight path rises, its points are first moved to the valley's floor, if the cost is lower there.
     """
     ends, ways = low[pairs].max(axis=1), lay(pairs, _SHARES)
     costs = objective.cost(ways.reshape(-1, 3, 4)).reshape(-1, len(_SHARES))

@@ -1,4 +1,4 @@
-"""Ways between modes, and modes that are one: joined with their masses and moments."""
+"""Paths between modes, and the merging of modes with their masses and moments, compiled."""
 
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 
 
 class Joined(NamedTuple):
-    """Masses (g,) and `mode_moments.Moments` of g modes, as joining writes them."""
+    """Masses (g,) and `mode_moments.Moments` of g modes, merged in place."""
 
     mass: OutFloats1
     effective_samples: OutFloats1
@@ -32,14 +32,14 @@ class Joined(NamedTuple):
 
 
 class Image(NamedTuple):
-    """A mode's image by a symmetry: the increment to it (6,) from another's pose, and what turns increments (6, 6)."""
+    """A mode's symmetric image: the increment (6,) to it from another mode, and the Jacobian (6, 6) of increments."""
 
     u: OutFloats1
     turn: OutFloats2
 
 
 class Work(NamedTuple):
-    """Scratch: (6,), (6,), and two of (6, 6)."""
+    """Scratch arrays of shapes (6,), (6,), (6, 6) and (6, 6)."""
 
     mean: OutFloats1
     d: OutFloats1
@@ -49,10 +49,10 @@ class Work(NamedTuple):
 
 @kernel
 def lay_paths(X: Floats3, pairs: Longs2, symmetries: Floats3, arm: float, shares: Floats1, path: OutFloats4) -> None:
-    """Fills poses (n, t, 3, 4) at shares (t,) of the ways between pairs (n, 2) of modes X (g, 3, 4).
+    """Fills poses (n, t, 3, 4) at fractions (t,) of the paths between pairs (n, 2) of modes X (g, 3, 4).
 
-    Each way is from the second one to the nearest of the first one's images by the symmetries (s, 3, 4), where a turn
-    by a radian is a way of `arm`.
+    Each path leads from the second mode to the nearest image of the first under the symmetries (s, 3, 4), where
+    rotations are weighted by the lever arm.
     """
     Y, image, u = np.empty((3, 4)), Image(np.empty(6), np.empty((6, 6))), np.empty(6)
     for n in range(pairs.shape[0]):
@@ -68,10 +68,10 @@ def lay_paths(X: Floats3, pairs: Longs2, symmetries: Floats3, arm: float, shares
 def join_over_saddles(
     pairs: Longs2, saddle: Floats1, order: Longs1, ridge: float, low: OutFloats1, family: OutLongs1, joined: OutFlags1
 ) -> None:
-    """Makes modes one family whose pair's saddle (n,) is no more than a ridge above the lowest of either's family.
+    """Joins the families of a pair if its saddle (n,) is at most `ridge` above the lower minimum of either family.
 
-    Pairs (n, 2) are taken in this order (n,); `joined` (n,) says of which families that had been two became one. `low`
-    is the modes' costs (g,), each its own family's lowest on entry.
+    Pairs (n, 2) are visited in `order` (n,); `joined` (n,) marks those that joined two families. On entry `low` holds
+    the modes' costs (g,); afterwards, at each family's first mode, the lowest of the family.
     """
     for k in order:
         first, other = family[pairs[k, 0]], family[pairs[k, 1]]
@@ -88,7 +88,7 @@ def join_over_saddles(
 def join(
     X: Floats3, order: Longs1, symmetries: Floats3, family: Longs1, arm: float, joined: Joined, owner: OutLongs1
 ) -> None:
-    """Adds each mode to the first of its family in this order, its owner, and leaves it no mass."""
+    """Merges each mode into the first of its family in `order`, its owner, and sets its own mass to 0."""
     image, Y = Image(np.empty(6), np.empty((6, 6))), np.empty((3, 4))
     work = Work(np.empty(6), np.empty(6), np.empty((6, 6)), np.empty((6, 6)))
     for place in range(order.shape[0]):
@@ -107,7 +107,7 @@ def join(
 def _find_nearest_image(
     X: Floats2, X_other: Floats2, symmetries: Floats3, arm: float, image: Image, Y: OutFloats2
 ) -> int:
-    """Which of the other's images is the nearest to X, and fills the increment there; Y (3, 4) is for work."""
+    """Finds the image of X_other nearest to X and fills the increment to it; Y (3, 4) is scratch."""
     nearest, least, u = 0, np.inf, np.empty(6)
     for s in range(symmetries.shape[0]):
         compose_one(X_other, symmetries[s], Y)
@@ -121,9 +121,10 @@ def _find_nearest_image(
 
 @part
 def _add(joined: Joined, i: int, j: int, image: Image, work: Work) -> None:
-    """Adds the mode j, by its image, to the mode i.
+    """Merges the image of mode j into mode i.
 
-    The joint mean is m + p d, and P becomes (1 - p) P + p (J P' J^T + J m' u^T + u (J m')^T + u u^T).
+    With p the share of j's mass and d the offset of its mean, the mean becomes m + p d, and the second moment
+    (1 - p) P + p (J P' J^T + J m' u^T + u (J m')^T + u u^T).
     """
     mass, effective_samples, first, second = joined
     p = mass[j] / (mass[i] + mass[j])
@@ -143,7 +144,7 @@ def _add(joined: Joined, i: int, j: int, image: Image, work: Work) -> None:
 
 @part
 def _transport(J: Floats2, m: Floats1, C: Floats2, mean: OutFloats1, half: OutFloats2, out: OutFloats2) -> None:
-    """J m and J C J^T of a mean m (6,) and a matrix C (6, 6); half (6, 6) is for work."""
+    """J m and J C J^T for a mean m (6,) and a matrix C (6, 6); half (6, 6) is scratch."""
     for a in range(6):
         mean[a] = 0.0
         for c in range(6):
@@ -160,7 +161,7 @@ def _transport(J: Floats2, m: Floats1, C: Floats2, mean: OutFloats1, half: OutFl
 
 @part
 def _derivative(X: Floats2, S: Floats2, J: OutFloats2) -> None:
-    """Of the increments at X S by those (w, v) at X: they are (R_S^T w, v + R (w x p_S)), with X = (R, p)."""
+    """Jacobian of increments at X S with respect to those (w, v) at X = (R, p): (R_S^T w, v + R (w x p_S))."""
     for i in range(6):
         for k in range(6):
             J[i, k] = 0.0

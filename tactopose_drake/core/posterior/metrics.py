@@ -1,4 +1,4 @@
-"""How good a pose is: what the touch says of it, and what the truth says of it.
+"""Errors of a pose: how well it explains the touch, and how far it is from the true pose.
 
 Source: [B16] J. Bimbo, thesis, 2016, section 3.3.1.
 """
@@ -13,7 +13,7 @@ from tactopose_drake.core.validation import FloatArray
 
 
 class TouchErrors(NamedTuple):
-    """How far poses are from explaining a touch; no truth is needed.
+    """How far poses are from explaining a touch; this needs no ground truth.
 
     Attributes:
         MDTS: mean distance of the contacts to the surface, shape (B,), m.
@@ -25,7 +25,7 @@ class TouchErrors(NamedTuple):
 
 
 class TruthErrors(NamedTuple):
-    """How far poses put the touched places of the object from where they are.
+    """How far poses displace the touched points of the object from their true places.
 
     Attributes:
         RME: real mean error: mean distance of the touched points from their true places, shape (B,), m.

@@ -1,8 +1,8 @@
-"""What modes are sampled from: densities that cover them, and which of them are one.
+"""Covers modes with proposal densities for importance sampling, and finds which of the modes are one.
 
 A narrow mode is covered by a density like Laplace's approximation. A wide one bends, and has bumps along its floor:
-tiles lie along it, the more the wider it is. The modes between which the density hardly falls are one, by way of each
-other or of minima that no search has led to, but samples do.
+tiles are placed along it, more of them the wider it is. Modes with hardly any barrier between them are one, whether
+directly or through minima that the search has missed and the samples lead to.
 """
 
 from typing import NamedTuple
@@ -24,17 +24,17 @@ _TO_THE_MINIMUM = LevenbergMarquardt(max_iterations=20, tolerance=1e-3, least_re
 
 
 class Cover(NamedTuple):
-    """The densities that cover those of some modes that are worth sampling.
+    """The proposal densities for those modes that are worth sampling.
 
     Attributes:
-        close: which modes are not out of the question, shape (c,).
-        lowest: the lowest of their costs that is known.
-        laplace: the logarithms of their masses by Laplace's approximation, but for what all have in common, shape (c,).
-        worthy: which of these are sampled, shape (g,).
+        close: indices of the modes of non-negligible weight, shape (c,).
+        lowest: the lowest known cost of these.
+        laplace: log masses by Laplace's approximation, up to a common constant, shape (c,).
+        worthy: indices into `close` of the modes that are sampled, shape (g,).
         X_PO: the sampled modes' minima, shape (g, 3, 4).
-        information: their information, that of Laplace's approximation, shape (g, 6, 6).
-        tiles: the densities that a round of sampling is made of, but for one at each mode, and for the tails.
-        proposal: those of the first round, over increments from the sampled modes.
+        information: Hessians of Laplace's approximation there, shape (g, 6, 6).
+        tiles: number of tiles in a round of sampling, besides the one at each mode and those for the tails.
+        proposal: the mixture of the first round, over increments from the sampled modes.
     """
 
     close: NDArray[np.intp]
@@ -48,13 +48,13 @@ class Cover(NamedTuple):
 
 
 def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Cover | None:
-    """Covers the modes. None where they cannot be: Laplace's approximation has to do."""
+    """Covers the modes with proposals. Returns None where Laplace's approximation must do, as it cannot be inverted."""
     mixture, params = modes.mixture, posterior.params.sampling
     close = (mixture.weights > params.least_weighed_share * mixture.weights.max()).nonzero()[0]
     X_close = mixture.X_PO[close]
     information = inverses(mixture.covariance[close])[0] + posterior.gauge
     if not np.isfinite(information).all():
-        return None  # What is best known of one and the rest of it do not fit into doubles.
+        return None  # The condition number of a mode's covariance exceeds double precision.
     least = np.minimum(posterior.exact_cost(X_close), modes.cost[close])
     laplace = -least - 0.5 * across_turns(information, posterior.turn_directions(X_close))[1]
     share = np.exp(laplace - laplace.max())
@@ -63,7 +63,7 @@ def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
     X_worthy, share, information = X_close[worthy], share[worthy], information[worthy]
     wide = inverses(np.concatenate([information + posterior.held, information]))[1].reshape(2, -1)
     wanted = params.tiles * float(share @ np.exp(0.5 * (wide[0] - wide[1])))
-    # Where rounding leaves no number, there are the fewest.
+    # min and max also turn a NaN from rounding into the fewest tiles.
     tiles = round(min(params.most_tiles, max(params.fewest_tiles, wanted)))
     proposal = _tile(X_worthy, share, information, tiles, posterior, generator)
     return Cover(close, float(least.min()), laplace, worthy, X_worthy, information, tiles, proposal)
@@ -72,7 +72,7 @@ def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
 def tile_samples(
     X_PO: FloatArray, weights: FloatArray, cover: Cover, samples: int, posterior: Posterior
 ) -> StudentTMixture:
-    """Tiles for so many samples, about ones (B, 3, 4) as often as their weights (B, g) say."""
+    """A proposal for the given number of samples, with tiles at samples (B, 3, 4) resampled by weights (B, g)."""
     params, X_mode = posterior.params.sampling, cover.X_PO
     index, owner, times = _resample(weights, cover.tiles)
     local = posterior.objective.normal_equations(X_PO[index]).hessian + posterior.held
@@ -82,7 +82,7 @@ def tile_samples(
 
 
 def minima_between(X_PO: FloatArray, weights: FloatArray, cover: Cover, posterior: Posterior) -> FloatArray:
-    """Minima (n, 3, 4) between the sampled modes, that samples (B, 3, 4) of these weights (B, g) lead to."""
+    """Minima (n, 3, 4) between the sampled modes, refined from samples (B, 3, 4) of these weights (B, g)."""
     X_mode, params = cover.X_PO, posterior.params.moments
     X_found = _TO_THE_MINIMUM.refine(posterior.objective, X_PO[_resample(weights, params.led).sample]).X_PO
     every = np.concatenate([X_mode, X_found])
@@ -93,7 +93,7 @@ def minima_between(X_PO: FloatArray, weights: FloatArray, cover: Cover, posterio
 
 
 def join_modes(cover: Cover, posterior: Posterior, X_between: FloatArray | None = None) -> Families:
-    """Which of the sampled modes are one, by themselves or by way of minima (n, 3, 4) between them."""
+    """Finds which of the sampled modes are one, directly or through minima (n, 3, 4) between them."""
     return find_families(
         cover.X_PO,
         posterior.objective,
@@ -106,7 +106,7 @@ def join_modes(cover: Cover, posterior: Posterior, X_between: FloatArray | None 
 
 
 def _resample(weights: FloatArray, count: int) -> importance_sampling_kernels.Drawn:
-    """So many samples, as often as their weights (B, g) say, without those that are not drawn."""
+    """Resamples `count` samples by their weights (B, g), and drops those that are not drawn."""
     drawn = importance_sampling_kernels.Drawn(*np.empty((3, count), dtype=np.int64))
     different = importance_sampling_kernels.resample(weights, drawn)
     return importance_sampling_kernels.Drawn(*(each[:different] for each in drawn))
@@ -120,15 +120,15 @@ def _tile(
     posterior: Posterior,
     generator: np.random.Generator,
 ) -> StudentTMixture:
-    """A mixture that covers the sampled modes by so many tiles, beside one density at each."""
+    """A mixture that covers the sampled modes with about `tiles` tiles, besides one at each, and the tails."""
     params = posterior.params.sampling
-    # The root leaves something for modes that Laplace's approximation underrates.
+    # The square root leaves tiles for modes that Laplace's approximation underestimates.
     root_share = np.sqrt(share)
     counts = 1 + np.rint(tiles * root_share / root_share.sum()).astype(np.intp)
     each = np.arange(len(X_mode))
     group = each.repeat(counts)
     white = generator.normal(scale=params.tile_scatter, size=(int(counts.max()), 6))
-    white[0] = 0.0  # The first at each mode stands in its middle.
+    white[0] = 0.0  # The first tile of each mode is centred on it.
     laplace = draw(X_mode, each, np.zeros((len(X_mode), 6)), information, counts, white, opposed=False)
     likely = (share > params.least_tailed_share).nonzero()[0]
     X_PO = np.concatenate([_to_the_floor(laplace, posterior), X_mode[likely]])
@@ -148,15 +148,16 @@ def _tile(
 
 
 def _tails(X_mode: FloatArray, held: FloatArray, posterior: Posterior) -> tuple[NDArray[np.intp], FloatArray]:
-    """Densities for what a mode reaches if one of the contacts is false: of little mass, but far from its middle.
+    """Proposals for where a mode extends if one of the contacts is false: of little mass, but far from its middle.
 
     Args:
         X_mode: modes, shape (n, 3, 4).
-        held: their information, that which every tile has included, shape (n, 6, 6).
+        held: their information, including what every tile has, shape (n, 6, 6).
         posterior: what is sampled.
 
     Returns:
-        Which mode each is about, shape (t,), and its information, shape (t, 6, 6); of many those that reach farthest.
+        The index of the mode that each is about, shape (t,), and its information, shape (t, 6, 6). If there are too
+        many, those that extend farthest.
     """
     if posterior.alternatives is None:
         return np.empty(0, dtype=np.intp), np.empty((0, 6, 6))
@@ -171,7 +172,7 @@ def _tails(X_mode: FloatArray, held: FloatArray, posterior: Posterior) -> tuple[
 
 
 def _to_the_floor(X_PO: FloatArray, posterior: Posterior) -> FloatArray:
-    """Moves poses (B, 3, 4) in the directions that the touch determines well, and little in others."""
+    """Gauss-Newton steps of poses (B, 3, 4) along the directions that the touch determines well; damped in others."""
     params, units = posterior.params.sampling, posterior.units
     soft, longest = 1.0 / (units * posterior.straight) ** 2, params.longest_step * posterior.size
     for _ in range(params.steps if len(X_PO) else 0):

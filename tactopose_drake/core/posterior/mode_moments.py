@@ -1,7 +1,8 @@
-"""What weighted samples say of each mode: their effective sample size, its middle, and how far it spreads.
+"""Effective sample size, mean and covariance of each mode from weighted samples.
 
-A mode's pose is its samples' mean: no other is off by less on average, and a skew mode's minimum lies at one of its
-ends. But the mean of a bent mode lies beside it, so the pose goes toward the mean only as far as it explains the touch.
+A mode's pose is the mean of its samples, which has the least mean square error; a skew mode's minimum lies at one of
+its ends. But the mean of a bent mode lies off the valley, so the pose moves toward the mean only as far as it still
+explains the touch.
 
 Source: [JS61] W. James and C. Stein, Estimation with quadratic loss, 4th Berkeley Symp. Math. Stat. Prob., 1961.
 """
@@ -18,7 +19,7 @@ from tactopose_drake.core.validation import FloatArray
 
 
 class Moments(NamedTuple):
-    """Of weighted samples, for each of g groups.
+    """Moments of weighted samples, for each of g groups.
 
     Attributes:
         effective_samples: their effective sample size, shape (g,).
@@ -32,7 +33,7 @@ class Moments(NamedTuple):
 
 
 def weigh_moments(increments: FloatArray, weights: FloatArray) -> Moments:
-    """The moments of samples by their increments (B, g, 6) from the groups' poses and their weights (B, g)."""
+    """Moments of samples from their increments (B, g, 6) from the groups' poses and their weights (B, g)."""
     g = weights.shape[1]
     moments = Moments(np.empty(g), np.zeros((g, 6)), np.zeros((g, 6, 6)))
     importance_sampling_kernels.add_moments(increments, weights, *moments)
@@ -47,13 +48,13 @@ def toward_the_mean(
     objective: Objective,
     params: MomentParams = DEFAULT_PARAMS.moments,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Moves minima (g, 3, 4) of these costs (g,) toward their modes' means as far as the touch allows.
+    """Moves minima (g, 3, 4) with costs (g,) toward their modes' means as far as the touch allows.
 
-    What of a mean may be chance does not count (it is shrunk as by [JS61]): a mode that is as Laplace's covariances
-    (g, 6, 6) say keeps its minimum.
+    The part of a mean that may be sampling noise is shrunk away [JS61]: a mode that agrees with Laplace's covariance
+    (g, 6, 6) keeps its minimum.
 
     Returns:
-        The poses, their costs, and the mean products (g, 6, 6) of the increments from them.
+        The poses, their costs, and the second moments (g, 6, 6) of the increments from them.
     """
     g, mean, way = len(X_PO), moments.first, np.array(params.tried_shares)
     tried = importance_sampling_kernels.Tried(np.empty((g, len(way))), np.empty((g, len(way), 3, 4)))
@@ -67,9 +68,9 @@ def toward_the_mean(
 
 
 def spread(X_PO: FloatArray, moments: Moments, laplace: FloatArray, posterior: Posterior) -> FloatArray:
-    """Covariances (n, 6, 6) of modes at poses (n, 3, 4) by their moments, and by Laplace's as far as those know little.
+    """Covariances (n, 6, 6) of modes at poses (n, 3, 4): their second moments, plus a share of Laplace's covariance.
 
-    That is what the next sample of an inverse Wishart distribution is expected to be, with Laplace's as prior.
+    This is the predictive covariance under an inverse Wishart prior that is centred on Laplace's covariance.
     """
     second = moments.second
     if len(posterior.turns[0]):

@@ -1,4 +1,4 @@
-"""Whether noise alone explains what a touch leaves over at a pose."""
+"""Whether noise alone explains the residuals that a touch leaves at a pose."""
 
 import functools
 import math
@@ -22,34 +22,32 @@ from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
-# Smaller densities are of discs that were not summed up to their ends.
+# Smaller densities come from discs that were not integrated to their ends.
 _LEAST_DENSITY = 1e-6
 # Fewer contacts than these explain a touch only if none of them is false.
 _FEWEST_THAT_AGREE = 3
-# What a pad's place and turn may be off by, at the true pose.
-_MISPLACEMENTS = 6
-# What a pose takes up of the contacts' residuals, being the one that they suit best.
-_OF_A_POSE = 6
-_OF_A_WRENCH = 6  # numbers
-# Of the noise's scales each stands for those up to the middle to the next, which has twice the variance: of so many
-# times the variance that is told.
+_MISPLACEMENTS = 6  # degrees of freedom of a pad's misplacement, at the true pose
+_OF_A_POSE = 6  # degrees of freedom that fitting a pose takes from the contacts' residuals
+_OF_A_WRENCH = 6  # components of a wrench
+# Adjacent noise scales have variances in the ratio 2; each stands for those up to their geometric mean, so its variance
+# may be too low by this factor.
 _OF_A_SCALE = math.sqrt(2.0)
-_REACH_SIGMAS = 6.0  # standard deviations from where it is believed to be, beyond which an object is not
+_REACH_SIGMAS = 6.0  # standard deviations from its believed place beyond which the object cannot be
 
 
 def degrees_of_freedom(evidence: Evidence) -> int:
-    """How many numbers the touch measures; half of that is what noise makes the true pose cost on average."""
+    """How many scalars the touch measures; half of that is the expected cost of noise at the true pose."""
     return _of_contacts(evidence) + sum(_of_patch(patch) for patch in evidence.patches)
 
 
 def explain_touch(
     model: ObjectModel, evidence: Evidence, X_PO: FloatArray, params: PlausibilityParams = DEFAULT_PARAMS.plausibility
 ) -> NDArray[np.bool_]:
-    """Which of the poses (B, 3, 4) leave residuals that may be noise: of the contacts together, and of each pad.
+    """Which poses (B, 3, 4) leave residuals that noise explains: of all contacts together, and of each pad alone.
 
-    Each pad is asked by itself, because one that no noise explains would hide among the many cells of the others. At
-    the true pose its cost is at most what its misplacement and the errors of its cells are: the least over
-    misplacements is not above that of the true one.
+    Pads are tested one by one, as one that noise does not explain would hide among the many cells of the others. At the
+    true pose, a pad's cost is at most that of its true misplacement and the cells' noise, as it is minimised over
+    misplacements.
     """
     explained = np.ones(len(X_PO), dtype=np.bool_)
     if len(evidence.contacts):
@@ -62,9 +60,9 @@ def explain_touch(
 
 
 def _exact_cost(model: ObjectModel, touch: SurfaceContact, contacts: Contacts, X_PO: FloatArray) -> FloatArray:
-    """Costs (B,) of contacts at poses (B, 3, 4), by the surface as it is where it is near enough to tell.
+    """Costs (B,) of contacts at poses (B, 3, 4), by the exact surface where it is near enough to matter.
 
-    At edges and thin walls the smooth residuals are larger than noise; far off they alone say how far.
+    At edges and thin walls the smooth residuals exceed noise; far off, only they tell the distance.
     """
     smooth = 0.5 * np.square(touch.residuals(X_PO).reshape(len(X_PO), len(contacts), -1)).sum(axis=2)
     density = SurfaceDensity(model, contacts).densities(X_PO)
@@ -79,15 +77,15 @@ def explain_with_doubt(
     X_PO: FloatArray,
     params: PlausibilityParams = DEFAULT_PARAMS.plausibility,
 ) -> NDArray[np.bool_]:
-    """Which of the poses (B, 3, 4) explain the touch but for as many false contacts and pads as there may well be.
+    """Which of the poses (B, 3, 4) explain the touch except for a plausible number of false contacts and pads.
 
-    So many as a good hand makes, by `outlier_probability`: a sceptic's doubt is for what is concluded, and does not
-    make a touch of which only half fits one of this object.
+    That number is the one of a good hand, by `outlier_probability`: a more sceptical setting widens what is concluded,
+    but does not make a touch of which only half fits one of this object.
 
     Args:
         model: the object.
         evidence: the touch.
-        judgement: what `ContactMixture` says of the poses; None where there is no contact.
+        judgement: the classification of the contacts by `ContactMixture` at the poses; None if there is no contact.
         X_PO: the poses.
         params: what counts as an explanation.
     """
@@ -100,7 +98,7 @@ def explain_with_doubt(
     if judgement is not None:
         false += np.count_nonzero(judgement.is_false, axis=1)
         freedom = _of_contacts(evidence)
-        # What chance makes of many contacts is less than the noise's scales lie apart.
+        # With many contacts, the chi-square quantile is less than the resolution of the noise scales.
         limit = max(_limit(freedom, params.least_doubted_chance), 0.5 * _OF_A_SCALE * freedom)
         explained &= judgement.misfit <= limit
         explained &= judgement.noise_scale <= params.most_noise
@@ -112,7 +110,7 @@ def explain_with_doubt(
 def lies_on_planes(
     model: ObjectModel, evidence: Evidence, X_PO: FloatArray, params: PlausibilityParams = DEFAULT_PARAMS.plausibility
 ) -> NDArray[np.bool_]:
-    """At which of the poses (B, 3, 4) the object touches the planes that it is said to, but for their noise."""
+    """At which of the poses (B, 3, 4) the object touches the planes it rests on, up to their noise."""
     if not evidence.planes:
         return np.ones(len(X_PO), dtype=np.bool_)
     limit = _limit(len(evidence.planes), params.least_contact_chance)
@@ -122,9 +120,9 @@ def lies_on_planes(
 def is_at_rest(
     model: ObjectModel, evidence: Evidence, X_PO: FloatArray, params: PlausibilityParams = DEFAULT_PARAMS.plausibility
 ) -> NDArray[np.bool_]:
-    """At which of the poses (B, 3, 4) the contacts' forces hold the object's weight, where they are said to.
+    """At which of the poses (B, 3, 4) the contacts' forces balance the object's weight, if they are said to.
 
-    Up to their noise, which may be larger than told as that of the points may.
+    The tolerance is their noise, which may be underestimated as much as that of the points.
     """
     if evidence.balance is None:
         return np.ones(len(X_PO), dtype=np.bool_)
@@ -140,9 +138,9 @@ def _false_share(outlier_probability: float) -> float:
 
 @functools.cache
 def most_false_contacts(count: int, share: float, chance: float) -> int:
-    """Of so many contacts, a share of them false, no more than this are with this chance; three at least are not."""
+    """The number of false ones among `count` contacts that is not exceeded with this chance; at least 3 stay true."""
     most = max(count - _FEWEST_THAT_AGREE, 0)
-    just, passed = (1.0 - share) ** count, 0.0  # The chance that just so many are, and that no more are.
+    just, passed = (1.0 - share) ** count, 0.0  # The probabilities of exactly, and of at most, so many false ones.
     for false in range(most):
         passed += just
         if passed >= chance:
@@ -152,7 +150,7 @@ def most_false_contacts(count: int, share: float, chance: float) -> int:
 
 
 def is_comfortable(model: ObjectModel, evidence: Evidence, problem: PoseProblem, X_PO: FloatArray) -> bool:
-    """Whether any of the poses (B, 3, 4) explains the touch so well that no contact or pad calls for doubt."""
+    """Whether any of the poses (B, 3, 4) explains the touch so well that no contact or pad needs to be doubted."""
     params = DEFAULT_PARAMS.plausibility
     chance = params.comfortable_chance
     if evidence.patches:
@@ -166,7 +164,7 @@ def is_comfortable(model: ObjectModel, evidence: Evidence, problem: PoseProblem,
 def _by_pad(
     model: ObjectModel, evidence: Evidence, X_PO: FloatArray, least_chance: float, variance: float = 1.0
 ) -> NDArray[np.bool_]:
-    """Which of k pads each of the poses (B, 3, 4) explains, shape (B, k), with so many times the told variance."""
+    """Which of k pads each pose (B, 3, 4) explains, shape (B, k), with the told variance times `variance`."""
     if not evidence.patches:
         return np.ones((len(X_PO), 0), dtype=np.bool_)
     limits = np.array([_limit(_MISPLACEMENTS + _of_patch(patch), least_chance) for patch in evidence.patches])
@@ -179,17 +177,17 @@ def may_be_touched(
     covariance: FloatArray,
     contacts: Contacts,
 ) -> bool:
-    """Whether an object of which a pose is known may be what is touched: whether any contact is within its reach.
+    """Whether an object of roughly known pose can be what is touched: whether any contact is within its reach.
 
     Args:
         model: the object.
-        X_PO: where it is or was lately, shape (3, 4).
-        covariance: of the increment (w, v) from it, shape (6, 6), rad and m; v is that of a point of the object or near
-            it.
+        X_PO: its present or recent pose, shape (3, 4).
+        covariance: of the increment (w, v) from this pose, shape (6, 6), rad and m; v is that of a point of the object,
+            or near it.
         contacts: in P, at least one.
     """
     spread = np.trace(covariance[3:, 3:]) + model.size**2 * np.trace(covariance[:3, :3])
-    # Within its size are the turns about that point, and what it may have moved in the hand meanwhile.
+    # The size allows for rotations about that point, and for motion in the hand meanwhile.
     reach = model.size + _REACH_SIGMAS * np.sqrt(spread)
     p_OC = (contacts.p_PC - X_PO[:, 3]) @ X_PO[:, :3]
     out_of_box = p_OC - np.clip(p_OC, model.grid.origin, model.grid.upper)
@@ -206,5 +204,5 @@ def _of_contacts(evidence: Evidence) -> int:
 
 
 def _of_patch(patch: Patch) -> int:
-    """Active cells' depths and, where there are any, the two angles of the surface."""
+    """The active cells' depths, and the two angles of the surface if any cell is active."""
     return int(np.count_nonzero(patch.active)) + (2 if patch.is_felt else 0)

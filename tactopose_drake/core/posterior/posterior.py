@@ -1,4 +1,4 @@
-"""The posterior of an object's pose, and the scales on which it changes."""
+"""The posterior of an object's pose, and the length scales on which it changes."""
 
 import dataclasses
 import functools
@@ -18,20 +18,20 @@ from tactopose_drake.core.validation import FloatArray
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Posterior:
-    """What is sampled, and how.
+    """The posterior that is sampled, and how it is sampled.
 
     Attributes:
-        likelihood: the smooth objective of all evidence but the prior.
-        objective: that of all evidence.
+        likelihood: the smooth objective of all evidence except the prior.
+        objective: the smooth objective of all evidence.
         exact_cost: the negative log posterior of poses (B, 3, 4), up to a constant.
-        alternatives: of poses (B, 3, 4) and the cost's Hessians (B, 6, 6) there, what is left of these with one or
-            another contact false, shape (B, m, 6, 6); None where there is no contact.
-        turns: axes, unit rows (c, 3), about which turns change nothing, and by which these move O's origin, rows
-            (c, 3), m, in O.
-        prior_information: what is known without the touch, of increments, shape (6, 6).
+        alternatives: maps poses (B, 3, 4) and the cost's Hessians (B, 6, 6) there to the Hessians that remain if one
+            contact is false, shape (B, m, 6, 6); None without contacts.
+        turns: axes of the rotations that change nothing, unit rows (c, 3), and the displacement of O's origin per
+            radian about each, rows (c, 3), m, in O.
+        prior_information: information on increments without the touch, shape (6, 6).
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
-        size: the object's, m.
-        sigma: of the positions of contacts and pads, m.
+        size: the object's size, m.
+        sigma: the smallest standard deviation of the positions of contacts and pads, m.
         params: how it is sampled.
     """
 
@@ -57,12 +57,12 @@ class Posterior:
 
     @property
     def turn_variance(self) -> float:
-        """What is reported as the variance of a turn that changes nothing, rad^2."""
+        """The variance reported for a rotation that changes nothing, rad^2."""
         return 1.0 / float(self.prior_information[0, 0])
 
     @functools.cached_property
     def gauge(self) -> FloatArray:
-        """Information (6, 6) that holds the turns in place; it changes no density over the other directions."""
+        """Information (6, 6) that fixes the turns; it changes no density over the other directions."""
         gauge = np.zeros((6, 6))
         if len(self.turns[0]):
             gauge[:3, :3] = self.turns[0].T @ self.turns[0] / self.params.sampling.held_turn**2
@@ -70,7 +70,7 @@ class Posterior:
 
     @functools.cached_property
     def held(self) -> FloatArray:
-        """Information (6, 6) that every tile has: it is no wider than its reach allows, and the turns are in place."""
+        """Information (6, 6) added to every tile: it limits the tile's width, and fixes the turns."""
         widest = 1.0 / (self.params.sampling.tile_reach * self.straight) ** 2
         return np.diag(widest / self.units**2) + self.gauge
 
@@ -81,7 +81,7 @@ class Posterior:
 
     @functools.cached_property
     def straight(self) -> float:
-        """Within this way, m, a turn's arc is as good as straight."""
+        """Displacement, m, up to which the arc of a rotation is as good as straight."""
         return math.sqrt(2.0 * self.params.sampling.sagitta * self.sigma * self.size / 2.0)
 
 
@@ -94,11 +94,11 @@ def make_posterior(
 ) -> Posterior:
     """The posterior of a search's problem, with the contacts' exact likelihood in place of the smooth one.
 
-    Patches have no other likelihood than theirs on the signed distance: it counts as exact. Of the object's finite
-    symmetries those count whose images (s, 3, 4) the touch does not tell apart; all, if they are not given.
+    Patches have no likelihood other than the one on the signed distance, which counts as exact. Of the object's finite
+    symmetries those count whose images (s, 3, 4) the touch cannot tell apart; all, if they are not given.
     """
     mixture, objective = problem.mixture, problem.doubted(problem.objective)
-    # A prior tells the turns about a continuous axis apart; no other evidence does.
+    # Only a prior distinguishes rotations about a continuous axis.
     turns = model.continuous_symmetries if evidence.prior is None else ()
     return Posterior(
         likelihood=problem.doubted(problem.likelihood),
@@ -119,7 +119,7 @@ def make_posterior(
 
 @functools.lru_cache
 def _for_contacts(params: PosteriorParams, count: int) -> PosteriorParams:
-    """What is assumed, with no more samples than so many contacts allow."""
+    """The parameters with the number of samples limited for so many contacts."""
     sampling = params.sampling
     most = min(sampling.most_samples, sampling.most_densities // max(count, 1))
     return dataclasses.replace(params, sampling=dataclasses.replace(sampling, most_samples=most))

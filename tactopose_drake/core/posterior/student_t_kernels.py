@@ -1,9 +1,9 @@
-"""The compiled loops of a mixture of Student-t densities over poses; see `student_t_mixture.py`.
+"""Compiled loops of a mixture of Student-t densities over poses; see `student_t_mixture.py`.
 
-A component is a density of increments u from its group's pose, with middle m, information H and f degrees of freedom
-over n dimensions: scale (f / (f + (u - m)^T H (u - m)))^((f + n) / 2). Its samples are m + L^-T z sqrt(f / c) with
-H = L L^T, z white and c of chi-square with f degrees of freedom. By the volume of poses it is divided by the
-determinant of the right Jacobian of the increment's rotation vector.
+A component is a density over increments u from its group's pose, with centre m, information H and f degrees of freedom
+in n dimensions: scale (f / (f + (u - m)^T H (u - m)))^((f + n) / 2). Its samples are m + L^-T z sqrt(f / c) with
+H = L L^T, z standard normal and c chi-square with f degrees of freedom. To be a density with respect to the volume of
+poses, it is divided by the determinant of the right Jacobian of the increment's rotation vector.
 """
 
 from typing import NamedTuple
@@ -24,7 +24,7 @@ from tactopose_drake.core.kernel_types import (
 from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert, solve_transposed
 
-# So many poses are compared with a component at a time: their numbers stay in the processor's first cache.
+# Number of poses compared with a component at a time, so that they fit into the first-level cache.
 _LANES = 256
 
 
@@ -32,11 +32,11 @@ class Components(NamedTuple):
     """The components of a mixture, sorted by group.
 
     Attributes:
-        first: the first component of each group, and behind the last one's, shape (g + 1,).
+        first: index of the first component of each group, and the number of components at the end, shape (g + 1,).
         center: increments from the group's pose, shape (n, 6).
-        information: over the directions across the turns, shape (n, 6, 6).
-        reach: squared distance in translation within which a pose may belong to each group, shape (g,), m^2.
-        scale: the densities' constants, times how many samples are drawn of each, shape (n,).
+        information: with the turns projected out, shape (n, 6, 6).
+        reach: squared translation within which a pose may belong to each group, shape (g,), m^2.
+        scale: the densities' normalising constants, times the number of samples of each, shape (n,).
     """
 
     first: Longs1
@@ -47,9 +47,9 @@ class Components(NamedTuple):
 
 
 class Preparation(NamedTuple):
-    """Where `prepare` writes what is left to know of components, with the meanings that they have there.
+    """Output of `prepare`: the remaining arrays of `Components`.
 
-    On entry `first` and `reach` are zero, and the information is whole.
+    On entry `first` and `reach` are zero, and the information includes the turns.
     """
 
     first: OutLongs1
@@ -68,9 +68,9 @@ def prepare(
     farthest: float,
     preparation: Preparation,
 ) -> None:
-    """Fills in what is left to know of components.
+    """Fills the remaining arrays of `Components`.
 
-    Beyond a squared Mahalanobis distance a pose does not belong to a component.
+    `farthest` is the squared Mahalanobis distance beyond which a pose does not belong to a component.
     """
     first, information, reach, scale = preparation
     L, covariance, image = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
@@ -91,7 +91,7 @@ def prepare(
 
 @kernel
 def leave_out(turns: Floats3, across: OutFloats3, logarithm: OutFloats1) -> None:
-    """Leaves turns (n, 6, c) out of information (n, 6, 6); logarithms (n,) of what is left of its determinants."""
+    """Projects turns (n, 6, c) out of information `across` (n, 6, 6); fills the log determinants (n,) that remain."""
     L, image = np.empty((6, 6)), np.empty(6)
     for j in range(across.shape[0]):
         logarithm[j] = cholesky(across[j], L)
@@ -100,9 +100,9 @@ def leave_out(turns: Floats3, across: OutFloats3, logarithm: OutFloats1) -> None
 
 @part
 def _leave_out(turns: Floats2, A: OutFloats2, image: OutFloats1) -> float:
-    """Leaves one turn (6, c) out after the other; the logarithm of what that takes off the determinant.
+    """Projects turns (6, c) out of the information A one by one; returns what this takes off the log determinant.
 
-    image (6,) is for work.
+    image (6,) is scratch.
     """
     lost = 0.0
     for c in range(turns.shape[1]):
@@ -129,8 +129,10 @@ def enter_chart(
     inside: OutFloats3,
     turns: OutFloats3,
 ) -> None:
-    """By the right Jacobian of the rotations and its inverse: J. Sola et al., A micro Lie theory for state estimation,
-    2018, eqs. 143 and 144.
+    """Fills centres, information and turns in the group's chart; see `student_t_mixture.in_chart`.
+
+    The right Jacobian of the rotation and its inverse: J. Sola et al., A micro Lie theory for state estimation, 2018,
+    eqs. 143 and 144.
     """
     J, inverse, W, part = np.empty((3, 3)), np.empty((3, 3)), np.zeros((3, 3)), np.empty((3, 6))
     for j in range(X.shape[0]):
@@ -152,7 +154,7 @@ def enter_chart(
                 inverse[a, c] = 0.5 * W[a, c] + back * square
             J[a, a] += 1.0
             inverse[a, a] += 1.0
-        # Only the rows and columns of the rotation change.
+        # Only the rows and columns of the rotation change, and their Jacobian is J.
         A, B = information[j], inside[j]
         for a in range(3):
             for c in range(6):
@@ -181,10 +183,11 @@ def draw(
     opposed: bool,
     X: OutFloats3,
 ) -> None:
-    """Poses X (B, 3, 4), so many of each component, from white increments, those of one group behind each other.
+    """Draws poses X (B, 3, 4), `count` (J,) of each component, from white increments.
 
-    If they are opposed, every second one of a component is the opposite of the one before it. White increments are
-    along the axes of the group's pose, so that samples turn with the frame that poses are in.
+    The white increments are consumed from the start in each group. If they are opposed, every second sample of a
+    component is the antithesis of the one before it. They are along the axes of the group's pose, so that samples turn
+    with the frame of the poses.
     """
     u, L, own = np.empty(6), np.empty((6, 6)), np.empty((6, 6))
     b, place = 0, 0
@@ -208,7 +211,7 @@ def draw(
 
 @part
 def _turn_translations(R: Floats2, A: Floats2, out: OutFloats2) -> None:
-    """The lower triangle of information A (6, 6) over increments (w, R^T v), which are along a pose's own axes."""
+    """The lower triangle of information A (6, 6) on increments (w, R^T v), whose translation is along the own axes."""
     for i in range(3):
         for j in range(i + 1):
             out[i, j] = A[i, j]
@@ -223,9 +226,9 @@ def _turn_translations(R: Floats2, A: Floats2, out: OutFloats2) -> None:
 
 @kernel
 def find_increments(X_group: Floats3, X: Floats3, increment: OutFloats3, volume: OutFloats2) -> None:
-    """Increments from each group's pose (g, 3, 4) to each pose (B, 3, 4), and their volume over that of poses there.
+    """Fills increments from each group's pose (g, 3, 4) to each pose (B, 3, 4), and the volume ratio of the two.
 
-    That is the determinant of the right Jacobian of the rotation.
+    The ratio is the determinant of the right Jacobian of the rotation.
     """
     for b in range(X.shape[0]):
         for g in range(X_group.shape[0]):
@@ -239,10 +242,10 @@ def find_increments(X_group: Floats3, X: Floats3, increment: OutFloats3, volume:
 def add_densities(
     components: Components, freedom: int, power: int, increment: Floats3, volume: Floats2, density: OutFloats2
 ) -> None:
-    """Adds scale (f / (f + d^T H d))^(power / 2) of each component, d from its center, by the volume of poses.
+    """Adds each component's scale (f / (f + d^T H d))^(power / 2), with d from its centre, over the volume of poses.
 
-    Of some poses at a time those within a group's reach are gathered, each number of their increments by itself, so
-    that a component's densities of several poses are reckoned at once.
+    The poses within a group's reach are gathered block by block, as a structure of arrays, so that the density of a
+    component is vectorised over poses.
     """
     first, center, information, reach, scale = components
     near, lanes = np.empty(_LANES, dtype=np.int64), np.empty((9, _LANES))
@@ -267,9 +270,9 @@ def add_densities(
 def _add_density(
     center: Floats1, information: Floats2, scale: float, freedom: int, power: int, lanes: OutFloats2, count: int
 ) -> None:
-    """Adds one component's density, without the volume, at so many increments.
+    """Adds one component's density, without the volume, at `count` increments.
 
-    lanes (9, n): the six numbers of the increments; two for work; and the sums that it is added to.
+    lanes (9, n): six rows of increments, two of scratch, and the sums that the density is added to.
     """
     c, H, f = center, information, float(freedom)
     c0, c1, c2, c3, c4, c5 = c[0], c[1], c[2], c[3], c[4], c[5]

@@ -1,8 +1,8 @@
-"""A mixture of Student-t densities over poses: what a belief is sampled from.
+"""A mixture of Student-t densities over poses: the proposal of importance sampling.
 
-Their tails are heavier than a Gaussian's, so that no sample that a Gaussian would hardly propose counts for all others.
-The components come in groups; all of a group are over the increments (w, v) from one pose, so that a sample is compared
-with all of them by one logarithm.
+Their tails are heavier than a Gaussian's, so no sample is so unlikely that its weight dominates. Components come in
+groups; all of a group are densities over the increments (w, v) from the same pose, so that a sample is compared with
+all of them by one logarithm.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from tactopose_drake.core.validation import FloatArray
 
 
 class Increments(NamedTuple):
-    """From the poses of groups to poses.
+    """Increments from the poses of groups to other poses.
 
     Attributes:
         u: increments (w, v), shape (B, g, 6).
-        volume: of increments over that of poses there, shape (B, g).
+        volume: volume of increments over that of poses, shape (B, g).
     """
 
     u: FloatArray
@@ -42,16 +42,16 @@ def find_increments(X_group: FloatArray, X_PO: FloatArray) -> Increments:
 
 @dataclass(frozen=True, eq=False)
 class StudentTMixture:
-    """Student-t densities, all of the same degrees of freedom.
+    """Student-t densities with the same degrees of freedom.
 
     Attributes:
         X_PO: the groups' poses, shape (g, 3, 4).
         group: which group each component belongs to, rising, shape (J,).
-        center: the components' middles, increments from their groups' poses, shape (J, 6).
+        center: the components' centres, increments from their groups' poses, shape (J, 6).
         information: the inverses of their scale matrices, over the same increments, shape (J, 6, 6).
         turns: the increments that change nothing, shape (J, 6, c). The densities are then over the other 6 - c
             dimensions.
-        count: how many samples are drawn of each, shape (J,), at least one: its share of the density is theirs.
+        count: number of samples drawn of each, shape (J,), at least one: proportional to its mixture weight.
         freedom: the densities' degrees of freedom.
         farthest: squared Mahalanobis distance beyond which a pose does not belong to a component.
     """
@@ -66,10 +66,10 @@ class StudentTMixture:
     farthest: float
 
     def sample(self, generator: np.random.Generator) -> FloatArray:
-        """Poses, shape (count.sum(), 3, 4), every second one of a component opposite to the one before it.
+        """Draws poses, shape (count.sum(), 3, 4), in antithetic pairs within each component.
 
-        Means over them are less noisy so: what is odd about a component's middle cancels. Groups have their random
-        numbers in common: the groups' order does not matter, and of groups that are alike the shares are less noisy.
+        The odd part about a component's centre cancels in means over the pairs. All groups use the same random numbers,
+        so their order does not matter, and shares of similar groups are less noisy.
         """
         most = int(np.bincount(self.group, self.count).max())
         white = generator.standard_normal((most, 6))
@@ -77,17 +77,17 @@ class StudentTMixture:
         return draw(self.X_PO, self.group, self.center, self.information, self.count, white, opposed=True)
 
     def add_to(self, density: FloatArray, increments: Increments) -> None:
-        """Adds to densities (B, g) of poses, by their increments from the groups' poses, each group's share of these.
+        """Adds each group's density to density (B, g), at poses given by their increments from the groups' poses.
 
-        They are by the volume of poses (of rotations, as small turns measure it, and translations, rad^3 m^3), and
-        times the number of the samples: so the densities of several mixtures add up to that of all their samples.
+        Densities are with respect to the volume of poses (rotations as small turns measure them, and translations,
+        rad^3 m^3), times the number of samples: those of several mixtures thus add up to that of all their samples.
         """
         power = self.freedom + 6 - self.turns.shape[2]
         student_t_kernels.add_densities(self._components, self.freedom, power, *increments, density)
 
     @functools.cached_property
     def _components(self) -> student_t_kernels.Components:
-        """The densities, as kernels read them."""
+        """The components as the kernels read them."""
         g, n, freedom = len(self.X_PO), 6 - self.turns.shape[2], self.freedom
         power = 0.5 * (freedom + n)
         constant = math.lgamma(power) - math.lgamma(0.5 * freedom) - 0.5 * n * math.log(math.pi * freedom)
@@ -109,9 +109,9 @@ def draw(
     *,
     opposed: bool,
 ) -> FloatArray:
-    """Poses (B, 3, 4), so many (J,) of each component, from the white increments (w, 6) that all groups share.
+    """Draws poses (B, 3, 4), `count` (J,) of each component, from the white increments (w, 6) that all groups share.
 
-    If they are opposed, every second one of a component is opposite to the one before it; see `StudentTMixture`.
+    If they are opposed, samples come in antithetic pairs; see `StudentTMixture.sample`.
     """
     X_PO = np.empty((int(count.sum()), 3, 4))
     student_t_kernels.draw(X_group, group, center, information, count, white, opposed, X_PO)
@@ -119,8 +119,10 @@ def draw(
 
 
 def across_turns(information: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Information (J, 6, 6) over the directions across the turns (J, 6, c) alone, and the logarithms (J,) of what is
-    left of its determinants.
+    """Projects the turns (J, 6, c) out of information (J, 6, 6).
+
+    Returns:
+        The information across the turns, shape (J, 6, 6), and the log determinants that remain, shape (J,).
     """
     across, logarithm = information.copy(), np.empty(len(information))
     student_t_kernels.leave_out(np.ascontiguousarray(turns), across, logarithm)
@@ -130,7 +132,7 @@ def across_turns(information: FloatArray, turns: FloatArray) -> tuple[FloatArray
 def in_chart(
     X_group: FloatArray, group: NDArray[np.intp], X_PO: FloatArray, information: FloatArray, turns: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Poses, information and directions at them, as increments from their groups' poses and changes of those.
+    """Expresses poses, and information and directions at them, in increments from their groups' poses.
 
     Args:
         X_group: the groups' poses, shape (g, 3, 4).
