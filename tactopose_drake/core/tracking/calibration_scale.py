@@ -1,10 +1,10 @@
-"""How large the errors of the hand's calibration are beside what is told of them.
+"""Estimates how large the errors of the hand's calibration are, relative to what is told of them.
 
-What a calibration is off by stays. The mean of contacts' residuals over some frames is therefore mostly that, and what
-of it no pose explains tells how large it is: of five contacts with normals nine numbers. The scale has a prior over
-doublings of the variances, of points and of normals, and is summed over as the one-shot estimate does it with the
-noise; the pose is integrated out of each. A wrong pose leaves over more than the hand errs by: all modes are asked, and
-count by their probability.
+Calibration errors do not change over time. The mean of the contacts' residuals over some frames therefore mostly
+consists of them, and the part of it that no pose explains tells their size: nine numbers for five contacts with
+normals. The scale has a prior over doublings of the variances of points and of normals; its posterior is summed over
+this grid, with the pose integrated out, as the one-shot estimate does it for the noise. A wrong pose leaves larger
+residuals than the hand's errors do, so all modes are evaluated, and weighted by their probability.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from tactopose_drake.core.tracking.contact_errors import BiasModel
 from tactopose_drake.core.tracking.tracker_params import CalibrationScaleParams, PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 
-# A contact that is as told with less than this probability tells nothing of the calibration.
+# Contacts that are inliers with less than this probability are left out.
 _LEAST_BELIEVED = 0.25
-# A mode of less probability has no part in it.
+# Modes of less probability are left out.
 _LEAST_WEIGHT = 0.01
-_LEAST_CONTACTS = 3  # with normals: whatever fewer measure, a pose explains nearly all of it
+_LEAST_CONTACTS = 3  # with normals: a pose explains nearly all that fewer measure
 
 
 class _Scales(NamedTuple):
-    """Factors of the variances of points and of normals, shape (g, 2), and logarithms of their prior, shape (g,)."""
+    """Factors of the variances of points and normals, shape (g, 2), and their log prior probabilities, shape (g,)."""
 
     factors: FloatArray
     log_prior: FloatArray
@@ -41,7 +41,7 @@ class _Scales(NamedTuple):
 
 @functools.cache
 def _scales(halvings: int, doublings: int, more: float, apart: float) -> _Scales:
-    """All pairs of so many doublings: each is less probable by a factor, and so is a difference."""
+    """The grid of doublings: each costs the factor `more` of probability, each difference of the two `apart`."""
     points, normals = (k.ravel() for k in np.meshgrid(*2 * [np.arange(-halvings, doublings + 1)], indexing="ij"))
     larger = np.maximum(np.abs(points), np.abs(normals))
     log_prior = larger * math.log(more) + np.abs(points - normals) * math.log(apart)
@@ -58,18 +58,18 @@ def estimate_scale(
     modes: Modes,
     inlier_probability: FloatArray,
 ) -> FloatArray | None:
-    """Factors of the variances of points and of normals, shape (2,); None where too little tells.
+    """Estimates factors of the variances of points and of normals, shape (2,); None if there is too little data.
 
-    They are the geometric mean, over the modes, of the factors that each expects.
+    They are the geometric mean, over the modes, of the factors' posterior expectations.
 
     Args:
         model: the object.
         params: what is told of the calibration.
-        reading: the contacts of now.
-        mean: of the same contacts, k of them, over frames in which they stayed.
-        frames: how many these are.
+        reading: the current contacts.
+        mean: the mean of the same k contacts over the frames in which they stayed.
+        frames: the number of these frames.
         modes: of the pose, n of them.
-        inlier_probability: that the contacts are as told, if the object is there, shape (n, k).
+        inlier_probability: of the contacts if the object is at the mode, shape (n, k).
     """
     settings = params.calibration_scale
     if mean.n_PC is None or frames < settings.least_frames:
@@ -94,14 +94,14 @@ def estimate_scale(
 
 
 def follow_scale(errors: SeemingErrors, now: FloatArray, params: CalibrationScaleParams) -> SeemingErrors:
-    """The errors whose factors are a geometric mean over estimates, with another one, shape (2,)."""
+    """Updates the running geometric mean of the factors with another estimate of them, shape (2,)."""
     share = max(1.0 / (1.0 + errors.estimates), params.least_share)
     mean = np.exp((1.0 - share) * np.log(errors.calibration) + share * np.log(now))
     return errors._replace(calibration=mean, estimates=errors.estimates + 1)
 
 
 def _log_evidence(residuals: FloatArray, jacobian: FloatArray, variances: FloatArray) -> FloatArray:
-    """Of residuals (k, 3) with variances (g, k, 3), whatever the pose is, shape (g,)."""
+    """Log marginal likelihood of residuals (k, 3) with variances (g, k, 3) over all poses, shape (g,)."""
     J, r = jacobian.reshape(-1, 6), residuals.reshape(-1)
     flat = variances.reshape(len(variances), -1)
     weighted = J.T / flat[:, None]

@@ -1,8 +1,8 @@
-"""What contacts are off by: what is new at each time, and what lasts.
+"""The errors of contacts: the part that is new at each time, and the part that lasts.
 
-What lasts is of the hand's calibration and of the model's surface, as the parameters say; of what a hand declares of
-its errors; and what the one-shot estimate finds of noise that is larger than told, and of contacts that are false. That
-is of the fingers: each source's contacts are doubted by it at the frames to come.
+The lasting part comes from the hand's calibration and from the model's surface, as the parameters say; from errors that
+a hand declares; and from what the one-shot estimate finds: noise that is larger than told, and false contacts. These
+are taken for properties of the fingers: each source's contacts are doubted accordingly in later frames.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 
-# So little doubt changes nothing.
+# Doubt up to this factor is ignored.
 _NOTICED_DOUBT = 1.1
 LEAST_INLIER = 0.001
-"""However false a contact seems, it counts by this share."""
+"""The least inlier probability that a contact counts with, however false it seems."""
 
 
 @dataclasses.dataclass(frozen=True)
 class BiasModel:
-    """Standard deviations of what never changes: of each coordinate of a position, m, and about each axis, rad.
+    """Standard deviations of constant errors: of each coordinate of a position, m, and about each axis, rad.
 
     Attributes:
-        calibration: of the hand, which is a part of what the contacts say of their errors.
-        surface: how far the model's surface is from the object's where it is touched; contacts do not know of it.
+        calibration: of the hand; included in the standard deviations of the contacts.
+        surface: of the model's surface relative to the object's, where it is touched; not included in them.
     """
 
     calibration: tuple[float, float]
@@ -40,7 +40,7 @@ class BiasModel:
 
     @classmethod
     def from_params(cls, params: PoseTrackerParams) -> BiasModel:
-        """What the parameters say."""
+        """The model that the parameters describe."""
         return _bias_model(
             params.calibration_position,
             params.calibration_normal_deg,
@@ -50,16 +50,16 @@ class BiasModel:
 
     @functools.cached_property
     def variances(self) -> FloatArray:
-        """Of a bias of the position, m^2, and of the normal, rad^2, shape (2,)."""
+        """Variances of the bias of a position, m^2, and of a normal, rad^2, shape (2,)."""
         return np.square(self.calibration) + np.square(self.surface)
 
     @functools.cached_property
     def of_calibration(self) -> FloatArray:
-        """What of that is of the hand's calibration, shape (2,)."""
+        """The part of `variances` due to the hand's calibration, shape (2,)."""
         return np.square(self.calibration)
 
     def with_roughness(self, roughness: FloatArray) -> FloatArray:
-        """Variances of the biases of s sources, shape (n, 6 s), on surfaces of a roughness (n, s, 2)."""
+        """Variances of the biases of s sources, shape (n, 6 s), on surfaces of roughness (n, s, 2)."""
         return np.repeat(self.variances + roughness, 3, axis=2).reshape(len(roughness), -1)
 
 
@@ -69,10 +69,10 @@ def _bias_model(position: float, normal_deg: float, surface_position: float, sur
 
 
 def declared_excess(contacts: Contacts, params: PoseTrackerParams) -> FloatArray:
-    """Variances of points, m^2, and of normals, rad^2, that last, beside the calibration's, shape (k, 2).
+    """Lasting variances of points, m^2, and of normals, rad^2, beyond the calibration's, shape (k, 2).
 
-    A hand that declares its errors gives contacts covariances. Of these all that the sensors' noise does not make new
-    at each time is of the hand, and lasts.
+    A hand that declares its errors gives contacts with covariances. The part of these that is not sensor noise, new at
+    each time, belongs to the hand, and lasts.
     """
     if contacts.covariance is None:
         return np.zeros((len(contacts), 2))
@@ -83,24 +83,24 @@ def declared_excess(contacts: Contacts, params: PoseTrackerParams) -> FloatArray
 
 
 def calibration_excess(contacts: Contacts, params: PoseTrackerParams, calibration: FloatArray) -> FloatArray:
-    """Variances of points, m^2, and of normals, rad^2, of a calibration beyond what is told of it, shape (k, 2).
+    """Variances of points, m^2, and of normals, rad^2, by which the calibration exceeds what is told, shape (k, 2).
 
     Args:
-        contacts: what is told.
-        params: likewise.
-        calibration: factors of the variances, shape (2,).
+        contacts: with the told variances.
+        params: with the told calibration.
+        calibration: factors of its variances, shape (2,).
     """
     of_hand = _of_hand(told_variances(contacts), declared_excess(contacts, params), params)
     return np.asarray((calibration - 1.0) * of_hand)
 
 
 def _of_hand(told: FloatArray, declared: FloatArray, params: PoseTrackerParams) -> FloatArray:
-    """What of variances (k, 2) is of the calibration, and declared beside it: no more than all that is told."""
+    """The part of the told variances (k, 2) due to the calibration and declared errors, at most all of them."""
     return np.minimum(BiasModel.from_params(params).of_calibration + declared, told)
 
 
 def averaged_variances(contacts: Contacts, params: PoseTrackerParams, frames: int) -> FloatArray:
-    """Variances (k, 2) of the mean of so many frames' contacts, in which only what is new at each time averages out."""
+    """Variances (k, 2) of the mean of the contacts over several frames, in which only the new errors average out."""
     bias = BiasModel.from_params(params)
     return _averaged(told_variances(contacts), declared_excess(contacts, params), bias, frames)
 
@@ -111,7 +111,7 @@ def _averaged(told: FloatArray, declared: FloatArray, bias: BiasModel, frames: i
 
 
 def surest_position(params: PoseTrackerParams) -> float:
-    """To what a point may come to be known, m: a mean of frames, by a calibration as good as it may be found to be."""
+    """The least standard deviation, m, that a point can have: a mean over frames with the best possible calibration."""
     best = 0.5 ** (0.5 * params.calibration_scale.halvings) * params.calibration_position
     return math.hypot(best, params.surface_position, params.frame_position / math.sqrt(params.window.max_frames))
 
@@ -119,12 +119,12 @@ def surest_position(params: PoseTrackerParams) -> float:
 def split_errors(
     contacts: Contacts, doubt: FloatArray, calibration: FloatArray, params: PoseTrackerParams
 ) -> ErrorParts:
-    """What of the contacts' errors is new at each time, and what lasts of them.
+    """Splits the contacts' errors into the part that is new at each time and the part that lasts.
 
     Args:
-        contacts: what is told.
-        doubt: by how much the variance of what lasts of each one's error seems larger than told, shape (k,).
-        calibration: by how much those of the calibration do, shape (2,).
+        contacts: with the told variances.
+        doubt: factors by which the variance of each contact's lasting error seems larger than told, shape (k,).
+        calibration: the same for the calibration's variances, shape (2,).
         params: what is assumed.
     """
     told, declared, bias = told_variances(contacts), declared_excess(contacts, params), BiasModel.from_params(params)
@@ -137,14 +137,14 @@ def split_errors(
 def read_contacts(
     frame: Frame, sources: tuple[str, ...], before: Contacts, errors: SeemingErrors, params: PoseTrackerParams
 ) -> ContactReading:
-    """The frame's contacts by the sources known so far and the new ones.
+    """The frame's contacts, indexed by the known sources and the new ones.
 
     Args:
         frame: all that is sensed.
         sources: names of those known so far.
-        before: the last frame's contacts.
-        errors: how large they seem by what was felt so far.
-        params: what is assumed of them.
+        before: the contacts of the last frame.
+        errors: their estimated size so far.
+        params: what is assumed about them.
     """
     contacts = frame.evidence.touch
     sources += tuple(name for name in frame.names if name not in sources)
@@ -155,7 +155,7 @@ def read_contacts(
 
 
 def _is_repeated(contacts: Contacts, before: Contacts) -> bool:
-    """Whether contacts are at the points of the last frame's, and have their normals, to the last bit."""
+    """Whether the contacts have the points and normals of the last frame's, to the last bit."""
     if not np.array_equal(contacts.p_PC, before.p_PC):
         return False
     if contacts.n_PC is None or before.n_PC is None:
@@ -164,13 +164,13 @@ def _is_repeated(contacts: Contacts, before: Contacts) -> bool:
 
 
 def with_errors(reading: ContactReading, errors: SeemingErrors, params: PoseTrackerParams) -> ContactReading:
-    """The reading whose errors seem otherwise; see `split_errors`."""
+    """The reading with another estimate of its errors; see `split_errors`."""
     after = reading._replace(errors=errors)
     return after._replace(parts=split_errors(after.contacts, after.doubt, errors.calibration, params))
 
 
 def as_doubted(reading: ContactReading) -> ContactReading:
-    """The reading whose evidence has contacts as unsure as they seem."""
+    """The reading with the estimated errors as the standard deviations of its evidence's contacts."""
     evidence, count = reading.evidence, len(reading.evidence.contacts)
     if not count or max(reading.doubt.max(), reading.errors.calibration.max()) < _NOTICED_DOUBT:
         return reading
@@ -187,14 +187,14 @@ def follow_doubt(
     sources: tuple[str, ...],
     share: float,
 ) -> dict[str, float]:
-    """By how much the variances of what lasts of each source's errors seem larger than told, after another search.
+    """Updates the factors by which each source's lasting variances seem larger than told, after a further search.
 
     Args:
-        doubt: before.
-        inlier_probability: of contacts, by the posterior, shape (k,).
-        noise_scale: by how much their noise seems larger than told.
+        doubt: the factors before.
+        inlier_probability: of the contacts, by the posterior, shape (k,).
+        noise_scale: factor by which the contacts' standard deviations seem larger than told.
         sources: of these contacts, in their order.
-        share: of the mean that is by this posterior.
+        share: weight of this posterior in the running geometric mean.
     """
     after = dict(doubt)
     for name, inlier in zip(sources, inlier_probability, strict=True):

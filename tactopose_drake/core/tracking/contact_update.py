@@ -1,34 +1,34 @@
-"""The update of pose modes by contacts whose errors are in part the same at all times.
+"""The measurement update of pose modes by contacts whose errors are partly constant.
 
-A contact's error has a part of its own at each time, which averages out over frames, and a part that stays: the
-calibration of the hand's kinematics, a shift of the fingertip and a turn of its normal. A belief that takes all of it
-for new at each frame shrinks without end. Therefore the stable part of each fingertip is carried along as six biases b
-of known covariance B that are considered, not estimated [S66]: a mode keeps the pose's covariance P and its covariance
-with the biases C. An update is that of pose and biases together; then what it says of the biases is forgotten: their
-mean is again zero, their covariance B. P and C are those of the joint update,
+A contact's error has a part that is new at each time, which averages out over frames, and a part that stays: the
+calibration of the hand's kinematics shifts the fingertip and turns its normal. A filter that takes all of it for white
+noise shrinks its covariance without end. Therefore the constant part of each fingertip enters as six biases b of known
+covariance B that are considered, not estimated [S66]: a mode keeps the pose's covariance P and its cross-covariance C
+with the biases. An update is that of pose and biases together; afterwards the information on the biases is dropped:
+their mean is zero and their covariance B again. P and C are those of the joint update,
 
     [P C; C^T B]^-1 -> [P C; C^T B]^-1 + J^T J,
 
-which is why the pose is as if the biases were estimated from this frame, and why nothing shrinks that should not: N
-frames of one grasp, each with own error covariance R, give P = B + R / N in the coordinates of the contacts, exactly
-(from nothing known: P = B + R, C = -B; then the innovation's covariance is P + B + 2 C + R = 2 R, the gain 1 / 2).
+so the pose is as if the biases were estimated from this frame, and no covariance shrinks that should not: N frames of
+one grasp, each with its own error covariance R, give exactly P = B + R / N in the coordinates of the contacts (from no
+prior knowledge: P = B + R, C = -B; then the innovation covariance is P + B + 2 C + R = 2 R, and the gain 1 / 2).
 
-What a contact says of the pose is regressed over the spread of the mode [G15] rather than read off a tangent. Tangents
-at one estimate after the other are all different, by bends, facets and edges, and together claim to know what none
-does. Where the spread reaches over bends and edges, though, the middle of what is regressed may lie beside the surface
-as it is: there the pose is the minimum of prior and contacts themselves. What slopes leave over is the surface's
-roughness about the contact. It stays while the contact stays, and so do most errors of the normal that is
-expected near an edge: roughness adds to the variances B, by mode and source. So does what the one-shot estimate doubts:
-noise that seems larger than told, and contacts that seem false, for as long as they seem so. What single frames err is
-seen from frame to frame; what they are off beyond that, lasts.
+Contacts are linearised by statistical regression over the spread of the mode [G15] rather than by a tangent. Tangents
+at successive estimates differ, by bends, facets and edges, and together claim information that none of them has. Where
+the spread reaches over bends and edges, however, the regressed mean may lie off the actual surface: there the pose is
+the minimum of prior and contacts themselves. What the regression leaves over is the surface's roughness about the
+contact. It stays while the contact stays, and so do most errors of the normal expected near an edge: roughness is added
+to the variances B, by mode and source. So is the doubt of the one-shot estimate, about noise that seems larger than
+told and contacts that seem false, while it persists. Errors of single frames show from frame to frame; errors beyond
+that last.
 
-What neither sees, because a mode that is narrow sees little of the surface, is counted at each frame anew, and a mode
-that learns from it grows sure of a pose beside the truth. So do slopes that differ a little from one frame to the next,
-which tell biases and pose apart where nothing does: a filter that is linearised at other states each time gains
-information that there is none of [H08]. Therefore in no direction does a frame make a mode surer than it was before, or
-than the touch of now could make it were it felt for ever, whichever is more: biases do not average out. Nor does it
-become surer than the last search, which samples the posterior as it is, and the window's other touches leave it: slopes
-at one place do not know how far a valley leads that bends.
+A narrow mode sees little of the surface. What neither source covers would be counted anew at each frame, and the mode
+would become sure of a wrong pose. Slopes that differ slightly between frames have the same effect, as they seem to tell
+biases and pose apart: a filter that is linearised at a different state each time gains spurious information [H08].
+Therefore the information of a mode after a frame is bounded, in each direction, by the larger of what it had before and
+what the present touch would give if it were repeated for ever: biases do not average out. It is also bounded by what
+the last search, which samples the exact posterior, and the other touches of the window give: slopes at one place do not
+know how far a bent valley extends.
 
 Sources: [G15] A. Garcia-Fernandez et al., Posterior linearization filter: principles and implementation using sigma
 points, IEEE Trans. Signal Processing, 2015; [H08] G. Huang, A. Mourikis, S. Roumeliotis, Analysis and improvement of
@@ -65,10 +65,10 @@ from tactopose_drake.core.validation import FloatArray
 
 
 class ContactUpdate(NamedTuple):
-    """Of n modes.
+    """Updated statistics of n modes.
 
     Attributes:
-        X_PO: the minima, shape (n, 3, 4).
+        X_PO: the poses, shape (n, 3, 4).
         covariance: of the increments there, shape (n, 6, 6).
         cross_covariance: of the increments with the biases, shape (n, 6, 6 s).
         roughness: of the surface about each of k contacts: variances of its distance, m^2, and of its normal about
@@ -88,15 +88,14 @@ def update_with_contacts(
     modes: TrackedModes,
     X_start: FloatArray | None = None,
 ) -> ContactUpdate:
-    """Updates modes, each a Gaussian of the increments from its pose and of the biases.
+    """Updates modes, each a joint Gaussian of the increments from its pose and of the biases.
 
     Args:
         model: the object.
-        params: what is assumed of the biases, and how much work goes into it.
-        reading: the contacts in P; their standard deviations are of the whole error, of which the calibration is a
-            part.
-        modes: as they are predicted.
-        X_start: where to start from, shape (n, 3, 4), where that is not the prediction.
+        params: what is assumed of the biases, and how much work goes into the update.
+        reading: the contacts in P; their standard deviations are of the whole error, including the calibration's.
+        modes: the predicted modes.
+        X_start: where the refinement starts, shape (n, 3, 4); the prediction if None.
     """
     contacts, settings, count = reading.contacts, params.contact_update, len(modes)
     priors = _make_priors(modes, BiasModel.from_params(params).with_roughness(modes.roughness))
@@ -108,7 +107,7 @@ def update_with_contacts(
     X_PO = np.array(modes.X_PO if X_start is None else X_start, order="C")
     hessian = np.empty(priors.information.shape)
     refine_modes(told.grid, arrays, priors, X_PO, settings.max_iterations, settings.tolerance, hessian)
-    # A frame tells little that is new: what holds over the prediction's whole spread, not about the minimum alone.
+    # A frame adds little information: the linearisation must hold over the predicted spread, not only at the minimum.
     spread = np.array(modes.covariance if X_start is None else np.linalg.inv(hessian)[:, :6, :6], order="C")
     roughness = np.zeros((count, len(contacts), 2))
     regression = Regression(roughness, spread, np.empty(modes.cross_covariance.shape))
@@ -121,7 +120,7 @@ def update_with_contacts(
 
 
 def _make_priors(modes: TrackedModes, variances: FloatArray) -> ModePriors:
-    """The joint Gaussians of modes and of biases with these variances (n, 6 s)."""
+    """The joint Gaussians of the modes and of biases with variances (n, 6 s)."""
     count, size = len(modes), 6 + variances.shape[1]
     information = np.empty((count, size, size))
     gain = np.ascontiguousarray(modes.cross_covariance / variances[:, None])
@@ -133,13 +132,13 @@ def _make_priors(modes: TrackedModes, variances: FloatArray) -> ModePriors:
 def update_modes(
     model: ObjectModel, params: PoseTrackerParams, reading: ContactReading, modes: TrackedModes
 ) -> TrackedModes:
-    """The modes, at least one, after a frame's contacts; those that hardly count are left as they were predicted.
+    """Updates the modes, at least one, with a frame's contacts; those of negligible weight stay as predicted.
 
     Args:
         model: the object.
         params: what is assumed.
-        reading: what is touched.
-        modes: as they are predicted, by falling weight.
+        reading: the contacts.
+        modes: the predicted modes, in descending order of weight.
     """
     count = np.count_nonzero(modes.log_weight >= modes.log_weight[0] + math.log(params.mixture.least_updated_share))
     first = min(int(count), params.mixture.max_updated)
@@ -157,15 +156,16 @@ def update_modes(
 def touch_information(
     model: ObjectModel, params: PoseTrackerParams, reading: ContactReading, modes: TrackedModes
 ) -> tuple[FloatArray, FloatArray]:
-    """What the touch tells of the modes, and what it tells when only what lasts of its errors is left, (n, 6, 6) each.
+    """The information of the touch on the modes, now and in the limit of many frames, shape (n, 6, 6) each.
 
-    As in a keyframe, what is new at each time averages out over some frames, and not further: contacts roll on.
+    In the limit only lasting errors remain; but as in a keyframe, new errors average out over a limited number of
+    frames, since contacts roll on.
 
     Args:
         model: the object.
         params: what is assumed.
-        reading: what is touched.
-        modes: as they are predicted.
+        reading: the contacts.
+        modes: the predicted modes.
     """
     contacts = reading.contacts
     lasting = BiasModel.from_params(params).variances + modes.roughness[:, reading.source]
@@ -177,13 +177,13 @@ def touch_information(
 
 
 def limit_gain(before: FloatArray, most: FloatArray, after: FloatArray) -> FloatArray:
-    """Covariances (n, 6, 6) after an update that are no narrower, in any direction, than a touch can make them.
+    """Widens covariances (n, 6, 6) after an update that claim more information than the touch can give.
 
-    Where the touch tells less than was known before, they are no narrower than they were.
+    In no direction does the information exceed the larger of that before the update and that of the touch.
 
     Args:
         before: covariances, shape (n, 6, 6).
-        most: information of the touch, however often it is felt, shape (n, 6, 6).
+        most: upper bound on the information from the touch, however often it is measured, shape (n, 6, 6).
         after: covariances that the update claims, shape (n, 6, 6).
     """
     bounded = np.array(after, order="C")
@@ -194,17 +194,17 @@ def limit_gain(before: FloatArray, most: FloatArray, after: FloatArray) -> Float
 def only_as_told(
     model: ObjectModel, params: PoseTrackerParams, information: FloatArray, before: FloatArray, after: FloatArray
 ) -> FloatArray:
-    """The covariances (n, 6, 6) after an update, as wide as before it in directions of which the touch tells nothing.
+    """Restores covariances (n, 6, 6) after an update to their former width in directions the touch does not determine.
 
-    What is regressed over a wide spread finds the ends of a family of poses, at which the contacts would leave the
-    surface that they slide along. These are no news at the next frame, and within them the touch tells nothing.
+    Regression over a wide spread finds the ends of a family of poses, at which contacts would leave the surface that
+    they slide along. These are not new at the next frame, and between them the touch contains no information.
 
     Args:
         model: the object.
-        params: from which spread on the touch tells nothing.
-        information: what it tells of the modes, by tangents, shape (n, 6, 6).
-        before: covariances, shape (n, 6, 6).
-        after: likewise.
+        params: the spread from which on a direction counts as undetermined.
+        information: of the touch on the modes, by tangents, shape (n, 6, 6).
+        before: covariances before the update, shape (n, 6, 6).
+        after: covariances after it, shape (n, 6, 6).
     """
     units, least = increments_of_one_metre(model.size), 1.0 / (params.untold_share * model.size) ** 2
     squares = np.outer(units, units)
@@ -220,10 +220,10 @@ def only_as_told(
 def follow_roughness(
     modes: TrackedModes, reading: ContactReading, roughness: FloatArray, params: PoseTrackerParams
 ) -> TrackedModes:
-    """The modes when some sources (k,) touch a surface of this roughness (n, k, 2), and are doubted.
+    """Updates the modes when k sources touch a surface of roughness (n, k, 2), and are doubted.
 
-    A bias is the sum of the hand's and the surface's. Where the latter's variance grows, the pose knows nothing of what
-    is added. Where the sum's falls from T to t, of the bias a share t / T is expected to be left.
+    A bias is the sum of the hand's and the surface's. Where its variance grows, the added part is uncorrelated with the
+    pose. Where it falls from T to t, the share t / T of the bias is expected to remain.
     """
     after, cross = np.array(modes.roughness, order="C"), np.array(modes.cross_covariance, order="C")
     variances, gain = BiasModel.from_params(params).variances, params.contact_update.roughness_gain
@@ -234,7 +234,7 @@ def follow_roughness(
 def follow_lasting_errors(
     modes: TrackedModes, before: ContactReading, after: ContactReading, params: PoseTrackerParams
 ) -> TrackedModes:
-    """The modes when what lasts of the contacts' errors is found to be larger or smaller than it was taken for."""
+    """Updates the modes when the lasting errors of the contacts turn out larger or smaller than assumed."""
     roughness = modes.roughness.copy()
     least = after.parts.excess
     changed = roughness[:, after.source] + least - before.parts.excess
@@ -243,7 +243,7 @@ def follow_lasting_errors(
 
 
 def _regression_settings(params: PoseTrackerParams, size: float) -> RegressionSettings:
-    """Those for an object of a size, m."""
+    """The settings for an object of this size, m."""
     settings = params.contact_update
     return RegressionSettings(
         params.lever_arm * size,
@@ -263,7 +263,7 @@ def begin_modes(
     X_PO: FloatArray,
     covariance: FloatArray,
 ) -> TrackedModes:
-    """Modes as a posterior knows them, near a pose if there is one; of their biases is known what the touch tells."""
+    """New modes with a posterior's poses and covariances, correlated with biases by the touch and a pose if given."""
     n, sources = len(X_PO), len(reading.sources)
     if not n:
         return TrackedModes.empty(sources)
@@ -272,10 +272,10 @@ def begin_modes(
         X_near, spread = np.tile(near.X_PO, (n, 1, 1)), near.covariance
     priors = TrackedModes.independent(X_near, np.tile(spread, (n, 1, 1)), sources)
     update = update_with_contacts(model, params, reading, priors, X_PO)
-    # How rough the surface is where they touch is known once they have been there.
+    # The roughness of the surface there is known from the update.
     roughness = np.zeros_like(priors.roughness)
     roughness[:, reading.source] = update.roughness + reading.parts.excess
-    # Where that leaves less of a bias than it was taken for, of what the pose shares with it as much less is left.
+    # Where the bias has become smaller than assumed, so has its covariance with the pose, by the same factor.
     variances = BiasModel.from_params(params).variances
     left = np.repeat(np.minimum(1.0 + roughness / variances, 1.0), 3, axis=2).reshape(n, 1, 6 * sources)
     cross_covariance = left * update.cross_covariance

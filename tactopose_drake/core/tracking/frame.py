@@ -1,4 +1,4 @@
-"""What the tracker is told: a frame of what is sensed at one time, contacts and maybe a pose from vision."""
+"""The input of the tracker: a frame of what is sensed at one time, contacts and possibly a pose from vision."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tactopose_drake.core.posterior.moved_origin import move_origin, prior_of_mi
 from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, limited
 from tactopose_drake.errors import InvalidInputError
 
-FASTEST = 1e4  # of a fingertip, rad/s and m/s: beyond it is none
+FASTEST = 1e4  # upper bound on a fingertip's speed, rad/s and m/s
 _LEAST_SIGMA, _MOST_VARIANCE = 1e-7, 1e12
 _W, _V = slice(0, 3), slice(3, 6)
 _ANY_PRIOR = GaussianPrior(np.eye(3, 4))
@@ -28,13 +28,13 @@ class PoseMeasurement:
     """The object's pose in the palm at one time in the past.
 
     Attributes:
-        time: when it was so, s, of the clock that the frames of the belief are of: of the picture, not of its delivery.
+        time: when the pose was measured, s, on the clock of the belief's frames: of the picture, not of its delivery.
         X_PO: the pose at that time, shape (3, 4), p in m, up to 10; a RigidTransform is taken too.
-        covariance: of the increment (w, v) from it to the true pose, shape (6, 6), rad and m, of standard
+        covariance: of the increment (w, v) from it to the true pose, shape (6, 6), rad and m, with standard
             deviations from 1e-7 to 1e6.
 
     Raises:
-        InvalidInputError: a time or pose that is none, or a covariance that is not symmetric and positive definite.
+        InvalidInputError: an invalid time or pose, or a covariance that is not symmetric and positive definite.
     """
 
     time: float
@@ -61,16 +61,16 @@ class PoseMeasurement:
 
     @classmethod
     def from_prior(cls, prior: GaussianPrior, time: float) -> PoseMeasurement:
-        """What a prior says.
+        """The measurement that is equivalent to a prior.
 
         Args:
             prior: of the pose.
-            time: when it is so, s.
+            time: when it holds, s.
         """
         return cls(time, prior.mean, np.diag(prior.sigmas**2))
 
     def moved_to(self, time: float, X_PO: FloatArray, covariance: FloatArray) -> PoseMeasurement:
-        """The same as of another time: what is computed of a pose that was checked is not checked again.
+        """The measurement moved to another time, without checking it again.
 
         Args:
             time: s.
@@ -80,9 +80,9 @@ class PoseMeasurement:
         return copied(self, time=time, X_PO=X_PO, covariance=covariance)
 
     def is_news_after(self, last: PoseMeasurement) -> bool:
-        """Whether it says more than the last one did: another pose, or the same more surely.
+        """Whether it adds to the last measurement: another pose, or the same with less variance.
 
-        One that is less sure of the same pose may be of a filter that sees nothing any more.
+        The same pose with more variance may come from a filter that no longer sees the object.
         """
         is_same = np.array_equal(self.X_PO, last.X_PO)
         return not is_same or bool(np.any(np.diag(self.covariance) < np.diag(last.covariance)))
@@ -102,18 +102,18 @@ class Frame:
     Attributes:
         time: s.
         evidence: the touch, and what else is known at this time. A prior in it starts a belief that has no pose yet.
-        sources: what made each row of `evidence.touch` (a finger, a pad), as the same contact is known by at other
-            times; by default the rows' numbers. All that ever were are remembered: of a hundred a step takes long.
+        sources: identifiers of what made each row of `evidence.touch` (a finger, a pad), the same at all times; by
+            default the row numbers. All that ever occur are remembered; with a hundred of them a step takes long.
         tip_velocity: spatial velocity of each source in P, by source, shape (6,): [w, v], rad/s, and m/s of its point
-            at the origin of P. None where fingers are not known to move: the object then moves with the palm.
-        vision: the latest pose from vision, however late; None where there is none.
-        X_WP: pose of the palm in the world, shape (3, 4), where an object rests that nothing touches; None where it is
-            not known: that object then stays where it is in the palm, about.
-        depth_in_hand: how deep the object would reach into the hand at poses (n, 3, 4), shape (n,), m: more exactly
-            than the evidence knows it, and slower; None where that is not asked.
+            at the origin of P. None if the fingers' motion is unknown: the object then moves with the palm.
+        vision: the latest pose from vision, however late; None if there is none.
+        X_WP: pose of the palm in the world, in which an object rests that nothing touches, shape (3, 4); None if
+            unknown: that object is then assumed to stay roughly where it is in the palm.
+        depth_in_hand: maps poses (n, 3, 4) to the depth to which the object would penetrate the hand, shape (n,), m;
+            more exact and slower than the evidence's own. None if not available.
 
     Raises:
-        InvalidInputError: sources that are not as many as the contacts, or twice the same; a velocity of another shape.
+        InvalidInputError: sources that are duplicate or not one for each contact; a velocity of wrong shape.
     """
 
     time: float
@@ -150,14 +150,14 @@ class Frame:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The sources, which are there once the frame is made."""
+        """The sources, which are always set after construction."""
         assert self.sources is not None
         return self.sources
 
     def of_middle(self, p_OC: FloatArray) -> Frame:
-        """The same of the pose of C, which is at p_OC, shape (3,), m, with O's axes, in place of that of O.
+        """The same frame for the pose of C, which is at p_OC, shape (3,), m, with O's axes, instead of that of O.
 
-        The spreads of a prior and of vision are taken for those of the object's middle.
+        The standard deviations of a prior and of vision are taken to be those of the object's middle.
         """
         evidence, vision, depth = self.evidence, self.vision, self.depth_in_hand
         if evidence.prior is not None:

@@ -1,8 +1,8 @@
-"""The fixed-lag window: the last few touches that told something new, joined by the motion since.
+"""The fixed-lag window: the last few touches that told something new, related by the motion since.
 
-A pose is judged by all of them together: what one touch leaves open, another tells. The motion between them is
-measured, not known. Its error adds to that of each contact, so that a touch counts the less, the more the object has
-moved since, and a touch of the time when the fingers were still closing counts for next to nothing.
+A pose is judged by all of them together, as one touch may determine what another leaves open. The motion between them
+is measured with an error, which adds to that of each contact. So a touch counts the less the more the object has moved
+since, and one from the time when the fingers were still closing counts for next to nothing.
 """
 
 import dataclasses
@@ -32,14 +32,14 @@ class Keyframe:
     """A touch of the past, of k contacts.
 
     Attributes:
-        p_PC: the contacts as they were in P then, shape (k, 3), m.
-        n_PC: their normals, shape (k, 3); None where there are none.
+        p_PC: the contacts in P at that time, shape (k, 3), m.
+        n_PC: their normals, shape (k, 3), or None.
         variances: of their points, m^2, and of their normals, rad^2, shape (k, 2).
-        sources: what made each of them.
-        X_PP: the motion of the object in P since then, which acts from the left, shape (3, 4).
-        covariance: of the small twist [rotation vector, translation] about the origin of P that comes after it, which
-            is its error, shape (6, 6).
-        frames: how many the contacts are the mean of.
+        sources: of the contacts.
+        X_PP: the motion of the object in P since then, to be multiplied from the left, shape (3, 4).
+        covariance: of this motion's error, a small twist [rotation vector, translation] about the origin of P applied
+            after it, shape (6, 6).
+        frames: how many frames the contacts are the mean of.
     """
 
     p_PC: FloatArray
@@ -52,7 +52,7 @@ class Keyframe:
 
     @classmethod
     def of_now(cls, reading: ContactReading, sources: tuple[str, ...]) -> "Keyframe":
-        """A touch of this time, by its sources."""
+        """The keyframe of the current touch."""
         contacts = reading.contacts
         return cls(
             contacts.p_PC,
@@ -76,7 +76,7 @@ class Keyframe:
 
     @property
     def added_variances(self) -> FloatArray:
-        """What the motion's error adds: to the variance of each point's distance, m^2, and of each normal, rad^2."""
+        """Variances from the motion's error: of each point's distance, m^2, and of each normal, rad^2, shape (k, 2)."""
         points, normals = self.points, self.normals
         arms = point_jacobians(points)
         error = arms @ self.covariance @ np.swapaxes(arms, 1, 2)
@@ -87,7 +87,7 @@ class Keyframe:
         return np.stack([across, np.full(len(points), np.trace(self.covariance[:3, :3]) / 3.0)], axis=1)
 
     def joined_by(self, now: "Keyframe", max_frames: int) -> "Keyframe":
-        """The touch of this time, averaged with this one, which is of the same fingers at the same places."""
+        """Averages the current touch with this one, by the same fingers at the same places."""
         frames, (points, normals), n_PC = min(self.frames + 1, max_frames), self._in_order_of(now), now.n_PC
         if n_PC is not None and normals is not None:
             n_PC = normals + (n_PC - normals) / frames
@@ -96,7 +96,7 @@ class Keyframe:
         return Keyframe(p_PC, n_PC, now.variances, now.sources, now.X_PP, now.covariance, frames)
 
     def tells_other_than(self, now: "Keyframe", params: WindowParams) -> bool:
-        """Whether, in a touch of this time, other fingers touch, or one of them elsewhere on the object."""
+        """Whether other fingers touch now, or one of them touches elsewhere on the object."""
         if self.sources != now.sources and set(self.sources) != set(now.sources):
             return True
         points, normals = self._in_order_of(now)
@@ -109,7 +109,7 @@ class Keyframe:
         return bool(cosine < math.cos(math.radians(params.least_turn_deg)))
 
     def _in_order_of(self, now: "Keyframe") -> tuple[FloatArray, FloatArray | None]:
-        """Where its points and normals are now, in the order of a touch by the same sources."""
+        """The present points and normals in the order of a touch by the same sources."""
         if self.sources == now.sources:
             return self.points, self.normals
         order = [self.sources.index(source) for source in now.sources]
@@ -118,13 +118,13 @@ class Keyframe:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TouchWindow:
-    """All that the window tells of the pose, as of now.
+    """What the window tells about the current pose.
 
     Attributes:
-        now: the touch of now.
-        past: the contacts of earlier touches that tell other things, and are less sure; None where there are none.
-        keyframe: which of these touches each is of, shape (k,).
-        count: how many touches there are with that of now.
+        now: the current touch.
+        past: contacts of earlier, different touches, moved to the present; None if there are none.
+        keyframe: index of the touch that each of these belongs to, shape (k,).
+        count: number of touches, including the current one.
     """
 
     now: Keyframe
@@ -134,7 +134,7 @@ class TouchWindow:
 
 
 def move_keyframes(keyframes: tuple[Keyframe, ...], motion: Motion) -> tuple[Keyframe, ...]:
-    """The same after a further motion."""
+    """Moves keyframes by a further motion of the object."""
     if not keyframes:
         return ()
     adjoint = motion.adjoint
@@ -153,9 +153,9 @@ def move_keyframes(keyframes: tuple[Keyframe, ...], motion: Motion) -> tuple[Key
 
 
 def follow_touch(keyframes: tuple[Keyframe, ...], now: Keyframe, params: WindowParams) -> tuple[Keyframe, ...]:
-    """The keyframes, oldest first, of which the last is that of now; without those that tell nothing.
+    """Updates the keyframes, oldest first, with the current touch as the last, and drops uninformative ones.
 
-    While the touch stays the same the last one is its mean, in which the noise of single frames averages out.
+    While the touch stays the same, the last keyframe is its running mean, which averages the noise of single frames.
     """
     if keyframes and not keyframes[-1].tells_other_than(now, params):
         return (*keyframes[:-1], keyframes[-1].joined_by(now, params.max_frames))
@@ -164,7 +164,7 @@ def follow_touch(keyframes: tuple[Keyframe, ...], now: Keyframe, params: WindowP
 
 
 def make_window(keyframes: tuple[Keyframe, ...], params: WindowParams) -> TouchWindow:
-    """The touch of now, which is the last of the keyframes, with those that tell other things."""
+    """The current touch, which is the last keyframe, with those keyframes that differ from it."""
     now = keyframes[-1]
     added = [(frame, frame.added_variances) for frame in keyframes[:-1] if frame.tells_other_than(now, params)]
     added = [(frame, more) for frame, more in added if np.sqrt(more[:, 0].mean()) < params.max_sigma]
@@ -183,14 +183,14 @@ def make_window(keyframes: tuple[Keyframe, ...], params: WindowParams) -> TouchW
 
 
 class Touch(NamedTuple):
-    """What poses are judged by now.
+    """The data by which poses are judged at one time.
 
     Attributes:
-        evidence: of now.
-        reading: its contacts by sources.
-        keyframes: the touches of the past, and the one of now, which is the last.
-        standing: what vision said, as of now.
-        depth_in_hand: how deep poses would reach into the hand, of `Frame`.
+        evidence: at this time.
+        reading: its contacts by source.
+        keyframes: the past touches, and the current one as the last.
+        standing: the fused pose from vision, moved to this time.
+        depth_in_hand: see `Frame`.
     """
 
     evidence: Evidence
@@ -200,7 +200,7 @@ class Touch(NamedTuple):
     depth_in_hand: Callable[[FloatArray], FloatArray] | None = None
 
     def averaged(self, params: PoseTrackerParams) -> Evidence:
-        """The evidence with the mean of the contacts while they stay, as sure as that is, and with what vision said."""
+        """The evidence with the mean contacts of the current keyframe and their variances, and vision as the prior."""
         contacts, now = self.evidence.contacts, self.keyframes[-1]
         if len(contacts) == len(now.p_PC):
             more = calibration_excess(contacts, params, self.reading.errors.calibration)
@@ -214,10 +214,10 @@ class Touch(NamedTuple):
 
 
 def past_cost(model: ObjectModel, params: PoseTrackerParams, window: TouchWindow, X_PO: FloatArray) -> FloatArray:
-    """The cost of poses (n, 3, 4) by the touches of the past, shape (n,).
+    """The cost of poses (n, 3, 4) by the past touches, shape (n,).
 
-    One of them may be of before a slip that nobody noticed: each is a mixture of what it says and of saying nothing.
-    The hand's calibration is the same at all times: of so many touches each counts by the effective sample size.
+    A touch may date from before an unnoticed slip, so the cost of each is capped by that of such an outlier. The hand's
+    calibration error is common to all, so each counts by the effective sample size over their number.
     """
     if window.past is None:
         return np.zeros(len(X_PO))
@@ -234,10 +234,9 @@ def past_cost(model: ObjectModel, params: PoseTrackerParams, window: TouchWindow
 def past_information(
     model: ObjectModel, params: PoseTrackerParams, window: TouchWindow, X_PO: FloatArray
 ) -> FloatArray:
-    """What the touches of the past tell of the increments at poses (n, 3, 4) that they explain, shape (n, 6, 6).
+    """The information of the past touches on the increments at poses (n, 3, 4), shape (n, 6, 6).
 
-    A contact of the past at a place that is touched now tells the same once more, with the same errors: none of these
-    counts.
+    A past contact at a place that is touched now repeats the same measurement with the same errors, and does not count.
     """
     if window.past is None:
         return np.zeros((len(X_PO), 6, 6))
@@ -250,5 +249,5 @@ def past_information(
 
 
 def _share(params: PoseTrackerParams, window: TouchWindow) -> float:
-    """By how much each of the touches counts."""
+    """The weight of each touch: the effective sample size over the number of touches."""
     return 1.0 / (1.0 + (window.count - 1) * params.window.lasting_share)

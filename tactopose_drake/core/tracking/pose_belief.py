@@ -1,4 +1,4 @@
-"""Where an object is believed to be at one time: data, from which and a frame the next is made."""
+"""The belief about the object's pose at one time, as data from which the next one is made with a frame."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ class VisionRecord:
     """What vision has said so far.
 
     Attributes:
-        times: of the poses that were used or turned down lately, s.
-        last: of them; None before the first.
+        times: of the latest poses that were used or rejected, s.
+        last: the last of them; None before the first.
         accepted_time: when the best mode last took one for an inlier, s.
-        remark: what is wrong with it; empty where nothing is.
-        prior: the last prior that has counted, before the object was felt; None where there was none.
-        spent: the last one that counted for an earlier belief, which says nothing of another grasp; likewise.
+        remark: what is wrong with vision; empty if nothing is.
+        prior: the last prior that was used, before the object was felt; None if there was none.
+        spent: the last prior used by an earlier belief, which does not apply to another grasp; None if there was none.
     """
 
     times: tuple[float, ...] = ()
@@ -57,7 +57,7 @@ class VisionRecord:
     spent: GaussianPrior | None = None
 
     def of_next_belief(self) -> VisionRecord:
-        """What of it a belief that is begun anew goes on with: the prior has counted."""
+        """The record for a belief that starts anew: its prior is spent."""
         return dataclasses.replace(self, prior=None, spent=self.spent if self.prior is None else self.prior)
 
 
@@ -67,30 +67,31 @@ class PoseBelief:
 
     Attributes:
         time: s.
-        status: "ok"; "ambiguous" when no mode carries nearly all of the mass, the best one is a whole family of poses,
-            or the touch is too new; "slipping" when the touch is not what the motion predicts, and the belief follows
-            it; "no_contact" when nothing is touched, so that the pose is only predicted; "lost" when no pose is known
-            that explains the touch, or nothing has been touched for long: what stands here is then no estimate.
-        remarks: what else is to be known of the belief.
-        mixture: the pose's modes by falling probability; none where nothing is known yet.
-        explains_touch: which of them noise alone may separate from the touch, shape (n,).
-        modes: what is carried on of them: the same without what bounds the pose at this time only.
-        keyframes: touches of the past that told something new, oldest first.
-        standing: what a prior and vision said, as of now; None where they said nothing, or of another grasp.
+        status: "ok"; "ambiguous" if no mode carries nearly all of the mass, the best one is a whole family of poses,
+            or the touch is too new; "slipping" if the touch is not what the motion predicts, and the belief follows
+            it; "no_contact" if nothing is touched, so that the pose is only predicted; "lost" if no known pose explains
+            the touch, or nothing has been touched for long: the poses are then no estimate.
+        remarks: further explanations of the status.
+        mixture: the pose's modes in descending order of probability; none if nothing is known yet.
+        explains_touch: whether noise alone may explain the residuals at each of them, shape (n,).
+        modes: the filter's state of the modes, without what bounds the pose at this time only.
+        keyframes: past touches that told something new, oldest first.
+        standing: the fused pose from a prior and vision, moved to this time; None if they said nothing, or of another
+            grasp.
         sources: the names of the contacts' sources, in the order of the modes' biases.
         history: the latest motions.
-        contacts: those of the last frame; none where nothing was touched.
-        touch_time, explained_time, slip_time: when something was last touched, and explained, and when it last slipped,
-            s.
-        slip_sign: by what it last slipped; empty if it never did.
-        slip_test, force_test, rigidity_test: by which it is found to slip.
-        errors: by how much the variances of what lasts of the contacts' errors seem larger than told.
-        unsettled_time: when another finger came to touch, or the best mode became another one, s.
-        felt_time: of each source by its name, when it last touched, s.
-        search: how far the search for other modes is.
-        vision: what vision has said.
-        X_WP: where the palm was, shape (3, 4); None where that is not known.
-        untouched: what would be believed had nothing been touched since this touch began; None once it is explained
+        contacts: those of the last frame; empty if nothing was touched.
+        touch_time, explained_time, slip_time: when something was last touched, when a touch was last explained, and
+            when the object last slipped, s.
+        slip_sign: what revealed the last slip; empty if there was none.
+        slip_test, force_test, rigidity_test: states of the slip detectors.
+        errors: estimated factors of the variances of the contacts' lasting errors.
+        unsettled_time: when a further finger touched, or the best mode changed, s.
+        felt_time: when each source last touched, by its name, s.
+        search: progress of the search for other modes.
+        vision: record of the poses from vision.
+        X_WP: the last pose of the palm, shape (3, 4); None if unknown.
+        untouched: the belief as if nothing had been touched since this touch began; None once the touch is explained
             and, if it is the first one, no longer new.
     """
 
@@ -138,7 +139,7 @@ class PoseBelief:
 
     @property
     def covariance(self) -> FloatArray:
-        """Of the increments (w, v) from them, shape (n, 6, 6), rad and m."""
+        """Of the increments (w, v) from the poses, shape (n, 6, 6), rad and m."""
         return self.mixture.covariance
 
     @property
@@ -158,7 +159,7 @@ class PoseBelief:
 
 
 class Explanation:
-    """Which poses leave residuals of a touch that may be noise; who asks again for the same poses gets the same."""
+    """Tells which poses explain a touch up to noise; remembers the answer for the last poses."""
 
     def __init__(self, model: ObjectModel, evidence: Evidence, params: PlausibilityParams) -> None:
         self.evidence = evidence
@@ -166,7 +167,7 @@ class Explanation:
         self._X_PO, self._explained = np.zeros((0, 3, 4)), np.zeros(0, dtype=np.bool_)
 
     def of(self, X_PO: FloatArray) -> NDArray[np.bool_]:
-        """Which of the poses (n, 3, 4) do, shape (n,)."""
+        """Which of the poses (n, 3, 4) explain the touch, shape (n,)."""
         if not np.array_equal(X_PO, self._X_PO):
             self._X_PO, self._explained = X_PO, explain_touch(self._model, self.evidence, X_PO, self._params)
         return self._explained
@@ -175,7 +176,7 @@ class Explanation:
 def summarise(
     model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief, explanation: Explanation, *, has_contact: bool
 ) -> PoseBelief:
-    """The belief with poses, probabilities and status by its modes and the touch of its time."""
+    """The belief with mixture and status from its modes and the current touch."""
     weights = np.exp(belief.modes.log_weight - belief.modes.log_weight.max(initial=-np.inf))
     weights = weights / weights.sum()
     order = np.argsort(-weights, kind="stable")
@@ -192,10 +193,11 @@ def summarise(
 
 
 def _left_open(model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief, evidence: Evidence) -> str:
-    """Why the best mode is no answer although it carries the mass: it is a whole family of poses; empty if it is none.
+    """Why the best mode is no answer although it carries the mass; empty if it is one.
 
-    One direction may be left open, the slide along a rod, and turns that do not change the object. What the touch of
-    now determines has to be known to the spread of an answer: a mode that is wider reaches where the touch tells more.
+    It is none if it is a whole family of poses. One direction may be free, such as the slide along a rod, and so may
+    the object's symmetries. What the current touch determines must be known to the tolerance of an answer: a wider mode
+    extends to where the touch has more information.
     """
     is_seen = belief.vision.accepted_time >= max(belief.unsettled_time, belief.slip_time)
     count, fewest = len(belief.contacts), DEFAULT_PARAMS.modes.fewest_contacts
@@ -206,7 +208,7 @@ def _left_open(model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief
     most_turn, most_free = math.radians(params.answer_turn_deg), DEFAULT_PARAMS.modes.free_share * model.size
     widest = min(params.answer_distance, 0.5 * model.size * most_turn, most_free)
     if determined_variance(covariance, turns, model.size) < widest**2:
-        return ""  # No direction is wider than all of them together.
+        return ""  # The variances of all directions together are below the limit.
     free = free_directions(inverses(covariance[None])[0], model.size, known=[turns])[0]
     if len(free) > 1 + len(turns):
         return f"{len(free)} directions are left open"
@@ -221,7 +223,7 @@ def _left_open(model: ObjectModel, params: PoseTrackerParams, belief: PoseBelief
 
 
 def judge(belief: PoseBelief, params: PoseTrackerParams, *, has_contact: bool) -> tuple[BeliefStatus, tuple[str, ...]]:
-    """The status, and why, of a belief that has contacts or not."""
+    """The status of a belief with or without contacts, and the reason for it."""
     time = belief.time
     if not has_contact:
         if not belief.has_pose:

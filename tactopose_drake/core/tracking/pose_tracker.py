@@ -39,20 +39,20 @@ from tactopose_drake.core.tracking.vision_update import move_standing, see
 from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.errors import InvalidInputError
 
-# Points that are less sure than this, m, seem to be so where a finger touches something else.
+# Points are assumed to have standard deviations up to this, m: a finger that touches something else seems this unsure.
 _LEAST_SURE = 0.02
 
 
 class PoseTracker:
-    """Makes beliefs of frames; keeps nothing between them.
+    """Computes each belief from the previous one and a frame; keeps no state in between.
 
-    Where the object's frame has its origin far away, all but a belief's `mixture` is of a frame at the object's middle.
+    For an object far from its frame's origin, all of a belief except its `mixture` refers to a frame at its middle.
 
-    A reading that equals the last one to the last bit is taken for the same reading: it tells nothing new.
+    A reading that equals the last one to the last bit is taken for the same reading, which contains nothing new.
     """
 
     def __init__(self, model: ObjectModel, params: PoseTrackerParams | None = None) -> None:
-        """Keeps a reference to the model, and makes ready what its steps run: nothing is compiled in one.
+        """Keeps a reference to the model, and loads and compiles what its steps run, so that none waits for it.
 
         Args:
             model: the object.
@@ -69,19 +69,19 @@ class PoseTracker:
         self._model.make_ready(surest_position(self._params), _LEAST_SURE)
 
     def start(self, time: float = 0.0) -> PoseBelief:
-        """The belief that knows nothing, s."""
+        """The belief of no knowledge at a time, s."""
         nothing = PoseBelief(time=time, status="lost", history=MotionHistory((time,)), remarks=("no estimate yet",))
         return _finished(nothing)
 
     def step(self, belief: PoseBelief, frame: Frame) -> PoseBelief:
-        """The belief at the frame's time.
+        """Computes the belief at the frame's time.
 
         Args:
             belief: of an earlier time.
             frame: all that is sensed now.
 
         Raises:
-            InvalidInputError: a frame of an earlier time than the belief's, or evidence that does not suit the object.
+            InvalidInputError: a frame earlier than the belief, or evidence that does not suit the object.
         """
         instance_of("belief", belief, PoseBelief)
         instance_of("frame", frame, Frame)
@@ -95,11 +95,11 @@ class PoseTracker:
         return _finished(copied(after, mixture=mixture_of_origin(after.mixture, self._p_OC)))
 
     def _step(self, belief: PoseBelief, frame: Frame) -> PoseBelief:
-        """The same for the object in a frame whose origin is near it; of the belief's mixture nothing is used."""
+        """One step for an object whose frame's origin is near it; it does not read the belief's mixture."""
         duration, params = frame.time - belief.time, self._params
         if belief.untouched is not None and self._is_over(belief, frame):
-            # A touch that no pose has explained, or a first and short one, and that is gone was none: fingers that
-            # start to move feel inertia.
+            # A touch that has ended without being explained, or was the first and short, is taken for none: fingers
+            # that start to move feel inertia.
             belief = belief.untouched
         untouched = self._untouched(belief, frame)
         reading = as_doubted(read_contacts(frame, belief.sources, belief.contacts, belief.errors, params))
@@ -116,17 +116,17 @@ class PoseTracker:
         return _finished(belief if untouched is belief.untouched else copied(belief, untouched=untouched))
 
     def _may_be_none(self, belief: PoseBelief, untouched: PoseBelief | None) -> bool:
-        """Whether a touch that is explained may still be none: it is the first, and new, and some pose fits one."""
+        """Whether a touch that is explained may still be spurious: it is the first, and new; some pose fits any."""
         is_first = untouched is not None and untouched.touch_time == -np.inf
         return is_first and belief.time < belief.unsettled_time + self._params.settling_time
 
     def _is_over(self, belief: PoseBelief, frame: Frame) -> bool:
-        """Whether the last touch has ended: single readings are lost, and light touches flicker."""
+        """Whether the last touch has ended; allows for lost readings and flickering light touches."""
         goes_on = belief.touch_time == belief.time and len(frame.evidence.touch) > 0
         return not goes_on and frame.time > belief.touch_time + self._params.flicker_time
 
     def _untouched(self, belief: PoseBelief, frame: Frame) -> PoseBelief | None:
-        """What would be believed now without a touch that begins, or that nothing has explained since it did."""
+        """The belief without the current touch, if that has just begun or nothing has explained it yet."""
         is_over = self._is_over(belief, frame)
         before = belief if is_over and belief.has_pose else belief.untouched
         if before is None or (is_over and not len(frame.evidence.touch)):
@@ -135,7 +135,7 @@ class PoseTracker:
         return self._step(before, dataclasses.replace(frame, evidence=nothing, sources=()))
 
     def _predict(self, belief: PoseBelief, frame: Frame, reading: ContactReading, duration: float) -> PoseBelief:
-        """The belief at the frame's time by the motion since, before anything else that is sensed then."""
+        """The belief moved to the frame's time by the motion since, before any measurement."""
         params, history = self._params, belief.history
         rigidity_test, slides = detect_by_motion(
             params.rigidity_test, belief.rigidity_test, reading, frame.tip_velocity, frame.time, duration
@@ -164,9 +164,9 @@ class PoseTracker:
         )
 
     def _motion(self, belief: PoseBelief, frame: Frame, contacts: Contacts, *, slips: bool) -> Motion:
-        """How the object moved since the belief's time."""
+        """The object's motion since the belief's time."""
         duration, noise = frame.time - belief.time, self._params.noise
-        # Where the palm is known, what does not touch rests in the world at once.
+        # If the palm's pose is known, an object that is not touched rests in the world.
         if not len(contacts) and frame.X_WP is None and not self._is_over(belief, frame):
             return move_with_palm(noise, duration, slips=slips)
         if not len(contacts) or duration > noise.longest_gap:
@@ -192,14 +192,14 @@ class PoseTracker:
         *,
         is_outlier: bool,
     ) -> PoseBelief:
-        """The belief with new contacts; `is_outlier`: of the best mode vision has just said something else."""
+        """Updates with new contacts; `is_outlier`: the best mode has just taken vision for an outlier."""
         time, params, modes, slips, test = frame.time, self._params, belief.modes, False, SlipTest()
         if len(modes):
             modes = update_modes(self._model, params, reading, modes)
             motion = belief.history.motions[-1] if duration > 0.0 else Motion(np.zeros(6), np.zeros((6, 6)))
             change = PoseChange(modes.X_PO[0], modes.roughness[0], motion)
             test, slips = detect_by_surface(self._model, params.slip, belief.slip_test, reading, change)
-        # What touched at the last frame has touched since, however long that is, if the object is held as long.
+        # A source of the last frame has touched since, however long that was, as long as the object stays held.
         held = duration if duration <= params.noise.longest_gap else 0.0
         least_gap = max(params.lost_time, held) + 1e-9
         is_new = any(time > belief.felt_time.get(name, -np.inf) + least_gap for name in frame.names)
@@ -225,8 +225,8 @@ class PoseTracker:
             forgotten = belief.errors._replace(estimates=0)
             belief = copied(belief, search=belief.search._replace(agreeing=0), errors=forgotten)
             reading = reading._replace(errors=forgotten)
-        # By when a touch has settled a search has begun to look at it, however rare frames are. And what the best mode
-        # does not explain is worth more of a frame's time than that mode, and any other sooner than well known.
+        # However rare frames are, a search should look at a touch before it has settled. If the best mode does not
+        # explain the touch, finding any other soon is worth more of a frame's time than knowing it accurately.
         slices = None if duration >= params.settling_time else 1 if explained else 2
         belief = self._search(belief, frame, reading, is_urgent=is_urgent, slices=slices, thorough=explained)
         modes, test = belief.modes, belief.slip_test
@@ -247,7 +247,7 @@ class PoseTracker:
         slices: int | None,
         thorough: bool,
     ) -> PoseBelief:
-        """The belief after so many more slices of the search, or all of them, where one is due."""
+        """Advances the search, if one is due, by this many slices, or to its end."""
         params, search = self._params, belief.search
         if search.X_PO is None:
             if not search.is_due(frame.time, params.relocalisation, is_urgent=is_urgent):
@@ -273,13 +273,13 @@ class PoseTracker:
     def _follow_errors(
         self, belief: PoseBelief, reading: ContactReading, errors: SeemingErrors
     ) -> tuple[PoseBelief, ContactReading]:
-        """Both when the contacts' errors seem otherwise."""
+        """Adapts the belief and the reading to another estimate of the contacts' errors."""
         after = with_errors(reading, errors, self._params)
         modes = follow_lasting_errors(belief.modes, reading, after, self._params)
         return copied(belief, errors=errors, modes=modes), after
 
     def _has_moved(self, X_before: FloatArray, X_now: FloatArray) -> bool:
-        """Whether the best mode (1, 3, 4) is another one than before."""
+        """Whether the best mode (1, 3, 4) is another than before."""
         if np.array_equal(X_before, X_now):
             return False
         X_near = nearest_images(X_now, X_before[0], self._model.symmetry_turns, self._model.symmetries)
@@ -289,12 +289,12 @@ class PoseTracker:
 
 
 def _felt(belief: PoseBelief, frame: Frame) -> dict[str, float]:
-    """When each source last touched, s, of those that do now, now."""
+    """The times when each source last touched, s, updated with the current frame."""
     return {**belief.felt_time, **dict.fromkeys(frame.names, frame.time)}
 
 
 def _finished(belief: PoseBelief) -> PoseBelief:
-    """The belief with arrays that nobody can change: copies of it are shared, and the next one is made of it."""
+    """Makes the belief's arrays read-only: copies share them, and the next belief is made from them."""
     new = {name: value for name, value in vars(belief).items() if name not in ("history", "untouched")}
     seal((*new.values(), *belief.history.motions[-1:]))
     return belief

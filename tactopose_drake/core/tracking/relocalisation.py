@@ -1,12 +1,12 @@
-"""Relocalisation: modes that a search of the one-shot posterior has found compete with the filter's.
+"""Relocalisation: modes found by a search of the one-shot posterior compete with those of the filter.
 
-A mode's weight is what the posterior gives it by the touch of now, and what it would have had by the touches of the
-window. What the filter foretold has no part in that: so a mode that was led astray, and since then only foretells what
-it is itself led by, loses against one that explains the touch better, whenever that is found. While the touch stays,
-searches weigh the same evidence again, each by samples of its own: their mean, with a forgetting factor, counts. The
-filter's pose of a mode that it has already stays, for it has learnt from many frames, unless the touch contradicts it.
-But it is no better known than by the posterior and the window together, until the next search: the filter, which goes
-by derivatives at one place, does not know how far a valley leads that bends.
+A mode's weight is its posterior probability by the current touch, times the likelihood of the window's other touches.
+The filter's prediction does not enter: so a mode that was led astray, and since then only predicts its own error, loses
+against one that explains the touch better, whenever that is found. While the touch stays, searches weight the same
+evidence again with independent samples; their mean counts, with a forgetting factor. The filter's pose of a mode that
+it already has is kept, for it has learnt from many frames, unless the touch contradicts it. But until the next search
+it is no better known than by the posterior and the window together: the filter linearises at one place, and does not
+know how far a bent valley extends.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from tactopose_drake.core.validation import FloatArray
 def relocalise(
     model: ObjectModel, params: PoseTrackerParams, touch: Touch, modes: TrackedModes, posterior: Modes, share: float
 ) -> TrackedModes:
-    """The modes of the posterior by the window: first those that the filter has already, then new ones.
+    """The posterior's modes, weighted by the window: first those that the filter already has, then new ones.
 
     Args:
         model: the object.
         params: what is assumed.
-        touch: of now.
-        modes: the filter's, after the touch.
-        posterior: by the touch of now.
-        share: of the mean of a mode's weights, that is by it.
+        touch: the current touch.
+        modes: the filter's, updated with the touch.
+        posterior: the modes of the current touch.
+        share: weight of this posterior in the running mean of each mode's log weight.
     """
     X_PO, covariance, weights = posterior.mixture.X_PO, posterior.mixture.covariance, posterior.mixture.weights
     window = make_window(touch.keyframes, params.window)
@@ -66,17 +66,18 @@ def relocalise(
 
 
 def _mean_weights(before: FloatArray, now: FloatArray, same: NDArray[np.bool_], share: float) -> FloatArray:
-    """Means of the logarithms of the posterior's weights (k,) now and those before, shape (k,).
+    """Running means of the log weights of the posterior's modes (k,), shape (k,).
 
-    A valley has many minima, of which each search finds others. Therefore means are of the modes that are one, and what
-    such a family holds is shared out as it is now: a mode's mass is not lost on a minimum that held next to none. What
-    is plain is learnt at once by means of logarithms. What the filter has not is as probable as it is now.
+    A valley has many minima, and each search finds different ones. Means are therefore taken over families of modes
+    that are one, and a family's mass is divided among its modes as in this posterior: no mass is lost on a minimum that
+    held next to none. Means of logarithms adapt at once where the evidence is clear. Modes that the filter does not
+    have keep their present probability.
 
     Args:
-        before: logarithms of the weights of the filter's modes, shape (n,).
-        now: of those of the posterior's modes, shape (k,).
-        same: which of these are one, shape (k, n).
-        share: of the mean, that is by those of now.
+        before: log weights of the filter's modes, shape (n,).
+        now: log weights of the posterior's modes, shape (k,).
+        same: which of the latter is which of the former, shape (k, n).
+        share: weight of `now` in the mean.
     """
     family = np.eye(len(now), dtype=np.bool_) | (same @ same.T)
     for _ in range(len(now).bit_length()):
@@ -89,7 +90,9 @@ def _mean_weights(before: FloatArray, now: FloatArray, same: NDArray[np.bool_], 
 def _same_modes(
     model: ObjectModel, params: PoseTrackerParams, X_PO: FloatArray, covariance: FloatArray, modes: TrackedModes
 ) -> NDArray[np.bool_]:
-    """Which of the posterior's k modes are which of the filter's n, by its own spread and by theirs, (2, k, n)."""
+    """Which of the posterior's k modes are which of the filter's n, by the covariance of the one and of the other,
+    shape (2, k, n).
+    """
     images = compose(modes.X_PO[:, None], model.symmetry_poses[None])
     u = increments_between(X_PO[:, None, None], images[None])
     theirs = np.repeat(modes.covariance[:, None], images.shape[1], axis=1)
@@ -103,13 +106,13 @@ def _same_modes(
 
 
 def _match(cost: FloatArray, same: NDArray[np.bool_], stays: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """For each of the posterior's k modes the filter's that it is, and whose pose stays, or -1, shape (k,).
+    """The filter's mode that each of the posterior's k modes is and whose pose it keeps, or -1, shape (k,).
 
     Args:
         cost: of the filter's modes, shape (n,).
         same: which of these each is, shape (k, n).
-        stays: which of these explain the touch as well, and leave it by no more than their own spread: a mode that is
-            surer than the touch may stand at a valley's end; shape (k, n).
+        stays: which of these explain the touch as well, and are within their own covariance of it, shape (k, n): a mode
+            that is surer than the touch may stand at a valley's end.
     """
     pairs, free = np.full(len(same), -1), np.ones(len(cost), dtype=np.bool_)
     for j in range(len(same)):

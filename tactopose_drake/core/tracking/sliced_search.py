@@ -1,9 +1,9 @@
 """A search beside the filter: the one-shot posterior of the touch, in slices that each fit into the time of an update.
 
-It proposes minima of the touch, from a part of the starts, other ones each time; it settles these and the modes that
-are known by all the evidence; it asks of what they leave over how far the hand's calibration is off; it covers what
-explains the touch by densities, as the estimate does, and weighs samples of them; it asks how deep the object would be
-in the hand; and what it says is put to use, see `relocalisation.py`. Over some searches all is searched.
+The slices propose minima of the touch, from a different subset of starts in each search; refine these and the known
+modes with all the evidence; estimate the errors of the hand's calibration from the residuals; cover the modes with
+proposals, as the one-shot estimate does, and weight samples of them; and evaluate how deep the object would penetrate
+the hand. The result is then used as in `relocalisation.py`. Over several searches the whole pose space is covered.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _REFINEMENT = LevenbergMarquardt(max_iterations=20, tolerance=1e-2)
 
 
 class TouchWeighing(NamedTuple):
-    """The touch of one slice, by the sources of its contacts, and how far its modes are weighed."""
+    """The touch of one slice, the sources of its contacts, and the state of weighting its modes."""
 
     evidence: Evidence
     sources: tuple[str, ...]
@@ -47,18 +47,18 @@ class TouchWeighing(NamedTuple):
 
 
 class SearchState(NamedTuple):
-    """How far the search is.
+    """Progress of the search.
 
     Attributes:
-        X_PO: what the slices so far have found, as of the last of them, shape (n, 3, 4); None between two searches.
+        X_PO: the poses found so far, at the time of the last slice, shape (n, 3, 4); None between two searches.
         is_settled: whether these are minima of all the evidence.
-        is_scaled: whether it has been asked of these how large the calibration's errors seem.
-        minima: what the last search has found, as of that time, shape (m, 3, 4): modes led astray are found again.
-        weighing: of the modes, which the next slice goes on with, or asks of them whether they are clear of the hand;
-            None where that does something else.
-        X_PP: the motion of the object in P since then, which acts from the left, shape (3, 4).
-        searches: how many there were.
-        agreeing: how many of them since something happened that makes what they said before worthless.
+        is_scaled: whether the calibration's errors have been estimated at these.
+        minima: result of the last search, at its time, shape (m, 3, 4), so that modes led astray are found again.
+        weighing: state of weighting the modes, or the weighted modes before they are tested against the hand; None
+            outside these stages.
+        X_PP: the motion of the object in P since then, to be multiplied from the left, shape (3, 4).
+        searches: number of completed searches.
+        agreeing: number of these since the last event that made earlier results worthless.
         time: when the last one began, s.
     """
 
@@ -73,11 +73,11 @@ class SearchState(NamedTuple):
     time: float = -np.inf
 
     def moved(self, motion: Motion) -> SearchState:
-        """The same after a further motion of the object."""
+        """The state after a further motion of the object."""
         return self._replace(X_PP=motion.of_poses(self.X_PP))
 
     def as_of_now(self) -> SearchState:
-        """The same with its poses as they are after the motion."""
+        """The state with its poses moved to the present."""
         X_PO = None if self.X_PO is None else compose(self.X_PP, self.X_PO)
         return self._replace(X_PO=X_PO, minima=compose(self.X_PP, self.minima), X_PP=np.eye(3, 4))
 
@@ -88,18 +88,18 @@ class SearchState(NamedTuple):
         return time >= self.time + period - 1e-9
 
     def ended(self) -> SearchState:
-        """That before the next search."""
+        """The state after the end of a search."""
         return self._replace(X_PO=None, is_settled=False, is_scaled=False, weighing=None, searches=self.searches + 1)
 
 
 class SearchStep(NamedTuple):
-    """What slices of a search come to.
+    """The result of some slices of a search.
 
     Attributes:
-        state: how far the search is.
-        weighed: what the posterior says where that is to be put to use, else None.
-        calibration_scale: how large the calibration's errors seem, see `estimate_scale`, where that was asked, else
-            None.
+        state: progress of the search.
+        weighed: the posterior, when it is complete, else None.
+        calibration_scale: estimated factors of the calibration's variances (see `estimate_scale`) if these slices
+            include that stage, else None.
     """
 
     state: SearchState
@@ -117,18 +117,18 @@ def search_on(
     slices: int | None = 1,
     thorough: bool = True,
 ) -> SearchStep:
-    """What the next slices come to.
+    """Advances the search by some slices.
 
-    Where the filter has no mode, there is none to keep up meanwhile: all are taken.
+    If the filter has no mode, there is nothing to keep up with, and the search is completed.
 
     Args:
         model: the object.
         params: what is assumed.
-        touch: of now.
+        touch: the current touch.
         modes: the filter's.
-        search: how far it is.
-        slices: how many are taken, up to the search's end; None: all.
-        thorough: whether samples are drawn until the modes' probabilities are sure, and not in one round alone.
+        search: progress so far.
+        slices: how many to take, up to the search's end; None for all.
+        thorough: whether to sample until the modes' probabilities are accurate, rather than in a single round.
     """
     taken, most, scale = 0, slices if len(modes) else None, None
     if not thorough:
@@ -147,13 +147,13 @@ def search_on(
 def _next_slice(
     model: ObjectModel, params: PoseTrackerParams, touch: Touch, modes: TrackedModes, search: SearchState
 ) -> SearchStep:
-    """Likewise; no poses are left in what a search has come to when it ends."""
-    if isinstance(search.weighing, WeighedModes):  # They are as of the slice that began to weigh.
+    """Advances the search by one slice. A search that ends leaves no poses in its state."""
+    if isinstance(search.weighing, WeighedModes):  # Their poses date from the slice in which weighting began.
         weighed, search = search.weighing.moved(search.X_PP), search.as_of_now()
         return SearchStep(search.ended(), _clear_of_the_hand(model, params.relocalisation, touch, weighed))
     if search.weighing is not None:
         samples = search.weighing.weighing.samples
-        parts = 0 if samples is None else len(samples.drawn)  # Rounds from the same proposals are no copies.
+        parts = 0 if samples is None else len(samples.drawn)  # So that no two rounds use the same random numbers.
         generator = np.random.default_rng([params.seed, search.searches, 1 + parts])
         weighing = _weigh_on(model, params.relocalisation, search.weighing, generator)
         return SearchStep(search._replace(weighing=weighing))
@@ -178,7 +178,7 @@ def _next_slice(
 def _clear_of_the_hand(
     model: ObjectModel, params: RelocalisationParams, touch: Touch, weighed: WeighedModes
 ) -> WeighedModes:
-    """The same where several likely modes count by how deep the object is in the hand at each."""
+    """The modes, weighted by the penetration of the hand at each if several are likely."""
     likely = weighed.likely(params)
     if touch.depth_in_hand is None or not len(likely):
         return weighed
@@ -191,7 +191,7 @@ def _propose_poses(
 ) -> FloatArray:
     """Minima of the touch alone, near its prior if there is one, best first, shape (n, 3, 4).
 
-    What bounds the pose is left out: it is slow.
+    Evidence that only bounds the pose is left out, as it is slow.
     """
     starts = params.starts
     touch = dataclasses.replace(near, hand=None, untouched=None, balance=None, friction=None, patches=near.felt)
@@ -207,9 +207,9 @@ def _propose_poses(
 
 
 def _settle_poses(model: ObjectModel, params: RelocalisationParams, evidence: Evidence, X_PO: FloatArray) -> FloatArray:
-    """Minima of all the evidence that poses (n, 3, 4) lead to, of those that explain the touch, shape (m, 3, 4).
+    """Refines poses (n, 3, 4) with all the evidence; returns those minima that explain the touch, shape (m, 3, 4).
 
-    Of poses that look the same the nearest to the first is taken, where no prior tells them apart.
+    Without a prior, each start is replaced by its symmetric image nearest to the first.
     """
     problem = make_problem(model, evidence)
     if evidence.prior is None:
@@ -225,7 +225,7 @@ def _settle_poses(model: ObjectModel, params: RelocalisationParams, evidence: Ev
 def _begin_weighing(
     model: ObjectModel, params: PoseTrackerParams, touch: Touch, X_PO: FloatArray, generator: np.random.Generator
 ) -> TouchWeighing:
-    """Begins to weigh the posterior's modes at minima (m, 3, 4) of the touch, at least one."""
+    """Begins to weight the posterior's modes at minima (m, 3, 4) of the touch, at least one."""
     settings, evidence = params.relocalisation, touch.averaged(params)
     problem, modes = _modes_at(model, settings, evidence, X_PO)
     posterior = make_posterior(model, evidence, problem, settings.posterior)
@@ -236,13 +236,13 @@ def _begin_weighing(
 def _modes_at(
     model: ObjectModel, params: RelocalisationParams, evidence: Evidence, X_PO: FloatArray
 ) -> tuple[PoseProblem, Modes]:
-    """The problem that evidence poses, and its distinct modes at minima (m, 3, 4)."""
+    """The estimation problem of the evidence, and its distinct modes at minima (m, 3, 4)."""
     problem = make_problem(model, evidence)
     return problem, _distinct(model, params, problem, X_PO, problem.doubted(problem.objective).cost(X_PO))
 
 
 def _estimate_scale(model: ObjectModel, params: PoseTrackerParams, touch: Touch, X_PO: FloatArray) -> FloatArray | None:
-    """How large the calibration's errors seem to the modes at minima (m, 3, 4) of the touch; see `estimate_scale`."""
+    """Estimates the scale of the calibration's errors at minima (m, 3, 4) of the touch; see `estimate_scale`."""
     problem, modes = _modes_at(model, params.relocalisation, touch.averaged(params), X_PO)
     contacts, X_PO, now = touch.reading.contacts, modes.mixture.X_PO, touch.keyframes[-1]
     inlier, count = np.ones((len(X_PO), len(contacts))), len(touch.evidence.contacts)
@@ -257,9 +257,9 @@ def _estimate_scale(model: ObjectModel, params: PoseTrackerParams, touch: Touch,
 def _weigh_on(
     model: ObjectModel, params: RelocalisationParams, touch: TouchWeighing, generator: np.random.Generator
 ) -> TouchWeighing | WeighedModes:
-    """The next step of weighing; after the last what the posterior says of the modes.
+    """One step of the weighting; after the last, the weighted modes.
 
-    That is by Laplace's approximation where nothing covers them.
+    Without proposals that cover the modes, they are those of Laplace's approximation.
     """
     evidence, sources, weighing = touch
     problem = make_problem(model, evidence)
@@ -279,7 +279,7 @@ def _weigh_on(
 def _distinct(
     model: ObjectModel, params: RelocalisationParams, problem: PoseProblem, X_PO: FloatArray, cost: FloatArray
 ) -> Modes:
-    """Distinct modes at minima (m, 3, 4) of these costs (m,), by Laplace's approximation; not too many are kept."""
+    """Distinct modes at minima (m, 3, 4) with costs (m,), by Laplace's approximation; at most `params.found`."""
     return find_modes(
         X_PO,
         cost,

@@ -1,4 +1,4 @@
-"""The modes of the pose as the filter carries them from frame to frame, with what it remembers of each."""
+"""The filter's state: modes of the pose with their correlations, carried from frame to frame."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tactopose_drake.core.poses import RANDOM_ROTATION_VARIANCE
 from tactopose_drake.core.tracking.tracker_params import MixtureParams
 from tactopose_drake.core.validation import FloatArray
 
-# Information that nothing has, 1/rad^2 and 1/m^2.
+# Stands for unbounded information, 1/rad^2 and 1/m^2.
 _NO_BOUND = 1e16
 
 
@@ -22,18 +22,18 @@ _NO_BOUND = 1e16
 class TrackedModes:
     """Modes, each a joint Gaussian of the increments (w, v) from its pose and of the contacts' biases.
 
-    What they say of the pose at one time a belief holds as a `GaussianMixture`. Here weights are logarithms, because
-    likelihoods of single modes differ by more than a number holds.
+    A belief publishes them as a `GaussianMixture`. Weights are kept as logarithms, because the likelihoods of modes may
+    differ by more than the range of a double.
 
     Attributes:
         X_PO: the modes' poses, shape (n, 3, 4).
         covariance: of the increments from them, shape (n, 6, 6), rad and m.
         cross_covariance: of the increments with the biases of s sources of contacts, shape (n, 6, 6 s).
-        roughness: of the surface where each source touches: by how much it adds to the biases' variances, of positions,
-            m^2, and of normals, rad^2, shape (n, s, 2).
+        roughness: variances that the surface where each source touches adds to the biases, of positions, m^2, and of
+            normals, rad^2, shape (n, s, 2).
         log_weight: logarithms of the modes' weights, shape (n,).
-        most_information: of the increments, what the last search and the window tell of them: no update by contacts
-            makes a mode surer; without a bound where no search has found it, shape (n, 6, 6).
+        most_information: of the increments, from the last search and the window: no update by contacts makes a mode
+            surer; practically unbounded for modes that no search has found, shape (n, 6, 6).
     """
 
     X_PO: FloatArray
@@ -53,26 +53,26 @@ class TrackedModes:
 
     @classmethod
     def independent(cls, X_PO: FloatArray, covariance: FloatArray, sources: int) -> TrackedModes:
-        """Modes of equal weight that know nothing of the biases of so many sources, nor of the surface there."""
+        """Modes of equal weight, uncorrelated with the biases of so many sources, and without roughness."""
         n, unbounded = len(X_PO), np.tile(_NO_BOUND * np.eye(6), (len(X_PO), 1, 1))
         cross_covariance, roughness = np.zeros((n, 6, 6 * sources)), np.zeros((n, sources, 2))
         return cls(X_PO, covariance, cross_covariance, roughness, np.zeros(n), unbounded)
 
     @classmethod
     def empty(cls, sources: int = 0) -> TrackedModes:
-        """No mode at all."""
+        """No modes."""
         return cls.independent(np.zeros((0, 3, 4)), np.zeros((0, 6, 6)), sources)
 
     def chosen(self, index: Any) -> TrackedModes:
-        """Some of the modes, in the order of the index."""
+        """A subset of the modes, in the order of the index."""
         return TrackedModes(*(array[index] for array in self._arrays))
 
     def joined(self, others: TrackedModes) -> TrackedModes:
-        """These modes and then others, over the same sources."""
+        """These modes followed by others, over the same sources."""
         return TrackedModes(*(np.concatenate(pair) for pair in zip(self._arrays, others._arrays, strict=True)))
 
     def with_sources(self, count: int) -> TrackedModes:
-        """The modes over at least so many sources; of new ones they know nothing."""
+        """The modes over at least so many sources, uncorrelated with new ones."""
         missing = 6 * count - self.cross_covariance.shape[2]
         if missing <= 0:
             return self
@@ -83,14 +83,14 @@ class TrackedModes:
         )
 
     def with_roughness(self, roughness: FloatArray, variances: FloatArray) -> TrackedModes:
-        """The modes where the biases are found to be larger or smaller than was assumed all along.
+        """The modes after the biases turn out larger or smaller than assumed all along.
 
-        How the increments depend on the biases stays, which is the gain C B^-1 of their covariance C; what is of the
-        biases in their covariance is as the biases' variances B now are.
+        The dependence of the increments on the biases, the gain C B^-1 with their cross-covariance C, is kept; the part
+        of the covariance that comes from the biases is scaled to their new variances B.
 
         Args:
-            roughness: what there is beside these variances from now on, shape (n, s, 2).
-            variances: of a bias of the position, m^2, and of the normal, rad^2, shape (2,).
+            roughness: what the surface adds to these variances from now on, shape (n, s, 2).
+            variances: of the bias of a position, m^2, and of a normal, rad^2, shape (2,).
         """
         shape = (len(self), 1, self.cross_covariance.shape[2])
         before, after = (
@@ -103,10 +103,10 @@ class TrackedModes:
         )
 
     def fitted(self, covariance: FloatArray) -> TrackedModes:
-        """The modes with other covariances of their increments, (n, 6, 6).
+        """The modes with other covariances of their increments, shape (n, 6, 6).
 
-        Where these are narrower, the part of the increments that is shared with the biases shrinks alike; where they
-        are wider, what is added is the pose's own.
+        Where these are narrower, the part of the increments that is correlated with the biases shrinks likewise; where
+        they are wider, the added part is uncorrelated.
         """
         root = np.linalg.cholesky(self.covariance)
         unit = np.linalg.inv(root)
@@ -115,7 +115,7 @@ class TrackedModes:
         return dataclasses.replace(self, covariance=covariance, cross_covariance=shrink @ self.cross_covariance)
 
     def at_least(self, covariance: FloatArray) -> TrackedModes:
-        """The modes whose increments are nowhere better known than by other covariances, (n, 6, 6)."""
+        """The modes, widened so that no direction is better known than by these covariances, shape (n, 6, 6)."""
         root = np.linalg.cholesky(self.covariance)
         unit = np.linalg.inv(root)
         values, vectors = np.linalg.eigh(unit @ covariance @ np.swapaxes(unit, 1, 2))
@@ -123,7 +123,7 @@ class TrackedModes:
         return dataclasses.replace(self, covariance=wider @ np.swapaxes(wider, 1, 2))
 
     def pruned(self, params: MixtureParams) -> TrackedModes:
-        """The modes of most weight, which then sum to one, without those that hardly count."""
+        """The modes of most weight, without negligible ones, normalised so that weights sum to one."""
         if len(self) == 1:
             return copied(self, log_weight=np.zeros(1))
         order = (-self.log_weight).argsort(kind="stable")[: params.max_modes]
@@ -134,12 +134,12 @@ class TrackedModes:
 
 
 def predict_modes(modes: TrackedModes, motion: Motion, max_sigma_translation: float) -> TrackedModes:
-    """The modes after a motion of the object; what is no knowledge any more does not grow further.
+    """Moves the modes with the object; limits covariances that express no knowledge any more.
 
     Args:
-        modes: before.
+        modes: before the motion.
         motion: of the object.
-        max_sigma_translation: of a translation with this standard deviation nothing is known, m.
+        max_sigma_translation: upper bound on the standard deviation of a translation, m.
     """
     X_PO, covariance, cross = carry(modes.X_PO, modes.covariance, modes.cross_covariance, motion)
     limits = three_each(RANDOM_ROTATION_VARIANCE, max_sigma_translation**2)
@@ -152,7 +152,7 @@ def predict_modes(modes: TrackedModes, motion: Motion, max_sigma_translation: fl
 
 
 def _shrink(covariance: FloatArray, limits: FloatArray) -> FloatArray:
-    """The map (6, 6) of increments after which no direction of rotation or of translation is above its limit."""
+    """A map (6, 6) of increments after which no direction of rotation or of translation exceeds its variance limit."""
     shrink = np.eye(6)
     for part in (slice(0, 3), slice(3, 6)):
         values, vectors = np.linalg.eigh(covariance[part, part])

@@ -1,4 +1,4 @@
-"""What the tracker of a pose assumes, and how much it works: one dataclass for each of its parts."""
+"""Parameters of the pose tracker: what it assumes, and how much it works; one dataclass for each of its parts."""
 
 import dataclasses
 import math
@@ -16,69 +16,69 @@ from tactopose_drake.core.validation import instance_of
 class ContactUpdateParams:
     """How modes are updated with contacts: refined to a minimum, then regressed over their spread."""
 
-    max_iterations: int = 12  # steps of Levenberg-Marquardt for each mode, at the most
-    tolerance: float = 1e-2  # decrease of the cost that is worth a step; noise alone makes the cost differ by ones
-    least_noise_share: float = 0.3  # of a contact's standard deviation that is new at each time, whatever lasts of it
-    max_displacement: float = 0.008  # of what is touched by a sigma point, rms, m: farther off are other faces
-    as_good: float = 0.3  # cost of the contacts, by which what is regressed may exceed the minimum
-    rounds: int = 2  # of regression; the spread of the second is that which the first leaves
-    bend_penalty: float = 4.0  # of slopes by the bends beside them: what facets and edges make up is about as large
+    max_iterations: int = 12  # most Levenberg-Marquardt steps for each mode
+    tolerance: float = 1e-2  # decrease of the cost that is worth a step; noise alone makes the cost vary by about 1
+    least_noise_share: float = 0.3  # of a contact's standard deviation that is new at each time at least
+    max_displacement: float = 0.008  # rms displacement of the contacts by a sigma point, m: farther off are other faces
+    as_good: float = 0.3  # by which the contacts' cost at the regressed pose may exceed that at the minimum
+    rounds: int = 2  # of regression; the second uses the covariance that the first leaves
+    bend_penalty: float = 4.0  # weight of the bends beside a slope against it: the same order as facets and edges
     lasting_normal_share: float = 0.5  # of the spread of normals about a contact: across an edge all err in one way
-    new_normal_share: float = 0.25  # likewise, new at each time: the contact is measured elsewhere
-    roughness_gain: float = 0.2  # by which a source's roughness follows the measured one each frame: noise moves that
+    new_normal_share: float = 0.25  # the same, new at each time: the contact is measured elsewhere
+    roughness_gain: float = 0.2  # with which a source's roughness follows the measured one, which is noisy, each frame
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class CalibrationScaleParams:
-    """How much larger than told the errors of the hand's calibration may be."""
+    """Prior and filter of the scale of the hand's calibration errors over what is told of them."""
 
-    doublings: int = 6  # of the variances that are told, at the most
-    halvings: int = 1  # likewise: a hand may be better than told
-    doubling_share: float = 0.85  # of the probability, that each further doubling or halving has
-    apart_share: float = 0.3  # likewise, for each doubling that points and normals differ by
-    least_frames: int = 2  # of a contact, whose mean tells
-    least_share: float = 0.2  # of a mean over estimates, that is by the last one
+    doublings: int = 6  # most doublings of the told variances
+    halvings: int = 1  # most halvings: a hand may be better than told
+    doubling_share: float = 0.85  # ratio of prior probabilities for each further doubling or halving
+    apart_share: float = 0.3  # the same for each doubling by which points and normals differ
+    least_frames: int = 2  # in the mean of a contact, before the scale is estimated
+    least_share: float = 0.2  # least weight of the last estimate in the running mean
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class WindowParams:
-    """Which touches of the past judge a pose, and how."""
+    """Which past touches judge a pose, and how."""
 
-    max_keyframes: int = 5  # beside the touch of now
-    max_frames: int = 8  # of which the touch of now is the mean, while it stays the same
-    least_distance: float = 0.004  # of a contact on the object from where it was, that tells something new, m
-    least_turn_deg: float = 20.0  # likewise of its normal, deg
-    max_sigma: float = 0.004  # of the motion since, at the contacts, beyond which a touch tells nothing, m
-    lasting_share: float = 0.3  # of the contacts' variances, that is of the hand's calibration
-    slip_probability: float = 0.01  # prior, that a touch is of before a slip that nobody noticed
+    max_keyframes: int = 5  # besides the current touch
+    max_frames: int = 8  # most frames in the mean of a touch that stays the same
+    least_distance: float = 0.004  # between contacts on the object that are different touches, m
+    least_turn_deg: float = 20.0  # the same between their normals, deg
+    max_sigma: float = 0.004  # of the motion since, at the contacts, beyond which a touch is dropped, m
+    lasting_share: float = 0.3  # of the contacts' variances that the hand's calibration makes common to all touches
+    slip_probability: float = 0.01  # prior probability that a touch dates from before an unnoticed slip
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class RelocalisationParams:
-    """When and where modes are searched for that the belief lacks."""
+    """When and where modes are searched for that the belief may lack."""
 
     period: float = 0.15  # s between two searches, while all is well
-    steady_period: float = 0.3  # likewise, once
-    steady_searches: int = 3  # so many have told of the same touch
-    urgent_period: float = 0.03  # s between two searches, while it is not
-    starts: int = 120  # poses with which a search without a prior begins, at the most
-    found: int = 12  # poses that it ends with, at the most
-    joined: int = 8  # of these, of which it is asked which are minima of one valley, at the most: ways are many
-    led: int = 32  # samples that lead to minima between these,
-    most_between: int = 16  # of which so many are asked as well, at the most
-    samples: int = 96  # by which these are weighed at the least, in a round
-    most_samples: int = 768  # and at the most, in several,
-    standard_error: float = 0.03  # until no mode's probability is less sure: some searches are the mean's
-    least_share: float = 0.5  # of a mean over searches, that is by the last one
-    # Of the mass of the best mode; how deep the object would reach into the hand is not asked of less.
+    steady_period: float = 0.3  # the same, after this many searches of the same touch:
+    steady_searches: int = 3
+    urgent_period: float = 0.03  # s between two searches, while something is wrong or new
+    starts: int = 120  # most start poses of a search without a prior
+    found: int = 12  # most poses that it ends with
+    joined: int = 8  # most of these that are tested for being minima of one valley: the paths are many
+    led: int = 32  # samples that are refined to minima between these
+    most_between: int = 16  # most such minima that are tested as well
+    samples: int = 96  # least importance samples, in a round
+    most_samples: int = 768  # most, over all rounds
+    standard_error: float = 0.03  # of the modes' probabilities, at which sampling ends: searches are averaged
+    least_share: float = 0.5  # least weight of the last search in the running mean
+    # Mass over that of the best mode, below which the penetration of the hand is not evaluated.
     least_checked_share: float = 0.05
-    allowed_depth: float = 0.0015  # m, by which it may: fingertips give way where they touch
-    depth_sigma: float = 0.001  # to which the hand's surface is known, m, where the evidence does not say it
-    least_gain: float = 1.0  # of the cost, for which what is found takes the place of the filter's mode that it is
+    allowed_depth: float = 0.0015  # allowed penetration, m: fingertips yield where they touch
+    depth_sigma: float = 0.001  # standard deviation of the hand's surface, m, if the evidence does not tell it
+    least_gain: float = 1.0  # decrease of the cost for which a pose found replaces the filter's pose of the same mode
 
     @property
     def posterior(self) -> PosteriorParams:
-        """Of the posterior of which so many samples are drawn; its noise may be any, for the belief learns that."""
+        """Parameters of the posterior with these limits; any noise is plausible, as the belief estimates it."""
         sampling = dataclasses.replace(
             DEFAULT_PARAMS.sampling,
             samples=self.samples,
@@ -94,53 +94,53 @@ class RelocalisationParams:
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class VisionParams:
-    """What is assumed of poses from vision."""
+    """What is assumed about poses from vision."""
 
-    correlation_time: float = 0.5  # s after which the error is a new one; more frequent poses count less
-    lasting_share: float = 0.3  # of a pose's variances, that all have in common: of extrinsics, say
-    max_age: float = 1.0  # s; what vision saw earlier is of no use
-    outlier_probability: float = 0.05  # that a pose is an error, turned at random,
-    outlier_volume: float = 1.0  # and anywhere within so many m^3
+    correlation_time: float = 0.5  # s, after which errors are independent; more frequent poses count less
+    lasting_share: float = 0.3  # of a pose's variances that is common to all, for example of the extrinsics
+    max_age: float = 1.0  # s; older poses are ignored
+    outlier_probability: float = 0.05  # that a pose is an outlier, with uniform rotation
+    outlier_volume: float = 1.0  # and uniform translation within this volume, m^3
     gate: float = 22.5  # NIS of a pose by the earlier ones, beyond which they contradict it (chi-square, 0.1 %)
-    remembered: int = 16  # times of poses before the last one's, by which repeated ones are known
+    remembered: int = 16  # times of poses before the last one that are kept to recognise repeated ones
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class MixtureParams:
     """How many modes there are, and how wide they may be."""
 
-    max_modes: int = 8  # kept at the most
-    max_updated: int = 3  # that touch updates at each frame, at the most; the others wait for a search
-    least_updated_share: float = 0.01  # of the mass of the best mode; of less the same is true
-    least_share: float = 1e-5  # of the mass of the best mode; less is dropped
-    same_sigmas: float = 3.0  # standard deviations of a mode found, or of one believed, within which both are one
-    max_sigma_translation: float = 0.3  # m; of a translation with this standard deviation nothing is known
+    max_modes: int = 8  # most modes kept
+    max_updated: int = 3  # most modes that touch updates at each frame; the others wait for a search
+    least_updated_share: float = 0.01  # mass over that of the best mode below which a mode is not updated either
+    least_share: float = 1e-5  # mass over that of the best mode below which a mode is dropped
+    same_sigmas: float = 3.0  # standard deviations, of the found or the believed mode, within which both are one
+    max_sigma_translation: float = 0.3  # standard deviation of a translation of which nothing is known, m
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class PoseTrackerParams:
     """What the belief assumes of the hand and of the motion, and how much it works."""
 
-    calibration_position: float = 0.0005  # the part of a contact's error that never changes, of each coordinate, m
-    calibration_normal_deg: float = 2.5  # likewise of its normal about each axis, deg
-    frame_position: float = 0.00075  # of contacts whose covariance a hand declares, the part that is new each time, m
-    frame_normal_deg: float = 4.3  # likewise of their normals, deg
-    surface_position: float = 0.0001  # how far the model's surface is from the object's, m
-    surface_normal_deg: float = 1.0  # how far its normals are about each axis, deg
-    lever_arm: float = 0.25  # of the object's size: so far from O a turn moves the surface, by which m and rad compare
-    settling_time: float = 0.09  # s after a finger has come to touch, or the best mode has become another, until it is
-    settled_distance: float = 0.01  # of the surface between two best modes that are not the same, m
-    answer_probability: float = 0.98  # of the best mode, from which on it is the answer; it may stay so for long
-    # Standard deviations up to which it is one, where the touch of now tells of it: fewer than one in a hundred are off
-    # by 20 mm or 20 degrees.
+    calibration_position: float = 0.0005  # standard deviation of the constant part of a contact's error, each axis, m
+    calibration_normal_deg: float = 2.5  # the same of its normal about each axis, deg
+    frame_position: float = 0.00075  # of contacts with declared covariance: the part that is new at each time, m
+    frame_normal_deg: float = 4.3  # the same of their normals, deg
+    surface_position: float = 0.0001  # of the model's surface from the object's, m
+    surface_normal_deg: float = 1.0  # of its normals about each axis, deg
+    lever_arm: float = 0.25  # of the object's size: distance from O at which rad and m are compared
+    settling_time: float = 0.09  # s after a further finger touches or the best mode changes, until it settles
+    settled_distance: float = 0.01  # displacement of the surface beyond which two best modes are different, m
+    answer_probability: float = 0.98  # of the best mode from which on it is the answer; it may stay so for long
+    # Standard deviations up to which a mode is an answer, in what the current touch determines: fewer than one in a
+    # hundred are then off by 20 mm or 20 degrees.
     answer_distance: float = 0.0075  # m
     answer_turn_deg: float = 7.5  # deg
-    untold_share: float = 0.3  # of the object's size: the touch of now tells nothing where it is no better known
-    slip_time: float = 0.1  # s for which a slip that was found is taken to go on
-    flicker_time: float = 0.06  # s without touch, within which it has not ended: readings are lost, and may be weak
+    untold_share: float = 0.3  # of the object's size: standard deviation from which on the touch does not determine it
+    slip_time: float = 0.1  # s for which a detected slip is assumed to go on
+    flicker_time: float = 0.06  # s without contact after which a touch has ended: readings may be lost, or weak
     lost_time: float = 0.2  # s without an explanation of the touch, after which the pose is lost
     unobserved_time: float = 1.0  # s without touch or vision, after which the pose is lost
-    least_touch_chance: float = 1e-6  # with which noise alone leaves residuals as large; it is asked at each frame
+    least_touch_chance: float = 1e-6  # p-value below which noise does not explain a touch; tested at each frame
     seed: int = 0  # of the searches' random numbers
     noise: MotionNoise = dataclasses.field(default_factory=MotionNoise)
     contact_update: ContactUpdateParams = dataclasses.field(default_factory=ContactUpdateParams)
@@ -166,11 +166,11 @@ class PoseTrackerParams:
                 _check_numbers(getattr(self, field.name))
 
 
-# What has such a name is a part of one.
+# Fields whose names end so are shares, at most 1.
 _PARTS_OF_ONE = ("_share", "_probability", "_margin", "gain")
 _NOT_PARTS = ("least_gain",)  # of a cost
 _MAY_BE_ZERO = ("seed", "doublings", "halvings")
-# Of contacts and surfaces, as much as may be told of them, m.
+# Standard deviations of contacts and surfaces, m, at most as large as may be told.
 _POSITIONS = ("calibration_position", "frame_position", "surface_position")
 
 

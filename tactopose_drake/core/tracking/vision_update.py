@@ -1,6 +1,6 @@
 """Poses from vision: which are new, and the measurement update of the mixture by one that may be an outlier.
 
-Poses come late, repeated, frozen, or more frequent than their errors change.
+Poses may come late, repeatedly, frozen, or faster than their errors change.
 """
 
 import dataclasses
@@ -27,14 +27,14 @@ _NOT_BELIEVED = "vision is not believed"
 
 
 class Sighting(NamedTuple):
-    """A pose from vision, and how much of a measurement it is.
+    """A pose from vision, with its effective share of an independent measurement.
 
-    The errors of pictures that follow each other are much the same: of those within the correlation time each counts
-    as a share of one measurement.
+    The errors of successive pictures are correlated: within the correlation time, each counts as a share of one
+    measurement.
     """
 
-    pose: PoseMeasurement  # as of now
-    share: float  # in (0, 1]: the power to which its likelihood is taken
+    pose: PoseMeasurement  # moved to the present
+    share: float  # in (0, 1]: the power of its likelihood
 
 
 def read_vision(
@@ -44,17 +44,17 @@ def read_vision(
     time: float,
     params: VisionParams,
 ) -> tuple[Sighting | None, VisionRecord]:
-    """What vision says that is new, as of now, and the record of it.
+    """The new pose from vision, moved to the present, if there is one, and the updated record.
 
     Args:
-        record: of what it said before.
+        record: of the poses before.
         measurement: the latest pose from vision.
-        history: how the object moved lately, up to now.
+        history: the object's latest motions, up to the present.
         time: now, s.
         params: how long vision counts.
     """
     if measurement is None:
-        # That the last one is not believed still says something of what is believed; the rest went with it.
+        # The remark that vision was not believed still applies to the belief; the other remarks are obsolete.
         kept = record.remark in ("", _NOT_BELIEVED)
         return None, record if kept else dataclasses.replace(record, remark="")
     age = time - measurement.time
@@ -79,14 +79,14 @@ def read_vision(
 def see(
     model: ObjectModel, belief: PoseBelief, frame: Frame, reading: ContactReading, params: VisionParams
 ) -> tuple[PoseBelief, bool]:
-    """The belief with what vision and a prior say now, and whether the best mode takes that for an outlier.
+    """Updates the belief with vision and a prior; also tells whether the best mode takes vision for an outlier.
 
     Args:
         model: the object.
-        belief: as it is predicted.
+        belief: the predicted belief.
         frame: all that is sensed now.
         reading: its contacts.
-        params: what is assumed of vision.
+        params: what is assumed about vision.
     """
     standing, modes, is_outlier = belief.standing, belief.modes, False
     never_felt = belief.touch_time == -np.inf
@@ -109,12 +109,12 @@ def see(
         if is_outlier:
             record = dataclasses.replace(record, remark=_NOT_BELIEVED)
         else:
-            # A prior is a guess of the same kind, which the first picture takes the place of.
+            # A prior is a guess of the same kind, which the first picture replaces.
             is_first = begins or len(record.times) == 1
             standing = sighting.pose if is_first else fuse(model, standing, sighting, params)
             is_counted, told = True, record.prior if is_counted else prior
             record = dataclasses.replace(record, accepted_time=sighting.pose.time, prior=told)
-    # Vision that is not believed may be an outlier; it is none where nothing else has been seen for so long.
+    # Vision that is not believed may be an outlier, but not if nothing else has been seen for so long.
     waits = record.remark == _NOT_BELIEVED and frame.time <= record.accepted_time + params.max_age
     if not is_counted and not waits:
         is_counted, standing = True, guess
@@ -129,16 +129,16 @@ def see(
 
 
 def _has_counted(guess: PoseMeasurement, record: VisionRecord) -> bool:
-    """Whether a prior says no more than that which has counted."""
+    """Whether a prior says no more than the one already used."""
     return record.prior is not None and not guess.is_news_after(PoseMeasurement.from_prior(record.prior, guess.time))
 
 
 def fuse(
     model: ObjectModel, standing: PoseMeasurement | None, sighting: Sighting, params: VisionParams
 ) -> PoseMeasurement:
-    """What vision said, with one more of its poses; of two that contradict each other the later one.
+    """Fuses a further pose from vision with the earlier ones; of two that contradict each other the later one is kept.
 
-    Of the poses that look as the measured one does, the nearest to what it said counts: none tells them apart.
+    Among the measured pose's symmetric images, the one nearest to the earlier poses counts.
     """
     measurement, share = sighting
     if standing is None:
@@ -151,9 +151,9 @@ def fuse(
     noise = told / share
     gain = np.linalg.solve(standing.covariance + noise, standing.covariance).T
     left = np.eye(6) - gain
-    # In Joseph's form, which stays positive however much surer one of both is.
+    # Joseph's form stays positive definite however different the two covariances are.
     covariance = left @ standing.covariance @ left.T + gain @ noise @ gain.T
-    # However many poses there are, what is the same of all of them does not average out.
+    # The common part of the errors does not average out, however many poses there are.
     most = inverses(params.lasting_share * told[None])[0]
     covariance = limit_gain(standing.covariance[None], most, covariance[None])[0]
     X_PO = retract(standing.X_PO[None], (gain @ u)[None])[0]
@@ -161,13 +161,13 @@ def fuse(
 
 
 def move_standing(belief: PoseBelief, motion: Motion, time: float, *, was_taken: bool) -> PoseMeasurement | None:
-    """What vision said, after a motion of the object; before it was felt, it rests and stays as well known.
+    """The fused pose from vision after a motion of the object; before it is felt, it rests and stays as well known.
 
     Args:
-        belief: before.
+        belief: before the motion.
         motion: since then.
         time: now, s.
-        was_taken: whether the object has left the touch, and may have been moved: what was said is of another grasp.
+        was_taken: whether the object has left the touch and may have been moved, so that older poses do not apply.
     """
     if belief.standing is None or (was_taken and belief.vision.accepted_time <= belief.touch_time):
         return None
@@ -180,19 +180,19 @@ def move_standing(belief: PoseBelief, motion: Motion, time: float, *, was_taken:
 def update_with_pose(
     model: ObjectModel, modes: TrackedModes, sighting: Sighting, log_outlier: float
 ) -> tuple[TrackedModes, NDArray[np.bool_]]:
-    """The modes after a measurement of the pose, a Kalman update of each for which it is no outlier.
+    """Kalman update of those modes for which a measurement of the pose is no outlier.
 
-    Of the poses that look as the measured one does, the nearest to a mode is the one that it is updated with.
+    Each mode is updated with the symmetric image of the measured pose that is nearest to it.
 
     Args:
         model: the object.
-        modes: before.
-        sighting: as of the modes' time. Whether it is an outlier is asked of the whole measurement, whatever its share.
-        log_outlier: the logarithm of the density of outliers, where that of others is normal, 1/(rad^3 m^3). The gate
-            of a mode is where both are equal.
+        modes: before the update.
+        sighting: at the modes' time. The outlier test uses the whole measurement, whatever its share.
+        log_outlier: log density of outliers, 1/(rad^3 m^3); inliers are normally distributed. A mode's gate is where
+            both densities are equal.
 
     Returns:
-        The modes, and within the gates of which the measurement is, shape (n,).
+        The modes, and whether the measurement is within the gate of each, shape (n,).
     """
     measurement, share = sighting
     X_seen, told = _nearest_images(model, measurement, modes.X_PO)

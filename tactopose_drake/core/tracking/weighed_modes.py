@@ -1,4 +1,4 @@
-"""What the one-shot posterior says while a search goes on, and what of it is clear of the hand."""
+"""The result of the one-shot posterior in a search, and its correction for penetration of the hand."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from tactopose_drake.core.validation import FloatArray
 
 
 class WeighedModes(NamedTuple):
-    """What the one-shot posterior says.
+    """The modes of the one-shot posterior, and what they imply about the contacts.
 
     Attributes:
         modes: of the pose.
-        inlier_probability: of each contact, that it is what it claims to be, shape (k,): the geometric mean over the
-            modes, so that of two by which another contact is false each, both are doubted, and none draws a mode away.
+        inlier_probability: of each contact, shape (k,): the geometric mean over the modes, so that if two modes make
+            different contacts outliers, both are doubted, and neither biases a mode.
         sources: of these contacts; others may touch by the time that the search ends.
-        noise_scale: by how much the noise seems larger than told.
+        noise_scale: factor by which the noise seems larger than told.
     """
 
     modes: Modes
@@ -35,7 +35,7 @@ class WeighedModes(NamedTuple):
     noise_scale: float
 
     def moved(self, X_PP: FloatArray) -> WeighedModes:
-        """The same after a motion (3, 4) of the object, which acts from the left: translations turn with it."""
+        """The result after a motion (3, 4) of the object from the left, which also rotates translations."""
         turn, mixture = np.eye(6), self.modes.mixture
         turn[3:, 3:] = X_PP[:, :3]
         mixture = dataclasses.replace(
@@ -45,7 +45,7 @@ class WeighedModes(NamedTuple):
         return self._replace(modes=dataclasses.replace(self.modes, mixture=mixture, free_directions=free))
 
     def likely(self, params: RelocalisationParams) -> NDArray[np.intp]:
-        """Which of several modes are likely, the numbers of two at least; none where one alone is."""
+        """Indices of the likely modes, if there are at least two; otherwise empty."""
         weights = self.modes.mixture.weights
         found = np.flatnonzero(weights > params.least_checked_share * weights.max())
         return found if len(found) > 1 else found[:0]
@@ -53,15 +53,15 @@ class WeighedModes(NamedTuple):
     def clear(
         self, model: ObjectModel, hand: HandGeometry | None, params: RelocalisationParams, depth: FloatArray
     ) -> Self:
-        """The same where each mode counts by the probability that the object does not reach into the hand at it.
+        """The result with each mode weighted by the probability that the object does not penetrate the hand there.
 
-        How deep it does is as unsure as the mode's pose is, to first order, and as the hand's surface.
+        The variance of the penetration comes from the mode's pose, to first order, and from the hand's surface.
 
         Args:
             model: the object.
-            hand: its volume, which says how unsure its surface is; None where that is not known.
-            params: what may be, and what is assumed of the surface.
-            depth: of the object in the hand at the likely modes, shape (n,), m.
+            hand: its volume with the standard deviation of its surface; None if unknown.
+            params: the allowed penetration, and the assumed standard deviation of the surface.
+            depth: penetration at the likely modes, shape (n,), m.
         """
         mixture, likely = self.modes.mixture, self.likely(params)
         variance = np.full(len(likely), params.depth_sigma**2)
