@@ -1,4 +1,4 @@
-"""What searches have in common that look at many poses of a box before they refine a few."""
+"""Base class of searches that evaluate many poses of a box before they refine a few."""
 
 import abc
 import dataclasses
@@ -13,12 +13,12 @@ from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class BoxSearch(Search, abc.ABC):
-    """Tries poses of the box that the space reaches; the best of them are refined.
+    """Evaluates poses of the box that the space reaches, and refines the best of them.
 
     Attributes:
-        max_evaluations: poses tried at the most.
-        refined: so many of the best distinct poses are refined in the end.
-        refinement: how.
+        max_evaluations: most poses evaluated.
+        refined: number of the best distinct poses that are refined in the end.
+        refinement: how these are refined.
     """
 
     max_evaluations: int = 20_000
@@ -32,7 +32,7 @@ class BoxSearch(Search, abc.ABC):
         generator: np.random.Generator,
         should_stop: StopSignal = never,
     ) -> SearchResult:
-        """The minima that the best of the tried poses lead to, by rising cost."""
+        """Returns the minima that the best poses evaluated lead to, in ascending order of cost."""
         candidates = CandidatePoses(objective, space.center, np.repeat(space.reach, 3))
         self.try_poses(candidates, generator, should_stop)
         found = refine_best(objective, candidates.by_cost(), self.refined, self.refinement, should_stop)
@@ -40,4 +40,4 @@ class BoxSearch(Search, abc.ABC):
 
     @abc.abstractmethod
     def try_poses(self, candidates: CandidatePoses, generator: np.random.Generator, should_stop: StopSignal) -> None:
-        """Tries increments from -1 to 1 in each of six units, one at least, until it should stop."""
+        """Evaluates increments in [-1, 1]^6, scaled to the box, at least one, until it should stop."""

@@ -1,4 +1,4 @@
-"""Poses that a search has tried: the best of them, as far as they are distinct, start the final refinement."""
+"""Poses that a search has evaluated; the best distinct ones start the final refinement."""
 
 import numpy as np
 
@@ -9,14 +9,14 @@ from tactopose_drake.core.searches.pairs.distinct import distinct_poses
 from tactopose_drake.core.searches.search import SearchResult, StopSignal
 from tactopose_drake.core.validation import FloatArray
 
-# Of poses closer than this, m and rad, only the best is refined.
+# Poses closer than this, m and rad, count as the same: only the best is refined.
 _SAME_PLACE, _SAME_TURN = 0.01, 0.2
 
 
 class CandidatePoses:
-    """Costs of increments from a centre, one at a time, each remembered.
+    """Costs of increments from a centre, evaluated one at a time and recorded.
 
-    The increments come in units, so that one number changes the pose as much as another.
+    The increments are scaled by units, so that each coordinate changes the pose about equally.
     """
 
     def __init__(self, objective: LeastSquaresObjective, center: FloatArray, units: FloatArray) -> None:
@@ -38,18 +38,18 @@ class CandidatePoses:
         return X_PO
 
     def try_pose(self, y: FloatArray) -> float:
-        """The cost of an increment (6,), which is remembered."""
+        """Evaluates and records the cost of an increment (6,)."""
         cost = float(self._objective.cost(self.pose(y)[None])[0])
         self.remember(y, cost)
         return cost
 
     def remember(self, y: FloatArray, cost: float) -> None:
-        """Remembers an increment (6,) whose cost is known."""
+        """Records an increment (6,) of known cost."""
         self._tried.append(np.array(y))
         self._cost.append(cost)
 
     def by_cost(self) -> FloatArray:
-        """The poses (n, 3, 4) by rising cost."""
+        """The poses (n, 3, 4) in ascending order of cost."""
         order = np.argsort(self._cost, kind="stable")
         return self._poses(np.array(self._tried)[order])
 
@@ -61,5 +61,5 @@ def refine_best(
     refinement: LevenbergMarquardt,
     should_stop: StopSignal,
 ) -> SearchResult:
-    """Refines the first `count` distinct ones of poses (n, 3, 4) by rising cost."""
+    """Refines the first `count` distinct poses out of poses (n, 3, 4) in ascending order of cost."""
     return refinement.refine(objective, X_PO[distinct_poses(X_PO, _SAME_PLACE, _SAME_TURN)][:count], should_stop)

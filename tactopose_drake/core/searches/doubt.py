@@ -1,4 +1,4 @@
-"""A search where contacts may be false, by whatever search."""
+"""Runs any search with contacts that may be outliers."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pose_problem import PoseProblem
 from tactopose_drake.core.searches.search import Search, SearchResult, StopSignal, never
 
-# Of a search that knows nothing of doubt so many minima are refined, none within so many standard deviations of others.
+# For searches without support for outliers: number of minima refined, and least standard deviations between them.
 _KEPT, _SAME_MINIMUM = 10, 1.0
 _NO_SYMMETRY = np.eye(3, 4)[None]
 _REFINEMENT = LevenbergMarquardt(max_iterations=8, tolerance=1e-3)
@@ -16,11 +16,11 @@ _REFINEMENT = LevenbergMarquardt(max_iterations=8, tolerance=1e-3)
 def search_with_doubt(
     problem: PoseProblem, search: Search, generator: np.random.Generator, should_stop: StopSignal = never
 ) -> SearchResult:
-    """The minima of all the evidence by the mixture likelihood, which says itself which contacts are false, if any.
+    """Minimises the mixture likelihood of all the evidence, which decides by itself which contacts are outliers.
 
     Args:
-        problem: what is known, of which contacts or pads may be false.
-        search: one that proposes poses for that itself, or one by which all is as told: from its minima doubt leads on.
+        problem: the evidence, whose contacts or pads may be false.
+        search: if it has no own support for outliers, its minima without any start the refinement.
         generator: of random numbers.
         should_stop: asked between rounds.
     """

@@ -1,4 +1,4 @@
-"""An evolution strategy: poses drawn about where the last draw was best. It asks for costs alone, not for derivatives.
+"""An evolution strategy: each generation is drawn about the best poses of the last. It needs costs but no derivatives.
 
 Source: [H16] N. Hansen, The CMA evolution strategy: a tutorial, 2016: the weighted mean of the parents (eq. 6) and the
 covariance of their steps (eq. 30, the rank-mu update).
@@ -19,7 +19,7 @@ Proposals = Callable[[PoseSpace, np.random.Generator], FloatArray]
 
 
 class _Best(NamedTuple):
-    """Of b populations: poses (b, 3, 4) and their costs (b,)."""
+    """Best poses (b, 3, 4) of b populations so far, and their costs (b,)."""
 
     X_PO: FloatArray
     cost: FloatArray
@@ -29,20 +29,20 @@ class _Best(NamedTuple):
 class EvolutionStrategy(Search):
     """Populations that start at the best of many poses; after some rounds only the better ones go on.
 
-    For objectives that jump or bend, where a step along the derivative leads nowhere.
+    For objectives with jumps or kinks, where steps along the derivative lead nowhere.
 
     Attributes:
-        proposals: poses (n, 3, 4) that are tried first, given the space; None for none.
-        samples: so many random poses of the space are tried with them.
+        proposals: gives start poses (n, 3, 4) for a space; None for none.
+        samples: number of random start poses of the space.
         populations: how many start.
-        kept: so many are left after the first rounds.
-        first: so many rounds.
+        kept: how many of them are left after the first rounds.
+        first: number of the first rounds.
         size: poses that a population draws in a round.
-        parents: of these so many make the next one.
-        rounds: how many there are at the most.
+        parents: number of the best of these that make the next generation.
+        rounds: most rounds.
         tolerance: a population has converged when its parents' costs differ by less than this share of the best.
-        learning: share of a round's covariance in the next one's.
-        spread: first standard deviation of a population, as a share of the space's.
+        learning: weight of a round's covariance in the next one's.
+        spread: initial standard deviation of a population, as a share of the space's.
     """
 
     proposals: Proposals | None = None
@@ -64,7 +64,7 @@ class EvolutionStrategy(Search):
         generator: np.random.Generator,
         should_stop: StopSignal = never,
     ) -> SearchResult:
-        """The best pose of each population that is left, by rising cost."""
+        """Returns the best pose of each remaining population, in ascending order of cost."""
         mean, best = self._start(objective, space, generator)
         scale = self.spread / np.sqrt(np.diag(space.information))
         covariance = np.repeat(np.diag(scale**2)[None], len(mean), axis=0)
@@ -96,7 +96,7 @@ class EvolutionStrategy(Search):
     def _start(
         self, objective: Objective, space: PoseSpace, generator: np.random.Generator
     ) -> tuple[FloatArray, _Best]:
-        """Where the populations start, and the best of each so far."""
+        """The start of each population, and its best pose so far."""
         X_PO = np.concatenate([space.center[None], space.sample(generator, self.samples)])
         if self.proposals is not None:
             X_PO = np.concatenate([X_PO, self.proposals(space, generator)])
@@ -107,7 +107,7 @@ class EvolutionStrategy(Search):
     def _draw(
         self, mean: FloatArray, covariance: FloatArray, space: PoseSpace, generator: np.random.Generator
     ) -> FloatArray:
-        """The next generation (b, size, 3, 4) of populations about their means (b, 3, 4), within the space's reach."""
+        """The next generation (b, size, 3, 4) of populations with means (b, 3, 4), clipped to the space's reach."""
         root = np.linalg.cholesky(covariance + 1e-18 * np.eye(6))
         normal = generator.normal(size=(len(mean), self.size, 6))
         drawn = retract(np.repeat(mean[:, None], self.size, axis=1), normal @ np.swapaxes(root, 1, 2))

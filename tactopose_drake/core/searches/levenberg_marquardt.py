@@ -22,7 +22,7 @@ from tactopose_drake.core.searches.parameters import IncrementParameters, Parame
 from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.validation import FloatArray
 
-# A compiled descent may be stopped after so many steps, a millisecond or so.
+# A compiled descent can be stopped after so many steps, about a millisecond.
 _BLOCK = 2048
 
 Solver = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
@@ -49,12 +49,12 @@ class LevenbergMarquardt(Search):
 
     Attributes:
         max_iterations: steps tried for each pose.
-        tolerance: a pose has converged when a step lowers its cost, or promises to, by less than this and this fraction
-            of it; or when rejected steps have driven the damping beyond `max_damping`.
+        tolerance: a pose has converged when the actual or predicted decrease of its cost is at most
+            tolerance (1 + cost); or when rejected steps have driven the damping beyond `max_damping`.
         initial_damping, max_damping: lambda of [B16] eq. 2.30.
-        least_refused: a rejected step's successor has at least this lambda. Zero is the thesis' rule, by which those
-            that follow on many better steps are tried in vain until lambda begins to count, from a tenth on.
-        parameters: what is moved: six increments, or the thesis' quaternion and translation.
+        least_refused: least lambda after a rejected step. Zero is the thesis' rule, which after many better steps
+            tries many in vain until lambda has an effect, from about a tenth on.
+        parameters: the parametrisation: six increments, or the thesis' quaternion and translation.
         solver: how the damped equations are solved.
     """
 
@@ -77,9 +77,9 @@ class LevenbergMarquardt(Search):
         return self.refine(objective, space.center[None], should_stop)
 
     def refine(self, objective: SmoothObjective, X_start: FloatArray, should_stop: StopSignal = never) -> SearchResult:
-        """Minimises from each of the poses (B, 3, 4); returns them by rising cost.
+        """Minimises from each of the poses (B, 3, 4); returns them in ascending order of cost.
 
-        By increments any smooth objective will do; other parameters ask for residuals.
+        With increments any smooth objective will do; other parametrisations need residuals.
         """
         X_start = np.ascontiguousarray(X_start)
         by_increments = isinstance(self.parameters, IncrementParameters)
@@ -91,7 +91,7 @@ class LevenbergMarquardt(Search):
         here = self.parameters.start(X_start).copy()
         state, cost = here.copy(), np.empty(len(here))
         iterations, converged = np.zeros(len(here), dtype=np.int64), np.zeros(len(here), dtype=np.bool_)
-        # The working arrays hold the poses that still move; `active` says which ones these are.
+        # The working arrays hold the poses that have not converged; `active` gives their indices.
         active, start, damping = np.arange(len(here)), X_start, np.full(len(here), self.initial_damping)
         rule = self._rule
         equations = self.parameters.normal_equations(least_squares, here, X_start)
@@ -131,7 +131,7 @@ class LevenbergMarquardt(Search):
     def _descend(
         self, descent: Callable[[DescentRule, FloatArray], Descent], X_start: FloatArray, should_stop: StopSignal
     ) -> Iterator[SearchResult]:
-        """The same in compiled blocks of poses; those that there is no time for stay where they are."""
+        """The same in compiled blocks of poses; after the stop signal the remaining poses are returned as they are."""
         rule = self._rule
         standing = rule._replace(max_iterations=0)
         size = 1 + _BLOCK // (1 + self.max_iterations)

@@ -1,12 +1,12 @@
-"""Our global search: contacts taken two at a time say where the object may be, all of them say where it is.
+"""The global search: pairs of contacts propose poses, and all contacts together select among them.
 
-Where two contacts may lie on the object is looked up in its pair features, and gives poses in their thousands. Those
-are judged by all contacts on the object's coarse field; the best, as far as they are distinct, start the refinement.
-Where contacts may be false, poses join them that are judged by all contacts but the one that each suits least: a false
-one draws all poses of a search toward itself, and none near the truth may be left.
+The places where two contacts may lie on the object are looked up in its pair features, which gives thousands of poses.
+These are ranked by all contacts on the object's coarse field; the best distinct ones start the refinement. Where
+contacts may be outliers, the starts include poses ranked by all contacts but the one that fits each worst: an outlier
+biases all poses of a search toward itself, and might leave none near the truth.
 
-Where two contacts say nothing (there is but one; they nearly coincide; the object is too small for any two), random
-poses that touch the object start it; and where there is a prior, random poses under it start it too.
+Where pairs are uninformative (there is one contact; they nearly coincide; the object is too small for any two), random
+poses that touch the object are used; and where there is a prior, random poses drawn from it are used too.
 """
 
 import dataclasses
@@ -35,12 +35,12 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
 _NO_SYMMETRY = np.eye(3, 4)[None]
-# Poses that are still moving lead to the same minimum when they lie within so many standard deviations of each other.
+# Unconverged poses within so many standard deviations of each other are assumed to lead to the same minimum.
 _SAME_MINIMUM = 1.5
-# Poses that cost so much more than the best are not part of any answer, while all are still moving.
+# Unconverged poses that cost more than the best by this are dropped.
 _WORTH = 60.0
-# An object that is symmetric within so much of the contacts' sigma is so for any touch. Of the images of one that is
-# less so the proposals hold but one; so the images of so many of the best poses are refined, too.
+# Symmetries that displace the surface by less than this share of the contacts' sigma hold for any touch. Of the images
+# under other symmetries the proposals contain only one; so the images of this many of the best poses are refined, too.
 _NOTICED, _IMAGED = 0.1, 2
 
 
@@ -49,10 +49,10 @@ class Stage:
     """A round of refinement, and which of its poses go on to the next.
 
     Attributes:
-        refinement: what is done with each pose.
-        kept: so many of the best go on, at most.
-        worth: poses that cost so much more than the best are not part of any answer.
-        apart: of poses within so many standard deviations of each other the best goes on.
+        refinement: applied to each pose.
+        kept: most poses that go on, the best ones.
+        worth: poses that cost more than the best by this are dropped.
+        apart: of poses within so many standard deviations of each other only the best goes on.
     """
 
     refinement: LevenbergMarquardt
@@ -63,14 +63,14 @@ class Stage:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Start:
-    """The poses that the first stage is given.
+    """The start poses of the first stage.
 
     Attributes:
-        candidates: so many poses of pairs of contacts, at most.
-        samples: so many random poses of the space join them.
-        fewest: without a prior only where fewer candidates come than this; always, if it is None. Near one more samples
-            join them, until they are so many.
-        kept: so many of all these go on, by their cost; all, if it is None.
+        candidates: most poses from pairs of contacts.
+        samples: number of random poses of the space that are added.
+        fewest: without a prior, random poses are added only if there are fewer candidates than this; always, if None.
+            Near a prior, more random poses are added to reach this number.
+        kept: how many of all these go on, by their cost; all, if None.
     """
 
     candidates: int = 400
@@ -79,23 +79,23 @@ class Start:
     kept: int | None = None
 
     def widened(self) -> "Start":
-        """Four times as many."""
+        """Four times as many start poses."""
         kept = None if self.kept is None else 4 * self.kept
         return dataclasses.replace(self, candidates=4 * self.candidates, samples=4 * self.samples, kept=kept)
 
 
-# Less damping than this changes a step too little to be tried after a refused one: a tenth of the trials are saved.
+# Least damping after a rejected step: smaller values hardly change the step. This saves a tenth of the trials.
 _LEAST_REFUSED = 0.1
 _FIRST_STEPS = LevenbergMarquardt(max_iterations=3, tolerance=3e-4, initial_damping=1e-2, least_refused=_LEAST_REFUSED)
 _FURTHER_STEPS = dataclasses.replace(_FIRST_STEPS, max_iterations=4)
-# Most poses are on their way to the same few minima: of those that come together on it, one is left.
+# Most poses are on their way to the same few minima: of those that come together, one is kept.
 _ON_THE_WAY = Stage(refinement=_FURTHER_STEPS, kept=20, worth=20.0, apart=1.0)
-# So few measured numbers, three of a contact with its normal and one of a point alone, leave many poses that explain
+# So few measured numbers, three for a contact with its normal and one for a point alone, leave many poses that explain
 # them, most without a prior: more are followed.
 _FEW_NUMBERS, _MANY_ON_THE_WAY = 12, dataclasses.replace(_ON_THE_WAY, kept=80)
-# A descent may get stuck where the field has a kink; from the best another one goes on.
+# A descent may get stuck at a kink of the field; it is restarted from the best poses.
 _AGAIN = dataclasses.replace(_ON_THE_WAY, kept=3)
-# All that come out have arrived: a pose on its way down a valley would count as a mode of its own.
+# To convergence: a pose still on its way down a valley would count as a mode of its own.
 _TO_THE_MINIMUM = LevenbergMarquardt(max_iterations=20, tolerance=1e-3, least_refused=_LEAST_REFUSED)
 
 
@@ -103,8 +103,8 @@ def global_stages(starts: int = 80, kept: int = 40) -> tuple[Stage, ...]:
     """The first stages without a prior.
 
     Args:
-        starts: poses left after the first steps.
-        kept: that go on by all the evidence.
+        starts: number of poses kept after the first step.
+        kept: number that go on to all the evidence.
     """
     return (
         Stage(refinement=dataclasses.replace(_FIRST_STEPS, max_iterations=1), kept=starts),
@@ -113,7 +113,7 @@ def global_stages(starts: int = 80, kept: int = 40) -> tuple[Stage, ...]:
 
 
 def near_stages(kept: int = 40) -> tuple[Stage, ...]:
-    """The first stage near a prior, of which so many poses go on by all the evidence."""
+    """The first stage near a prior, after which `kept` poses go on to all the evidence."""
     return (Stage(refinement=_FIRST_STEPS, kept=kept, worth=40.0),)
 
 
@@ -123,11 +123,11 @@ class PairSearch(Search):
 
     Attributes:
         model: the object.
-        contacts: the touch that poses are proposed from. What is minimised is the objective's business.
-        choice: how pairs are matched and chosen where there is no prior.
-        start, stages: what is refined, and how. These stages are by the touch alone.
-        start_but_for_one: the poses that are given beside where one of the contacts may be false.
-        on_the_way: what goes on to the minima, by all the evidence.
+        contacts: the touch that poses are proposed from; the objective may include other evidence.
+        choice: how pairs are matched and chosen without a prior.
+        start, stages: start poses and first stages, by the touch alone.
+        start_but_for_one: additional start poses if one of the contacts may be false.
+        on_the_way: the stage before the final refinement, by all the evidence.
         near_choice, near_start, near_stages, near_start_but_for_one: the same near a prior.
     """
 
@@ -145,17 +145,14 @@ class PairSearch(Search):
 
     @classmethod
     def of(cls, model: ObjectModel, contacts: Contacts) -> "PairSearch":
-        """The search for these contacts, wider if they are few.
-
-        It is also wider without normals, since a match of two points then leaves a rotation open.
-        """
+        """The search for these contacts; wider if they are few, or have no normals to determine the spin."""
         search = cls(model=model, contacts=contacts)
         if len(contacts.p_PC) * (1 if contacts.n_PC is None else 3) <= _FEW_NUMBERS:
             search = dataclasses.replace(search, stages=global_stages(320, 160), on_the_way=_MANY_ON_THE_WAY)
         return search if contacts.n_PC is not None else search.widened()
 
     def widened(self) -> "PairSearch":
-        """The search with four times the starts where there is a prior."""
+        """The search with four times as many start poses near a prior."""
         return dataclasses.replace(
             self,
             near_choice=dataclasses.replace(self.near_choice, poses=4 * self.near_choice.poses),
@@ -171,7 +168,7 @@ class PairSearch(Search):
         generator: np.random.Generator,
         should_stop: StopSignal = never,
     ) -> SearchResult:
-        """The minima that the candidates lead to, by rising cost."""
+        """Returns the minima that the candidates lead to, in ascending order of cost."""
         near, believed, proposals = is_near(space), objective.believed, self.proposals(space, generator)
         start = self.near_start if near else self.start
         start_but_for_one = self.near_start_but_for_one if near else self.start_but_for_one
@@ -198,7 +195,7 @@ class PairSearch(Search):
         generator: np.random.Generator,
         should_stop: StopSignal = never,
     ) -> SearchResult:
-        """The same where contacts may be false."""
+        """The same with contacts that may be outliers."""
         return self.minimize(objective, space, generator, should_stop)
 
     def _approach(
@@ -208,10 +205,10 @@ class PairSearch(Search):
         space: PoseSpace,
         should_stop: StopSignal,
     ) -> tuple[Stage, SearchResult]:
-        """The last of the first stages, and what it leads poses (n, 3, 4) to, with Hessians; it says what goes on.
+        """Runs the first stages on poses (n, 3, 4); returns the last of them and its result, with Hessians.
 
-        These stages are by the touch alone, as the proposals are: other evidence is slow, and tells most once they
-        touch. Then it has its say in which of them go on.
+        These stages use the touch alone, as the proposals do: other evidence is slow to evaluate, and says most about
+        poses that touch. Its cost then decides which of them go on.
         """
         if is_near(space):
             start, quick, stages = self.near_start, believed.quick, self.near_stages
@@ -232,14 +229,14 @@ class PairSearch(Search):
         return stages[-1], found
 
     def proposals(self, space: PoseSpace, generator: np.random.Generator) -> PairProposals:
-        """What pairs of contacts propose for poses of this space."""
+        """Proposals by pairs of contacts for poses of this space."""
         choice = self.near_choice if is_near(space) else self.choice
         return PairProposals.match(self.model, self.contacts, choice, space, generator)
 
     def _starts(
         self, start: Start, X_PO: FloatArray, proposals: PairProposals, generator: np.random.Generator
     ) -> FloatArray:
-        """Those of the proposals (m, 3, 4), and random poses, shape (n, 3, 4)."""
+        """The start poses (n, 3, 4): proposals (m, 3, 4) and random poses."""
         space = proposals.space
         if is_near(space):
             missing = 0 if start.fewest is None else start.fewest - len(X_PO)
@@ -249,13 +246,13 @@ class PairSearch(Search):
             X_PO = np.concatenate([X_PO, space.sample(generator, start.samples)])
         if not self.model.continuous_symmetries:
             return X_PO
-        # Turns about an axis make no other start of one.
+        # Rotations about a symmetry axis make no different start.
         return proposals.distinct(turn_alike(X_PO, space.center, self.model.symmetries, self.model.symmetry_poses))
 
     def _with_images(self, X_PO: FloatArray) -> FloatArray:
-        """Poses (n, 3, 4), and images of the first by half turns, which many objects nearly stand, and by symmetries.
+        """Poses (n, 3, 4), with images of the first ones under half turns and distinguishable symmetries.
 
-        Of the symmetries those are taken that the touch may tell apart.
+        Many objects are nearly symmetric under half turns.
         """
         misfits = self.model.symmetry_misfits
         noticed = self.model.symmetry_poses[misfits > _NOTICED * np.min(self.contacts.sigma_position)]
@@ -265,10 +262,10 @@ class PairSearch(Search):
     def _apart(
         self, found: SearchResult, believed: LeastSquaresObjective, space: PoseSpace, stage: Stage
     ) -> FloatArray:
-        """The poses (n, 3, 4) that go on: of those that are no steps on the way to the same minimum the best.
+        """The poses (n, 3, 4) that go on: the best of each set that leads to the same minimum.
 
-        By the local models where all is as told: along a direction that hardly changes the cost, poses far apart belong
-        together.
+        Distances are by the local quadratic models without outliers: along a direction that hardly changes the cost,
+        poses far apart belong together.
         """
         count = int(found.cost.searchsorted(found.cost[0] + stage.worth, side="right"))
         X_PO = found.X_PO[:count]

@@ -1,6 +1,6 @@
-"""The numbers that a local search moves: six increments, or the thesis' quaternion and translation.
+"""Parametrisations of local searches: six increments, or the thesis' quaternion and translation.
 
-A parametrisation turns poses into states (B, ...), states into poses, gives the objective's normal equations in its own
+A parametrisation converts poses to states (B, ...) and back, gives the objective's normal equations in its own
 parameters, and moves a state by a step.
 """
 
@@ -30,7 +30,7 @@ class Parameters(Protocol):
     def normal_equations(
         self, objective: LeastSquaresObjective, state: FloatArray, X_start: FloatArray
     ) -> NormalEquations:
-        """Cost (B,), gradient (B, n) and Gauss-Newton Hessian (B, n, n) by the parameters."""
+        """Cost (B,), gradient (B, n) and Gauss-Newton Hessian (B, n, n) with respect to the parameters."""
         ...
 
     def move(self, state: FloatArray, step: FloatArray) -> FloatArray:
@@ -43,7 +43,7 @@ class Parameters(Protocol):
 
 
 class IncrementParameters:
-    """Six increments (w, v) about the present pose: the state is the pose itself, and derivatives are analytic."""
+    """Six increments (w, v) about the current pose: the state is the pose itself, and derivatives are analytic."""
 
     def start(self, X_start: FloatArray) -> FloatArray:
         """The poses themselves."""
@@ -66,15 +66,15 @@ class IncrementParameters:
         return out
 
     def scales(self, length: float) -> FloatArray:
-        """One radian, and the length."""
+        """1 rad for rotations, `length` for translations."""
         return np.repeat([1.0, length], 3)
 
 
 class QuaternionParameters:
-    """The thesis' seven parameters x = [q, t]: a transformation of the contacts at the first pose.
+    """The thesis' seven parameters x = [q, t]: a transformation of the contacts at the start pose.
 
-    The result is inverted and applied to the object; the derivative is a forward difference. [B16] eqs. 3.1 and 2.28,
-    section 3.1; J. Bimbo, thesis, 2016.
+    Its inverse moves the object; derivatives are forward differences. J. Bimbo, thesis, 2016, section 3.1, eqs. 2.28
+    and 3.1.
     """
 
     def start(self, X_start: FloatArray) -> FloatArray:
@@ -82,7 +82,7 @@ class QuaternionParameters:
         return np.tile(np.eye(1, 7), (len(X_start), 1))
 
     def poses(self, state: FloatArray, X_start: FloatArray) -> FloatArray:
-        """The first pose, moved by the inverse of what moves the contacts."""
+        """The start pose, moved by the inverse of the contacts' transformation."""
         moves_contacts = make_poses(matrix_from_quaternion(state[:, :4]), state[:, 4:])
         return compose(inverse(moves_contacts), X_start)
 
@@ -101,5 +101,5 @@ class QuaternionParameters:
         return moved
 
     def scales(self, length: float) -> FloatArray:
-        """A unit of the quaternion, and the length."""
+        """1 for the quaternion, `length` for the translation."""
         return np.array([1.0, 1.0, 1.0, 1.0, length, length, length])

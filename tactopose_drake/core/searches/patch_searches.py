@@ -1,4 +1,4 @@
-"""Our search for tactile arrays: pairs of touches say where the object may be, the arrays' cells say where it is."""
+"""Searches for tactile arrays: pairs of touches propose poses, the arrays' cells select among them."""
 
 from collections.abc import Sequence
 
@@ -17,13 +17,13 @@ from tactopose_drake.core.validation import FloatArray
 def patch_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contacts | None = None) -> PairSearch:
     """A pair search on the centroids and normals of the patches, and on contacts, for objectives on the patches' cells.
 
-    Such an objective costs ten times what one on contacts does, and fewer of its minima mislead: fewer of the same
-    candidates are refined.
+    Such an objective costs ten times as much as one on contacts, and fewer of its minima are spurious: so fewer of the
+    same candidates are refined.
 
     Args:
         model: the object.
         patches: the touch that poses are proposed from; at least one pad feels the object.
-        contacts: more of it.
+        contacts: further contacts.
     """
     return PairSearch(
         model=model,
@@ -35,10 +35,10 @@ def patch_search(model: ObjectModel, patches: Sequence[Patch], contacts: Contact
 
 
 def corner_search(model: ObjectModel, patches: Sequence[Patch]) -> EvolutionStrategy:
-    """The same proposals for objectives that jump or bend, as those of point clouds do.
+    """The same proposals for objectives with jumps and kinks, such as those of point clouds.
 
-    There the derivative says little: a point that enters a pad's sensing box makes the cost jump, and wherever another
-    point is the nearest it bends. Refined by steps along the derivative the cost stays well above the least.
+    Their derivative says little: a point that enters a pad's sensing box makes the cost jump, and where the nearest
+    point changes it has a kink. Descent along the derivative ends well above the minimum.
 
     Args:
         model: the object.

@@ -1,4 +1,4 @@
-"""From evidence to what a search is given: an objective, and the space to look in."""
+"""Builds the optimisation problem from evidence: an objective, and the space to search."""
 
 import functools
 from typing import NamedTuple
@@ -27,11 +27,11 @@ from tactopose_drake.core.searches.touch_space import TouchSpace
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 
-# So many standard deviations of the hand's geometry the object may be in the hand for nothing: by about as much the
-# contacts, whose noise is of that size too, and the skin, which gives way, may leave it there.
+# Overlap with the hand that costs nothing, in standard deviations of the hand's geometry: contacts, whose noise is of
+# that size too, and yielding skin may leave the object that deep.
 _TOUCHING = 2.0
 
-# Symmetries keep the centre of mass where it is within this share of the object's size.
+# Tolerance for symmetries to keep the centre of mass in place, as a share of the object's size.
 _SAME_CENTER = 1e-3
 
 
@@ -39,20 +39,20 @@ class PoseProblem(NamedTuple):
     """The search for an object's pose from evidence.
 
     Attributes:
-        touch: the contacts' objective by itself.
-        determining: the objective of what holds the pose from both sides, contacts, patches, balance and planes: its
-            curvature says what is determined. The hand's volume, pads that feel nothing and friction bound the pose on
-            one side only, which curvature hides.
-        likelihood: the objective of all the evidence but the prior.
-        objective: that of all the evidence.
-        bounding: the terms of the last that are not determining, the prior among them.
-        space: the poses that are possible.
-        mixture: the contacts' likelihood where each may be false; None where there is no contact. Searches go by
-            `touch`, which has fewer minima that mislead; beliefs by this.
-        pads: the objective of the pads that feel the object by itself; None where there is none.
-        pad_mixture: the likelihood of those where each may feel something else, likewise; None where none may.
-        prior: the prior's objective by itself; None where there is none.
-        hand: that of the hand's volume, likewise.
+        touch: the contacts' objective alone.
+        determining: the objective of the evidence that holds the pose from both sides: contacts, patches, balance and
+            planes. Its curvature tells what is determined. The hand's volume, pads that feel nothing and friction bound
+            the pose on one side only, which curvature does not show.
+        likelihood: the objective of all the evidence except the prior.
+        objective: the objective of all the evidence.
+        bounding: the terms of `objective` that are not determining, including the prior.
+        space: the possible poses.
+        mixture: the contacts' likelihood if each may be an outlier; None if there is no contact. Searches use `touch`,
+            which has fewer spurious minima; beliefs use this.
+        pads: the objective of the pads that feel the object, alone; None if there is none.
+        pad_mixture: their likelihood if each may feel something else; None if none may.
+        prior: the prior's objective alone; None if there is none.
+        hand: the objective of the hand's volume alone; None if there is none.
         but_for_one: see `DoubtedObjective`.
     """
 
@@ -70,14 +70,14 @@ class PoseProblem(NamedTuple):
     but_for_one: ContactsButOne | None = None
 
     def doubted(self, objective: LeastSquaresObjective) -> DoubtedObjective:
-        """One of the objectives, with contacts and pads that may be false."""
+        """The robust form of one of the objectives, in which contacts and pads may be outliers."""
         terms = (objective,) if objective is self.pads else objective.terms
         doubted: dict[int, SmoothObjective] = {}
         if self.pads is not None and self.pad_mixture is not None:
             doubted[id(self.pads)] = self.pad_mixture
         if self.mixture is not None:
             mixture = self.mixture
-            if self.touch in terms:  # In one compiled loop.
+            if self.touch in terms:  # Evaluated in one compiled loop.
                 if self.prior is not None and self.prior in terms:
                     mixture = mixture.with_prior(self.prior)
                 if self.hand is not None and self.hand in terms:
@@ -88,10 +88,10 @@ class PoseProblem(NamedTuple):
 
 
 def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
-    """Gathers the objectives that the evidence calls for; there is a contact, or a patch that is felt.
+    """Builds the objectives of the evidence, which has at least one contact, or a patch that is felt.
 
     Raises:
-        InvalidInputError: balance of an object whose mass is not known, or whose symmetries move its centre of mass.
+        InvalidInputError: balance of an object of unknown mass, or whose symmetries move its centre of mass.
     """
     contacts, prior = evidence.contacts, evidence.prior
     mixture = None
@@ -147,7 +147,7 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
 
 
 def _bounding_terms(model: ObjectModel, evidence: Evidence) -> list[LeastSquaresObjective]:
-    """The objectives of what bounds the pose on one side, but for the hand's volume: silent pads and friction."""
+    """The objectives that bound the pose on one side, except the hand's volume: unfelt pads, and friction."""
     terms: list[LeastSquaresObjective] = []
     unfelt = [patch for patch in evidence.patches if not patch.is_felt]
     if unfelt:
@@ -158,7 +158,7 @@ def _bounding_terms(model: ObjectModel, evidence: Evidence) -> list[LeastSquares
 
 
 def _hand_term(model: ObjectModel, evidence: Evidence) -> Penetration | None:
-    """The objective of the hand's volume, and of its parts that feel no contact."""
+    """The objective of the hand's volume, and of its parts without contact."""
     volumes = []
     if evidence.hand is not None:
         volumes.append(Penetration(model.grid, evidence.hand, _TOUCHING * evidence.hand.sigma))
@@ -172,10 +172,10 @@ def _sum(terms: list[LeastSquaresObjective]) -> LeastSquaresObjective:
 
 
 def _balance_term(model: ObjectModel, evidence: Evidence) -> LeastSquaresObjective:
-    """The objective of the forces' balance, which the evidence has.
+    """The objective of the balance of forces, which the evidence must have.
 
     Raises:
-        InvalidInputError: an object whose mass is not known, or whose symmetries move its centre of mass.
+        InvalidInputError: an object of unknown mass, or whose symmetries move its centre of mass.
     """
     assert evidence.balance is not None
     check_mass(model)
@@ -183,10 +183,10 @@ def _balance_term(model: ObjectModel, evidence: Evidence) -> LeastSquaresObjecti
 
 
 def check_mass(model: ObjectModel) -> None:
-    """Checks that the forces' balance can be told: it needs a true mass, and tells apart what the surface does not.
+    """Checks that the balance of forces is usable: the mass must be known, and symmetries keep the centre of mass.
 
     Raises:
-        InvalidInputError: an object whose mass is not known, or whose symmetries move its centre of mass.
+        InvalidInputError: an object of unknown mass, or whose symmetries move its centre of mass.
     """
     if not model.mass_is_known:
         raise InvalidInputError(

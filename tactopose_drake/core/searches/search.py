@@ -1,4 +1,4 @@
-"""What a search is: it minimises any objective over a space of poses and returns ranked poses."""
+"""The interface of searches: a search minimises an objective over a space of poses and returns ranked poses."""
 
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
@@ -11,27 +11,27 @@ from tactopose_drake.core.objectives.objective import DoubtedObjective, LeastSqu
 from tactopose_drake.core.validation import FloatArray
 
 StopSignal = Callable[[], bool]
-"""Asked between the rounds of a search; once it is true, the search returns the best that it has."""
+"""Evaluated between the rounds of a search; once it is true, the search returns the best result so far."""
 
 
 def never() -> bool:
-    """The stop signal of a search that may take its time."""
+    """A stop signal that never stops the search."""
     return False
 
 
-# The root of the 99.9 % point of chi-square with three degrees of freedom.
+# Square root of the 99.9 % quantile of chi-square with three degrees of freedom.
 _REACH = 4.03
 
 
 class SearchResult(NamedTuple):
-    """Poses by rising cost.
+    """Poses in ascending order of cost.
 
     Attributes:
         X_PO: poses, shape (B, 3, 4).
         cost: their costs, shape (B,).
-        iterations: steps that were tried for each, shape (B,).
+        iterations: number of steps tried for each, shape (B,).
         converged: whether each ended at a minimum, rather than at the limit of iterations, shape (B,).
-        hessian: Gauss-Newton Hessians of the objective there, shape (B, 6, 6); None where the search has none.
+        hessian: Gauss-Newton Hessians of the objective there, shape (B, 6, 6); None if the search has none.
     """
 
     X_PO: FloatArray
@@ -41,13 +41,13 @@ class SearchResult(NamedTuple):
     hessian: FloatArray | None = None
 
     def ranked(self) -> "SearchResult":
-        """The poses by rising cost."""
+        """The result in ascending order of cost."""
         order = self.cost.argsort(kind="stable")
         return SearchResult(*(None if column is None else column.take(order, axis=0) for column in self))  # type: ignore[arg-type]
 
 
 def join_results(*results: SearchResult) -> SearchResult:
-    """The poses of several results, one after the other."""
+    """Concatenates several results."""
     if len(results) == 1:
         return results[0]
     columns = zip(*results, strict=True)
@@ -55,7 +55,7 @@ def join_results(*results: SearchResult) -> SearchResult:
 
 
 class PoseSpace(Protocol):
-    """Where a search looks."""
+    """The set of poses that a search considers."""
 
     @property
     def center(self) -> FloatArray:
@@ -64,12 +64,12 @@ class PoseSpace(Protocol):
 
     @property
     def information(self) -> FloatArray:
-        """The inverse covariance of the space's poses as increments from the centre, shape (6, 6)."""
+        """Inverse covariance of the space's poses, as increments from the centre, shape (6, 6)."""
         ...
 
     @property
     def reach(self) -> tuple[float, float]:
-        """How far from the centre poses are worth a look: rotation, rad, and translation, m."""
+        """Largest rotation, rad, and translation, m, from the centre that are worth considering."""
         ...
 
     def sample(self, generator: np.random.Generator, count: int) -> FloatArray:
@@ -78,17 +78,17 @@ class PoseSpace(Protocol):
 
 
 def is_near(space: PoseSpace) -> bool:
-    """Whether a prior bounds the space: without one all rotations are worth a look."""
+    """Whether a prior bounds the space: without one all rotations are possible."""
     return space.reach[0] < np.pi
 
 
 class PriorSpace:
-    """The poses around a prior, normally distributed as it says.
+    """The normal distribution of poses around a prior.
 
     Attributes:
         center: the prior's pose, shape (3, 4).
         information: its inverse covariance, shape (6, 6).
-        reach: the radii that hold all but a thousandth of it: rotation, rad, and translation, m.
+        reach: radii that contain 99.9 % of it each: rotation, rad, and translation, m.
     """
 
     def __init__(self, prior: GaussianPrior) -> None:
@@ -106,7 +106,7 @@ class PriorSpace:
 
 
 class Search(Protocol):
-    """Minimises an objective; knows nothing of what it measures."""
+    """Minimises an objective, whatever it measures."""
 
     def minimize(
         self,
@@ -125,9 +125,9 @@ class Search(Protocol):
         generator: np.random.Generator,
         should_stop: StopSignal = never,
     ) -> SearchResult | None:
-        """The same where contacts may be false; None where the search knows nothing of that."""
+        """The same with contacts that may be outliers; None if the search does not support that."""
         return None
 
     def widened(self) -> "Search | None":
-        """The same near a prior, looking at more; None where there is no such."""
+        """The same search with more start poses near a prior; None if there is no such search."""
         return None

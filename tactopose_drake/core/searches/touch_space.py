@@ -1,4 +1,4 @@
-"""The poses that are possible when nothing but the touch is known."""
+"""The possible poses if nothing but the touch is known."""
 
 import numpy as np
 
@@ -9,13 +9,13 @@ from tactopose_drake.core.validation import FloatArray
 
 
 class TouchSpace:
-    """All rotations, with the translations at which a contact lies on the surface.
+    """All rotations, with the translations that put a contact on the surface.
 
     Attributes:
-        center: the object as its mesh stands, about the contacts' centre, shape (3, 4).
-        information: that of a Gaussian as wide as the space, shape (6, 6): the contacts' centre may lie on any of the
-            surface's samples, in any direction of P.
-        reach: any rotation, rad; the translations, m, at which the touch and the surface can still meet.
+        center: rotation identity, with the centroids of contacts and surface on each other, shape (3, 4).
+        information: that of a Gaussian as wide as the space, shape (6, 6): the contacts' centroid may lie on any of the
+            surface's samples, in any orientation.
+        reach: any rotation, rad; the translations, m, at which the contacts and the surface can still meet.
     """
 
     def __init__(self, model: ObjectModel, contacts: Contacts) -> None:
@@ -25,7 +25,7 @@ class TouchSpace:
         middle_P = self._p_PC.mean(axis=0)
         self.center = np.eye(3, 4)
         self.center[:, 3] = middle_P - middle_O
-        # The way from there to p_PC - R q, for any contact, any rotation and any point q of the surface.
+        # Bound on the distance from there to p_PC - R q, for any contact, any rotation and any surface point q.
         spread = np.linalg.norm(self._p_PC - middle_P, axis=1).max()
         self.reach = np.pi, float(spread + arm + np.linalg.norm(middle_O))
         self.information = np.diag(1.0 / np.repeat([RANDOM_ROTATION_VARIANCE, variance], 3))

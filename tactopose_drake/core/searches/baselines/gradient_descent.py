@@ -15,17 +15,17 @@ from tactopose_drake.core.validation import FloatArray
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GradientDescent(Search):
-    """x <- x - lambda J^T G, each parameter in units that move the object's surface about equally far.
+    """x <- x - lambda J^T G, with each parameter in units that displace the object's surface about equally.
 
-    The step size lambda begins at the inverse of the largest curvature at the start; a step that raises the cost is
-    rejected and halves it, one that lowers the cost lets it grow by a tenth. At a kink of the cost, as a distance grid
-    has between its cells, the gradient may be no way down: there it ends, above the minimum.
+    The step size lambda starts at the inverse of the largest curvature at the start. A step that raises the cost is
+    rejected and halves lambda; one that lowers it increases lambda by a tenth. At a kink of the cost, such as between
+    the cells of a distance grid, the negative gradient may be no descent direction: there it stops above the minimum.
 
     Attributes:
         max_iterations: steps tried for each pose.
         tolerance: a pose has converged when an accepted step lowers its cost by less than this fraction.
-        length: the lever that makes rotations and translations comparable, m; half the object's size.
-        parameters: what is moved: six increments, or the thesis' quaternion and translation.
+        length: lever arm that makes rotations and translations comparable, m; half the object's size.
+        parameters: the parametrisation: six increments, or the thesis' quaternion and translation.
     """
 
     max_iterations: int = 5_000
@@ -46,7 +46,7 @@ class GradientDescent(Search):
     def refine(
         self, objective: LeastSquaresObjective, X_start: FloatArray, should_stop: StopSignal = never
     ) -> SearchResult:
-        """Minimises from each of the poses (B, 3, 4); returns them by rising cost."""
+        """Minimises from each of the poses (B, 3, 4); returns them in ascending order of cost."""
         scales = self.parameters.scales(self.length)
         count = len(X_start)
         state = self.parameters.start(X_start).copy()

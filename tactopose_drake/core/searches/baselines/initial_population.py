@@ -30,9 +30,9 @@ def near_particles(generator: np.random.Generator, count: int, rotation: float, 
 
 
 def scattered_particles(generator: np.random.Generator, count: int, translation: float) -> FloatArray:
-    """Particles anywhere within the cube of half side `translation` (ss_t, m), shape (count, 7).
+    """Particles with uniform translations in the cube of half side `translation` (ss_t, m), shape (count, 7).
 
-    The first 30 % have straight orientations, the others uniformly random ones.
+    The first 30 % have axis-aligned orientations, the others uniformly random ones.
     """
     straight = straight_quaternions()
     first = straight[generator.integers(len(straight), size=round(_STRAIGHT_SHARE * count))]
@@ -41,7 +41,7 @@ def scattered_particles(generator: np.random.Generator, count: int, translation:
 
 
 def straight_quaternions() -> FloatArray:
-    """Those with one or two elements one before they are normalised: turns by 0, 90 and 180 degrees, shape (10, 4)."""
+    """Axis-aligned ones, with one or two equal elements: turns by 0, 90 and 180 degrees, shape (10, 4)."""
     q = np.zeros((10, 4))
     chosen = [(i,) for i in range(4)] + list(itertools.combinations(range(4), 2))
     for row, elements in zip(q, chosen, strict=True):
@@ -57,7 +57,7 @@ def uniform_quaternions(generator: np.random.Generator, count: int) -> FloatArra
 
 
 def _in_unit_disk(generator: np.random.Generator, count: int) -> FloatArray:
-    """Uniformly random points within the unit circle, shape (count, 2), from rejected ones of the square."""
+    """Uniformly random points within the unit circle, shape (count, 2), by rejection sampling from the square."""
     points = np.empty((0, 2))
     while len(points) < count:
         drawn = generator.uniform(-1.0, 1.0, size=(2 * (count - len(points)), 2))

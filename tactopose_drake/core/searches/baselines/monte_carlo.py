@@ -1,4 +1,4 @@
-"""The thesis' global search: an evolutionary Monte Carlo method that keeps every particle that it ever made.
+"""The thesis' global search: an evolutionary Monte Carlo method that keeps all particles it has made.
 
 Source: [B16] J. Bimbo, thesis, 2016, section 4.2, and 6.4 for the batches.
 """
@@ -25,11 +25,11 @@ from tactopose_drake.core.searches.search import (
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
-# The confidence is looked at each time that so many particles have been made. [B16] section 4.2.6.
+# The confidence is tested whenever this many more particles have been made. [B16] section 4.2.6.
 _CHECKED_EVERY = 1000
-# The share of the particles, the last ones, that are kept with the best one.
+# Share of the particles, the last ones, that are kept besides the best one.
 _KEPT_SHARE = 0.01
-# So many particles share one draw of random numbers, and one question whether to stop.
+# Particles that share one draw of random numbers and one test of the stop signal.
 _ROUND = 100
 
 
@@ -38,17 +38,17 @@ class MonteCarloDesign:
     """The design parameters of section 4.2, which the thesis names but does not print.
 
     `MonteCarlo` has one for each use. Its `particles` for the correction are those of [B16] figure 4.5; the rest is the
-    best of some hundred random designs, on touches of five contacts on bundled objects, for a likelihood. Squared
-    distances spread over more decades than distances do, so the power of the broad design, of which the thesis says
-    that it is the lower one, is the higher. For a cost linear in the distance, as eq. 4.1, 100 suits both uses.
+    best of about a hundred random designs, on touches of five contacts on bundled objects, for a likelihood. Squared
+    distances spread over more decades than distances do, so here the broad design has the higher power, although the
+    thesis says that it has the lower one. For a cost linear in the distance, such as eq. 4.1, 100 suits both uses.
 
     Attributes:
-        particles: n_p, how many are made at the most.
-        population: of these, how many are the initial ones.
-        power: p_p of [B16] eq. 4.9; the larger, the more the best particles are preferred.
-        noise: sigma_0 of eq. 4.12, a share of the searched space.
+        particles: n_p, the most particles that are made.
+        population: how many of these are initial ones.
+        power: p_p of [B16] eq. 4.9; larger values favour the best particles more.
+        noise: sigma_0 of eq. 4.12, as a share of the searched space.
         cooling: p_n of eq. 4.12.
-        confidence: of eq. 4.13; the search ends when its best particle has more.
+        confidence: of eq. 4.13; the search ends when its best particle exceeds it.
     """
 
     particles: int
@@ -65,26 +65,27 @@ class MonteCarloDesign:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MonteCarlo(Search):
-    """Copies particles by their weight, adds noise that falls to zero, and keeps them all.
+    """Copies particles in proportion to their weight, adds noise that decreases to zero, and keeps them all.
 
-    With `batch` 1 this is the thesis' search: one particle is copied, changed and judged at a time, and may be the
-    parent of the next one. With larger batches that many are copied and judged at once, which saves the way from Python
-    to the objective and back for each. Both draw from the same distribution; batches of up to 100 in a correction, 500
-    without a guess, reach the same costs.
+    With `batch` 1 this is the thesis' search: one particle at a time is copied, perturbed and evaluated, and may be the
+    parent of the next one. Larger batches are copied and evaluated at once, which saves calls from Python to the
+    objective. Both draw from the same distribution; batches of up to 100 in a correction, 500 without a guess, reach
+    the same costs.
 
-    Its readings of the thesis: each of a particle's seven numbers gets noise of its own; the particle moves the object,
-    which is the inverse of what moves the contacts; opposite quaternions are the same.
+    Interpretations of the thesis: each of a particle's seven numbers gets noise of its own; the particle moves the
+    object, which is the inverse of moving the contacts; opposite quaternions are the same.
 
     Attributes:
-        scale: the cost of a good pose, in which costs count: the confidence is 100 / (1 + G / scale). For the cost of
-            [B16] eq. 4.1 that is eq. 4.13 with k (1 + w_n) / 100, all lengths in one unit, the thesis' presumably cm;
-            for a likelihood, what noise alone would cost.
+        scale: the unit of cost, that of a good pose: the confidence is 100 / (1 + G / scale). For the cost of [B16]
+            eq. 4.1 this is eq. 4.13 with k (1 + w_n) / 100, all lengths in one unit, presumably cm in the thesis; for a
+            likelihood, the expected cost of noise alone.
         batch: particles that are made at once.
-        correction: the design where the space has a limited rotation: aggressive.
-        anywhere: the design where it has not: broad.
-        same_rotation: quaternions closer than this, and
-        same_translation: translations closer than this, m, make two poses the same.
-        is_possible: says of poses (B, 3, 4) which do not collide, (B,); the others are discarded, unless all are.
+        correction: the design for a space of limited rotation: aggressive.
+        anywhere: the design for any other space: broad.
+        same_rotation, same_translation: two poses are the same if their quaternions are closer than the former, and
+            their translations closer than the latter, m.
+        is_possible: maps poses (B, 3, 4) to whether they are free of collision, shape (B,); the others are discarded,
+            unless all are.
         polish: the final refinement of the best pose. The others stay as they were found.
     """
 
@@ -114,7 +115,7 @@ class MonteCarlo(Search):
         generator: np.random.Generator,
         should_stop: StopSignal = never,
     ) -> SearchResult:
-        """The best particle and the distinct ones of the last, by rising cost."""
+        """Returns the best particle and the distinct ones among the last, in ascending order of cost."""
         particles, cost = self.evolve(objective, space, generator, should_stop)
         last = np.arange(len(cost) - max(1, round(_KEPT_SHARE * len(cost))), len(cost))
         index = np.union1d(last, [cost.argmin()])
@@ -141,14 +142,14 @@ class MonteCarlo(Search):
         generator: np.random.Generator,
         should_stop: StopSignal = never,
     ) -> tuple[FloatArray, FloatArray]:
-        """All particles (n, 7) in the order in which they were made, see `roulette_kernels`, and their costs (n,)."""
+        """All particles (n, 7) in order of creation, see `roulette_kernels`, and their costs (n,)."""
         near = is_near(space)
         design = self.correction if near else self.anywhere
         particles, cost = np.empty((design.particles, 7)), np.empty(design.particles)
         weight, sums = np.empty(design.particles), np.empty(design.particles)
         if near:
             sigma = 1.0 / np.sqrt(np.diag(space.information))
-            size = np.repeat([0.5 * sigma[:3].mean(), sigma[3:].mean()], [4, 3])  # A quaternion counts half angles.
+            size = np.repeat([0.5 * sigma[:3].mean(), sigma[3:].mean()], [4, 3])  # Quaternions have half angles.
             particles[: design.population] = near_particles(generator, design.population, size[0], size[-1])
         else:
             size = np.repeat([1.0, space.reach[1]], [4, 3])
@@ -187,6 +188,6 @@ class MonteCarlo(Search):
 
 
 def noise_schedule(j: NDArray[np.int64], design: MonteCarloDesign) -> FloatArray:
-    """sigma_j of the particles j. [B16] eq. 4.12."""
+    """Noise sigma_j of particles j. [B16] eq. 4.12."""
     sigma: FloatArray = design.noise * (1.0 - j / design.particles) ** design.cooling
     return sigma

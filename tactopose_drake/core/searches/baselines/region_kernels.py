@@ -1,4 +1,4 @@
-"""The first of the poses in each region."""
+"""Thins samples of overlapping regions, compiled."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from tactopose_drake.core.kernel_types import Floats1, Floats3, OutFlags1
 
 @kernel
 def mark_first(X_region: Floats3, samples: Floats3, per_region: int, radii: Floats1, first: OutFlags1) -> None:
-    """Marks, of the samples of each region, those that no earlier region holds: the cover stays even."""
+    """Marks the samples of each region that no earlier region contains, so that the cover stays even."""
     trace, way = 1.0 + 2.0 * np.cos(min(radii[0], np.pi)), radii[1]
     for b in range(len(samples)):
         Y = samples[b]

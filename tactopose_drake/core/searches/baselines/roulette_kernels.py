@@ -1,6 +1,6 @@
-"""The inner loops of the Monte Carlo search, compiled: weights, the roulette wheel, and the noise.
+"""The compiled inner loops of the Monte Carlo search: weights, the roulette wheel, and the noise.
 
-A particle is a row (q, t): a quaternion wxyz and a translation, which move the object from the centre of the searched
+A particle is a row (q, t): a quaternion wxyz and a translation that move the object from the centre of the searched
 space, R_PO = R_center R(q) and p_PO = p_center + t.
 
 Source: [B16] J. Bimbo, thesis, 2016, sections 4.2.4 and 4.2.5.
@@ -16,7 +16,7 @@ from tactopose_drake.core.kernel_types import Floats1, Floats2, OutFlags1, OutFl
 def weigh(
     cost: Floats1, scale: float, power: float, weight: OutFloats1, sums: OutFloats1, first: int, last: int
 ) -> None:
-    """Weights of the costs first to last, and the sums of all weights so far; costs count in units of the scale."""
+    """Weights of the costs from `first` to before `last`, and running sums of all weights; costs are over `scale`."""
     for j in range(first, last):
         weight[j] = (1.0 + 1.0 / (1.0 + max(cost[j], 0.0) / scale)) ** power  # [B16] eq. 4.9
         sums[j] = weight[j] + (sums[j - 1] if j > 0 else 0.0)
@@ -24,10 +24,10 @@ def weigh(
 
 @part
 def find_parent(sums: Floats1, count: int, mark: float) -> int:
-    """The particle d of the first `count` where the weights from the end down to d first exceed the mark.
+    """The particle d of the first `count` at which the sum of weights from the end down to d first exceeds the mark.
 
-    The thesis counts from the end; where all weigh about the same that is half of all particles for each new one. The
-    same particle is found by bisection of the weights' running sums.
+    The thesis sums from the end, which takes half of all particles for each new one if all weigh about the same. Here
+    bisection of the running sums finds the same particle.
     """
     before = sums[count - 1] - mark
     low, high = 0, count - 1
@@ -50,7 +50,7 @@ def breed(
     center: Floats2,
     X: OutFloats3,
 ) -> None:
-    """Copies a particle for each draw, with its noise (m, 7) added, behind the first `count`; their poses go to X."""
+    """Copies a parent for each draw, adds noise (m, 7), and appends it after the first `count`; fills their poses X."""
     for i in range(len(draws)):
         parent = find_parent(sums, count, draws[i] * sums[count - 1])
         child, length = particles[count + i], 0.0
@@ -65,7 +65,7 @@ def breed(
 
 @kernel
 def place(particles: Floats2, center: Floats2, X: OutFloats3) -> None:
-    """Poses X (m, 3, 4) of particles (m, 7) about the centre (3, 4). [B16] eq. 2.19."""
+    """Poses X (m, 3, 4) of particles (m, 7) relative to the centre (3, 4). [B16] eq. 2.19."""
     R = np.empty((3, 3))
     for b in range(len(particles)):
         w, x, y, z = particles[b, 0], particles[b, 1], particles[b, 2], particles[b, 3]
@@ -82,7 +82,7 @@ def place(particles: Floats2, center: Floats2, X: OutFloats3) -> None:
 def mark_different(particles: Floats2, rotation: float, translation: float, different: OutFlags1) -> None:
     """Marks each particle that differs from all marked ones before it. [B16] section 4.2.7.
 
-    Two differ when their quaternions (up to sign) or their translations lie further apart than the given distances.
+    Two differ if their quaternions (up to sign) or their translations are farther apart than the given distances.
     """
     for b in range(len(particles)):
         different[b] = True

@@ -1,4 +1,4 @@
-"""Scaling series: regions of the space are refined while the likelihood is annealed.
+"""Scaling series: neighbourhoods of the space are refined while the likelihood is annealed.
 
 Source: [P11] A. Petrovskaya and O. Khatib, Global localization of objects via touch, IEEE Trans. Robotics, 2011.
 """
@@ -21,22 +21,22 @@ _ZOOM = 2.0 ** (-1.0 / 6.0)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ScalingSeries(Search):
-    """Keeps a set of neighbourhoods that may hold the pose, covers them evenly with samples, and prunes.
+    """Keeps a set of neighbourhoods that may contain the pose, samples them evenly, and prunes them.
 
-    A neighbourhood is the poses within a rotation and a translation of its middle. Round by round both radii shrink,
-    and the temperature with their square: what a radius costs stays comparable with noise. At temperature one the
-    series ends, and the best samples are refined.
+    A neighbourhood is the set of poses within a rotation and a translation of its centre. Each round shrinks both
+    radii, and the temperature with their square, so that the cost of a radius stays comparable to noise. The series
+    ends at temperature one, and the best samples are refined.
 
-    Beyond [P11], neighbourhoods are bounded in number, and their middles stay among the samples.
+    Unlike in [P11], the number of neighbourhoods is bounded, and their centres stay among the samples.
 
     Attributes:
-        peak_width: the neighbourhoods' translation in the last round, m; about the noise of a contact.
-        first: samples of the whole space.
-        per_region: samples of each neighbourhood; those in an earlier one are dropped.
-        share: samples are pruned whose annealed likelihood is below this share of the largest.
-        max_regions: of those, so many are kept, the best.
-        refined: so many of the best distinct poses are refined in the end.
-        refinement: how.
+        peak_width: translation radius of the neighbourhoods in the last round, m; about the noise of a contact.
+        first: number of samples of the whole space.
+        per_region: number of samples in each neighbourhood; those inside an earlier one are dropped.
+        share: samples whose annealed likelihood is below this share of the largest are pruned.
+        max_regions: most samples that are kept, the best ones.
+        refined: number of the best distinct poses that are refined in the end.
+        refinement: how these are refined.
     """
 
     peak_width: float = 0.001
@@ -54,7 +54,7 @@ class ScalingSeries(Search):
         generator: np.random.Generator,
         should_stop: StopSignal = never,
     ) -> SearchResult:
-        """The minima that the best of the last samples lead to, by rising cost."""
+        """Returns the minima that the best of the last samples lead to, in ascending order of cost."""
         radii = np.array(space.reach)
         X_PO = space.sample(generator, self.first)
         cost = objective.cost(X_PO)
@@ -82,7 +82,7 @@ class ScalingSeries(Search):
         radii: FloatArray,
         generator: np.random.Generator,
     ) -> tuple[FloatArray, FloatArray]:
-        """The middles of neighbourhoods and even samples of them, by rising cost."""
+        """The centres of neighbourhoods and even samples of them, in ascending order of cost."""
         count = len(X_region) * self.per_region
         increments = np.concatenate([_in_ball(generator, count) * radius for radius in radii], axis=1)
         samples = np.empty((count, 3, 4))

@@ -22,12 +22,12 @@ class _StoppedError(Exception):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SimulatedAnnealing(BoxSearch):
-    """Generalised simulated annealing on the box that the space reaches; the best poses that it saw are refined."""
+    """Generalised simulated annealing on the box that the space reaches; the best poses evaluated are refined."""
 
     max_evaluations: int = 30_000
 
     def try_poses(self, candidates: CandidatePoses, generator: np.random.Generator, should_stop: StopSignal) -> None:
-        """Anneals."""
+        """Runs dual annealing until the evaluations are spent, or it should stop."""
 
         def cost(y: FloatArray) -> float:
             if len(candidates) and should_stop():
@@ -38,9 +38,9 @@ class SimulatedAnnealing(BoxSearch):
             scipy.optimize.dual_annealing(
                 cost,
                 [(-1.0, 1.0)] * 6,
-                maxiter=self.max_evaluations,  # More than enough: the evaluations end it.
+                maxiter=self.max_evaluations,  # Not binding: the number of evaluations is.
                 maxfun=self.max_evaluations,
-                no_local_search=True,  # It would follow gradients by finite differences.
+                no_local_search=True,  # It would use finite-difference gradients.
                 x0=np.zeros(6),
                 rng=generator,
             )

@@ -1,4 +1,4 @@
-"""Which pairs of contacts to look up, and what they measure."""
+"""Selection of the pairs of contacts to look up, and their features, compiled."""
 
 from typing import NamedTuple
 
@@ -19,14 +19,14 @@ from tactopose_drake.core.kernel_types import (
 from tactopose_drake.core.kernels.sorting_kernels import sort_stably
 from tactopose_drake.core.shape.pair_feature_kernels import find_matches
 
-# The number of matches is guessed from every so many pairs of samples: as many as the processor reads at once.
+# The number of matches is estimated from blocks of pairs of samples: as many as the processor reads at once.
 _GUESS_STEP = 16
-# For so many matches of a pair of contacts there is room at first.
+# Initial capacity for the matches of a pair of contacts.
 _ROOM = 1 << 14
 
 
 class Measured(NamedTuple):
-    """Contacts, read-only: points (k, 3), normals (k, 3), their standard deviations (k,), and if there are normals."""
+    """Contacts, read-only: points (k, 3), normals (k, 3), their standard deviations (k,), and whether normals exist."""
 
     p: Floats2
     n: Floats2
@@ -39,9 +39,9 @@ class Library(NamedTuple):
     """An object's pairs of samples, as `PairFeatures` holds them; read-only.
 
     Attributes:
-        features: in steps of a byte, shape (m, 4).
-        first: the first pair of each bin.
-        unit: the steps, shape (4,), m and rad.
+        features: quantised to bytes, shape (m, 4).
+        first: index of the first pair of each bin.
+        unit: quantisation steps, shape (4,), m and rad.
         length: the largest distance, m.
     """
 
@@ -52,7 +52,7 @@ class Library(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """How pairs are chosen: see `PairChoice`; `offset` is in m."""
+    """Parameters of `PairChoice`; `offset` is in m."""
 
     most_contacts: int
     offset: float
@@ -62,7 +62,7 @@ class Choice(NamedTuple):
 
 
 class Chosen(NamedTuple):
-    """The fields of `MatchedPairs`, to be filled."""
+    """The fields of `MatchedPairs`, as output arrays."""
 
     ends: OutLongs2
     spins: OutLongs1
@@ -71,8 +71,8 @@ class Chosen(NamedTuple):
 
 
 class Queries(NamedTuple):
-    """Pairs of contacts (q, 2), their features (q, 4), one over the standard deviations of those (q, 4), and the turns
-    (q,) that each match stands for.
+    """Pairs of contacts (q, 2), their features (q, 4), the inverse standard deviations of these (q, 4), and the number
+    of spins (q,) that each match stands for.
     """
 
     pairs: OutLongs2
@@ -95,7 +95,7 @@ def mark_spread_out(points: Floats2, chosen: OutLongs1) -> None:
             square = 0.0
             for a in range(3):
                 square += (points[i, a] - start[a]) ** 2
-            # Those that are chosen are no more asked; the middle's distances count for the first one alone.
+            # Chosen points stay marked by -1; distances to the centroid are discarded after the first choice.
             nearest[i] = square if k < 2 and nearest[i] >= 0.0 else min(nearest[i], square)
         farthest = 0
         for i in range(points.shape[0]):
@@ -109,7 +109,7 @@ def mark_spread_out(points: Floats2, chosen: OutLongs1) -> None:
 
 @kernel
 def choose(measured: Measured, library: Library, choice: Choice, phase: Floats1, chosen: Chosen) -> int:
-    """Fills `MatchedPairs`, and returns the number of pairs of contacts; see `PairChoice`."""
+    """Fills `MatchedPairs`; returns the number of pairs of contacts that are used. See `PairChoice`."""
     features, first, unit, _ = library
     ends, spins, begins, matches = chosen
     reach = choice.reach
@@ -136,7 +136,7 @@ def choose(measured: Measured, library: Library, choice: Choice, phase: Floats1,
         most = min(room, poses // 4) // turns[q]
         if most == 0 or used == ends.shape[0]:
             break
-        # Of more matches than there is room for, every second or third, and so on: evenly over the features.
+        # If there are too many matches, take every step-th block, which is even over the features.
         step = max(1, int(guess[q]) // (turns[q] * most))
         count = find_matches(features, first, feature[q], weight[q], reach, step, found)
         if count > found.shape[0]:
@@ -156,7 +156,7 @@ def choose(measured: Measured, library: Library, choice: Choice, phase: Floats1,
 
 @part
 def _measure_pairs(measured: Measured, among: Longs1, length: float, choice: Choice, queries: Queries) -> int:
-    """Fills what is looked up, of pairs no farther apart than the length, m, allows; returns the number of queries."""
+    """Fills the queries for pairs no farther apart than `length`, m, allows; returns their number."""
     p, n, sigma_p, sigma_n, has_normals = measured
     pairs, feature, weight, spins = queries
     offset, bend = choice.offset, choice.bend
@@ -186,7 +186,7 @@ def _measure_pairs(measured: Measured, among: Longs1, length: float, choice: Cho
                 weight[count, 1] = 1.0 / np.sqrt(turn_a + tilt)
                 weight[count, 2] = 1.0 / np.sqrt(turn_b + tilt)
                 weight[count, 3] = 1.0 / np.sqrt(turned)
-                # The normals' parts across the line, which say the spin, against their errors.
+                # The spin is determined if the normals' components across the line exceed their errors.
                 across = np.sin(feature[count, 1]) ** 2 + np.sin(feature[count, 2]) ** 2
                 if across > 4.0 * turned:
                     spins[count] = 1

@@ -1,4 +1,4 @@
-"""Which two contacts say most about the pose: those that few pairs of surface samples match."""
+"""The choice of the most informative pairs of contacts: those that few pairs of surface samples match."""
 
 import dataclasses
 
@@ -25,13 +25,13 @@ class PairChoice:
     """How pairs of contacts are matched with pairs of surface samples, and chosen.
 
     Attributes:
-        offset: how far a contact lies from the nearest sample, one sigma, in spacings of the samples.
-        bend: by how much the normal differs there, one sigma, rad.
-        reach: a pair of samples matches within so many sigmas.
-        contacts: of so many, as far apart as possible, all pairs are looked up.
-        pairs: so many are used.
-        spins: turns that are tried of a match that leaves the spin open.
-        poses: so many come out, at most; a quarter of them, at most, from one pair.
+        offset: standard deviation of a contact's distance from the nearest sample, in spacings of the samples.
+        bend: standard deviation of the normal's difference there, rad.
+        reach: a pair of samples matches within so many standard deviations.
+        contacts: number of contacts, as far apart as possible, whose pairs are looked up.
+        pairs: most pairs of contacts that are used.
+        spins: number of spins tried for a match that leaves the spin free.
+        poses: most poses in all; at most a quarter of them from one pair.
     """
 
     offset: float = 0.5
@@ -43,9 +43,9 @@ class PairChoice:
     poses: int = 24000
 
     def choose(self, features: PairFeatures, contacts: Contacts, generator: np.random.Generator) -> MatchedPairs:
-        """The pairs of contacts, the most telling first; none where no two contacts match any samples.
+        """The pairs of contacts, the most informative first; none if no two contacts match any samples.
 
-        Contacts that nearly coincide say nothing together, nor do those that are too far apart for the object.
+        Contacts that nearly coincide are uninformative, and so are those too far apart for the object.
         """
         ends, spins = np.empty((self.pairs, 2), dtype=np.intp), np.empty(self.pairs, dtype=np.int64)
         begins, matches = np.zeros(self.pairs + 1, dtype=np.intp), np.empty(self.poses, dtype=np.int32)
@@ -67,7 +67,7 @@ class PairChoice:
 
 
 def spread_out(points: FloatArray, count: int) -> NDArray[np.intp]:
-    """Indices of `count` of the points (n, 3), or all: first the farthest from the middle, each next from those."""
+    """Farthest point sampling: `count` indices of points (n, 3), or all, from the farthest from the centroid on."""
     chosen = np.empty(min(count, len(points)), dtype=np.intp)
     mark_spread_out(points, chosen)
     return chosen

@@ -1,4 +1,4 @@
-"""What the judgement of poses on the coarse field reads of each contact."""
+"""The data of each contact from which poses are ranked on the coarse field."""
 
 import numpy as np
 
@@ -8,10 +8,10 @@ from tactopose_drake.core.validation import FloatArray
 
 
 def contact_table(field: CoarseField, contacts: Contacts, sigma_position: float, sigma_normal: float) -> FloatArray:
-    """What `pair_lane_kernels.add_cost` reads of each contact, shape (k, 8): point, normal, weights of their squares.
+    """What `pair_lane_kernels.add_cost` reads of each contact, shape (k, 8): point, normal, and two weights.
 
-    The standard deviations say how far off the poses are that will be judged; the sensors' own and the voxels' are
-    added.
+    The weights are those of the squared distance and the squared difference of normals. The given standard deviations
+    are the errors of the poses to be ranked; those of the sensors and of the voxels are added.
     """
     table = np.zeros((len(contacts), 8))
     table[:, :3] = contacts.p_PC

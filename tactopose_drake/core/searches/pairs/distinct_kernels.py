@@ -1,4 +1,4 @@
-"""The first of the poses in each cell of a grid over poses."""
+"""Marks the first of the poses in each cell of a grid over poses, compiled."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from tactopose_drake.core.kernel_types import Floats3, OutFlags1
 
 @kernel
 def mark_first_in_cell(X: Floats3, per_length: float, per_angle: float, distinct: OutFlags1) -> None:
-    """By a table of hashes: cells that share all 64 bits are taken for one."""
+    """Uses a hash set; cells whose 64-bit hashes are equal are taken for the same."""
     size = 16
     while size < 4 * X.shape[0]:
         size *= 2
@@ -16,7 +16,7 @@ def mark_first_in_cell(X: Floats3, per_length: float, per_angle: float, distinct
     for b in range(X.shape[0]):
         key = np.uint64(14695981039346656037)
         for a in range(3):
-            for c in range(1, 4):  # Two columns of the rotation say the third.
+            for c in range(1, 4):  # Two columns of the rotation determine the third.
                 cell = np.int64(np.floor(X[b, a, c] * (per_length if c == 3 else per_angle)))
                 key = (key ^ np.uint64(cell)) * np.uint64(1099511628211)
         key |= np.uint64(1)

@@ -1,4 +1,4 @@
-"""Which poses are near a centre, up to the object's symmetries."""
+"""Tests whether poses are near a centre, up to the object's symmetries."""
 
 from typing import NamedTuple
 
@@ -9,14 +9,14 @@ from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3
 
 
 class Images(NamedTuple):
-    """Which poses are near enough to a centre by one of g symmetries; read-only.
+    """The neighbourhood of a centre, up to g symmetries; read-only.
 
     Attributes:
-        rotations: with which a pose's rotation is compared, shape (g, 3, 3).
+        rotations: rotations to compare a pose's rotation with, one for each symmetry, shape (g, 3, 3).
         origins: the images' origins in O, shape (g, 3), m.
         center: of the poses' origins, shape (3,), m.
-        least_trace: of the product of rotations that are near enough.
-        farthest: the square of the largest distance, m^2; infinite where all poses are near enough.
+        least_trace: least trace of the relative rotation that is near enough.
+        farthest: squared largest distance, m^2; infinite if all poses are near enough.
     """
 
     rotations: Floats3
@@ -45,7 +45,7 @@ def is_near(X, images):
 
 @inlined
 def may_be_near(points, i, j, frame, images):
-    """Whether poses that lay the frame's x along the way between two samples may be: no near one turns it farther."""
+    """Whether poses that align the frame's x with the line between two samples may be near; a necessary condition."""
     x, y, z = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
     rotations, length = images.rotations, np.sqrt(x * x + y * y + z * z)
     least = (0.5 * (images.least_trace - 1.0) - 1e-9) * length

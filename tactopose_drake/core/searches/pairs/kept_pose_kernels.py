@@ -1,4 +1,4 @@
-"""The best of poses that are laid lane by lane, kept while more of them come."""
+"""Keeps the best poses of a stream of blocks of lanes."""
 
 from typing import NamedTuple
 
@@ -19,13 +19,13 @@ from tactopose_drake.core.searches.pairs.pair_lane_kernels import COST, DEAREST,
 
 
 class Kept(NamedTuple):
-    """The best so far, in two rows like `Best`'s; there may be twice as many as are wanted, then half are left.
+    """The best poses so far, in two rows like those of `Best`; pruned to the wanted number when twice as many.
 
     Attributes:
-        pose: each as its pair, its match and its spin, shape (2, r, 3).
+        pose: indices of the pair, its match and its spin, shape (2, r, 3).
         cost: shape (2, r).
-        used: how many there are, shape (2,).
-        limit: what costs more is none of the best, shape (2,).
+        used: number of poses, shape (2,).
+        limit: poses of higher cost are not among the best, shape (2,).
     """
 
     pose: OutInts3
@@ -35,11 +35,11 @@ class Kept(NamedTuple):
 
 
 class Block(NamedTuple):
-    """As many poses as there are lanes, of one pair of contacts, and their rows of lanes.
+    """As many poses of one pair of contacts as there are lanes, and their rows of lanes.
 
     Attributes:
-        samples: where the pair's contacts lie, shape (LANES, 2).
-        match: the places of these in `Matched.matches`, and the numbers of spins, shape (LANES, 2).
+        samples: indices of the samples that the two contacts lie on, shape (LANES, 2).
+        match: index of the match in `Matched.matches`, and number of the spin, shape (LANES, 2).
         w: the rows.
     """
 
@@ -50,7 +50,7 @@ class Block(NamedTuple):
 
 @inlined
 def make_block():
-    """Room for one."""
+    """An uninitialised block."""
     return Block(
         np.empty((LANES, 2), dtype=np.int64),
         np.empty((LANES, 2), dtype=np.int64),
@@ -60,14 +60,14 @@ def make_block():
 
 @inlined
 def note(samples, match, row, spin, lane, block):
-    """Writes down what a lane's pose is made of."""
+    """Records the match and spin of a lane's pose."""
     block.samples[lane, 0], block.samples[lane, 1] = samples.pairs[match, 0], samples.pairs[match, 1]
     block.match[lane, 0], block.match[lane, 1] = row, spin
 
 
 @part
 def make_room(count: Longs1) -> Kept:
-    """For twice so many (2,), and for a block of lanes more."""
+    """Capacity for twice so many poses (2,), and a block of lanes more."""
     room = 2 * max(count[0], count[1]) + LANES
     kept = Kept(
         np.empty((2, room, 3), dtype=np.int32),
@@ -83,7 +83,7 @@ def make_room(count: Longs1) -> Kept:
 
 @part
 def keep(q: int, lanes: int, alike: float, contacts: int, block: Block, count: Longs1, kept: Kept) -> None:
-    """Keeps those of the lanes' poses, of a pair of so many contacts, that are among the best."""
+    """Keeps those of the lanes' poses, for a pair of `contacts` contacts, that are among the best."""
     for spared in range(2):
         used, limit, tells = kept.used[spared], kept.limit[spared], alike * (contacts - spared)
         for lane in range(np.uintp(lanes)):
@@ -102,13 +102,13 @@ def keep(q: int, lanes: int, alike: float, contacts: int, block: Block, count: L
 
 @inlined
 def _chance(row, spin):
-    """A number from 0 to 1, as good as random, of a match and spin [multiplicative hashing, Knuth]."""
+    """A pseudo-random number in [0, 1) from a match and spin, by multiplicative hashing [Knuth]."""
     return float(((row * 2654435761 + spin * 2246822519) ^ (row >> 3)) & 0xFFFFFF) / 0x1000000
 
 
 @part
 def drop_worse(count: int, spared: int, kept: Kept) -> int:
-    """Keeps so many of a row, those that cost least; how many there are now."""
+    """Prunes a row to the `count` cheapest poses; returns their number."""
     used, pose, cost = kept.used[spared], kept.pose[spared], kept.cost[spared]
     if used <= count:
         return used

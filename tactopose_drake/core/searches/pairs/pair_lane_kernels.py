@@ -1,8 +1,8 @@
-"""Poses that lay two contacts on two surface samples, and their cost on the coarse field, several at a time.
+"""Poses that put two contacts on two surface samples, and their cost on the coarse field, vectorised over lanes.
 
-Rows of lanes, as in `kernels.lane_kernels`: what differs from lane to lane (which samples, which voxels) is copied into
-rows first; a loop over lanes has no branches. The numbers are singles, as many as an instruction takes: the samples lie
-millimetres beside the contacts, and the voxels err by a third of one.
+Rows of lanes, as in `kernels.lane_kernels`: whatever differs between lanes (which samples, which voxels) is gathered
+into rows first, so that the loops over lanes have no branches. Single precision doubles the vector width and suffices:
+the samples lie millimetres beside the contacts, and the voxels err by a third of that.
 """
 
 from typing import NamedTuple
@@ -13,17 +13,17 @@ from tactopose_drake.core.compilation import inlined, part
 from tactopose_drake.core.kernel_types import Floats1, Floats2, Ints1, Longs2, OutSingles1, Shape3, Shorts2, Singles1
 
 LANES = 64
-# Where rows begin: the point between two samples; the frame's axes in O; the samples' normals; the turn about the line.
+# Offsets of rows: midpoint of the two samples; the frame's axes in O; the samples' normals; the spin.
 MIDDLE, AXES, _NORMALS, COSINE, SINE = (np.uintp(LANES * row) for row in (0, 3, 12, 18, 19))
-# Of a contact: its voxel's number; how far outside of the field it is, in voxels; its normal in O.
+# Of a contact: index of its voxel; its distance outside of the field, in voxels; its normal in O.
 _VOXEL, _OUTSIDE, _TURNED = (np.uintp(LANES * row) for row in (20, 21, 22))
-# What all contacts cost together, and the dearest of them by itself.
+# Cost of all contacts together, and of the most expensive one.
 COST, DEAREST = (np.uintp(LANES * row) for row in (25, 26))
 SIZE = LANES * 27
-"""Numbers that the rows take."""
+"""Length of all rows together."""
 
 _1, _2, _3, _4, _5, _6, _7, _8 = (np.uintp(LANES * row) for row in range(1, 9))
-# A double among singles would make doubles of all.
+# Constants in single precision: a double would promote the whole expression.
 _ZERO, _HALF, _ONE, _NONE, _STEP = (np.float32(value) for value in (0.0, 0.5, 1.0, 1e-15, 1.0 / 127.0))
 
 
@@ -36,8 +36,8 @@ class Samples(NamedTuple):
 
 
 class Field(NamedTuple):
-    """A `CoarseField`, read-only: the four bytes of each voxel in one number, the first the lowest; with one over its
-    spacing, 1/m, and the steps of the distance in a voxel.
+    """A `CoarseField`, read-only: the four bytes of each voxel packed into an integer, lowest byte first; the inverse
+    spacing, 1/m; and the number of distance steps in a voxel.
     """
 
     values: Ints1
@@ -63,7 +63,7 @@ def axes_along(x, y, z):
 
 @part
 def place(samples: Samples, ends: Longs2, lanes: int, w: OutSingles1) -> None:
-    """Where so many pairs of samples (LANES, 2) lay a frame of two contacts, but for its turn about the line."""
+    """Places the frame of two contacts on pairs of samples (LANES, 2), up to its rotation about the line."""
     points, normals = samples.points, samples.normals
     for lane in range(np.uintp(lanes)):
         i, j = np.uintp(ends[lane, 0]), np.uintp(ends[lane, 1])
@@ -82,13 +82,13 @@ def place(samples: Samples, ends: Longs2, lanes: int, w: OutSingles1) -> None:
 
 @part
 def fit_spins(first: Singles1, second: Singles1, lanes: int, w: OutSingles1) -> None:
-    """The turns that lay the normals of the pair's contacts (8,), see `_lay_out`, best on the samples'."""
+    """The rotation about the line that best aligns the normals of the pair's contacts (8,) with the samples'."""
     first_y, first_z, second_y, second_z = first[4], first[5], second[4], second[5]
     for lane in range(np.uintp(lanes)):
         across, up = _across(w, _NORMALS + lane, AXES + lane)
         cosine, sine = _NONE + (across * first_y + up * first_z), across * first_z - up * first_y
         across, up = _across(w, _NORMALS + _3 + lane, AXES + lane)
-        cosine += across * second_y + up * second_z  # Normals along the line leave the spin at zero.
+        cosine += across * second_y + up * second_z  # With normals along the line, the spin is zero.
         sine += across * second_z - up * second_y
         scale = _ONE / np.sqrt(cosine * cosine + sine * sine)
         w[COSINE + lane], w[SINE + lane] = cosine * scale, sine * scale
@@ -104,7 +104,7 @@ def _across(w, normal, row):
 
 @part
 def turn(lanes: int, w: OutSingles1) -> None:
-    """Turns y and z: the frame's are where its own normals are laid on the samples'."""
+    """Rotates y and z of the frame by the spin, which aligns its own normals with the samples'."""
     for lane in range(np.uintp(lanes)):
         cosine, sine, row = w[COSINE + lane], w[SINE + lane], AXES + lane
         y0, y1, y2 = w[row + _3], w[row + _4], w[row + _5]
@@ -123,7 +123,7 @@ def turn(lanes: int, w: OutSingles1) -> None:
 
 @part
 def add_cost(field: Field, contact: Singles1, lanes: int, w: OutSingles1) -> None:
-    """Adds the squared whitened differences of a contact (8,), see `_lay_out`, to the costs, and keeps the largest."""
+    """Adds the squared whitened residuals of a contact (8,), see `_lay_out`, to the costs; keeps the largest."""
     values, steps, per_voxel = field.values, np.float32(field.steps), np.float32(field.inverse_spacing)
     nx, ny, nz = field.shape
     most_x, most_y, most_z = np.float32(nx - 1), np.float32(ny - 1), np.float32(nz - 1)
@@ -133,7 +133,7 @@ def add_cost(field: Field, contact: Singles1, lanes: int, w: OutSingles1) -> Non
     weight_d, weight_n, bits = contact[6], contact[7], w.view(np.int32)
     for lane in range(np.uintp(lanes)):
         row = AXES + lane
-        # Voxels from the first one's centre.
+        # In voxels from the centre of the first one.
         u = (w[MIDDLE + lane] - x0) * per_voxel + px * w[row] + py * w[row + _3] + pz * w[row + _6]
         v = (w[MIDDLE + _1 + lane] - y0) * per_voxel + px * w[row + _1] + py * w[row + _4] + pz * w[row + _7]
         t = (w[MIDDLE + _2 + lane] - z0) * per_voxel + px * w[row + _2] + py * w[row + _5] + pz * w[row + _8]
@@ -147,7 +147,7 @@ def add_cost(field: Field, contact: Singles1, lanes: int, w: OutSingles1) -> Non
     for lane in range(np.uintp(lanes)):
         bits[_VOXEL + lane] = values[np.uintp(np.int32(w[_VOXEL + lane]))]
     for lane in range(np.uintp(lanes)):
-        # Each shift to the left ends with a byte on top, each to the right leaves it alone with its sign.
+        # A left shift moves a byte to the top; an arithmetic right shift then extends its sign.
         v = bits[_VOXEL + lane]
         d = np.float32(np.int32(v << 24) >> 24) + steps * w[_OUTSIDE + lane]
         e = np.float32(np.int32(v << 16) >> 24) * _STEP - w[_TURNED + lane]

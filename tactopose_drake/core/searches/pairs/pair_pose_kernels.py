@@ -1,4 +1,4 @@
-"""The poses that lay two contacts on two surface samples, and the best of them on the coarse field."""
+"""Poses that put two contacts on two surface samples, and the best of them on the coarse field, compiled."""
 
 from typing import NamedTuple
 
@@ -49,12 +49,12 @@ class Matched(NamedTuple):
 
 
 class Best(NamedTuple):
-    """What `keep_best` fills, of poses that suit all contacts and, in the second row, all but the one each suits least.
+    """Output of `keep_best`: poses that fit all contacts, and, in the second row, all but the one that fits each worst.
 
     Attributes:
         X: poses, shape (2, n, 3, 4).
-        cost: what they cost, rising, shape (2, n).
-        counts: how many are wanted, and then how many there are, shape (2,).
+        cost: their costs, ascending, shape (2, n).
+        counts: on entry the number of poses wanted, on return the number found, shape (2,).
     """
 
     X: OutFloats4
@@ -64,10 +64,10 @@ class Best(NamedTuple):
 
 @inlined
 def _lay_out(table, first, second, order, inverse_spacing, frame, contacts):
-    """The contacts' frame, and the contacts in it.
+    """Fills the frame of a pair of contacts, and all contacts expressed in it.
 
-    The frame (4, 3) is the point between two of them, and axes, x from the first to the second. Contacts (k, 8), in
-    this order, are points, in voxels from there, and normals along the axes, and the weights of `contact_table`.
+    The frame (4, 3) consists of the midpoint of the two contacts and the axes, x from the first to the second. The
+    contacts (k, 8), in this order, are points in the frame, in voxels, normals, and the weights of `contact_table`.
     """
     x, y, z = axes_along(
         table[second, 0] - table[first, 0], table[second, 1] - table[first, 1], table[second, 2] - table[first, 2]
@@ -88,7 +88,7 @@ def _lay_out(table, first, second, order, inverse_spacing, frame, contacts):
 
 @inlined
 def _fill_axes(w, lane, axes):
-    """The axes (3, 3) of the contacts' frame in O, rows, where a lane says."""
+    """Fills the axes (3, 3) of the contacts' frame in O, as rows, from a lane."""
     for a in range(3):
         for b in range(3):
             axes[a, b] = w[AXES + np.uintp(LANES * (3 * a + b)) + lane]
@@ -96,7 +96,7 @@ def _fill_axes(w, lane, axes):
 
 @inlined
 def _fill_pose(frame, axes, w, lane, X):
-    """The pose X (3, 4) at which the contacts' frame has these axes, and its origin where a lane says."""
+    """Fills the pose X (3, 4) that puts the contacts' frame on these axes and on a lane's origin in O."""
     for a in range(3):
         X[a, 3] = frame[0, a]
         for b in range(3):
@@ -106,7 +106,7 @@ def _fill_pose(frame, axes, w, lane, X):
 
 @part
 def _place_lanes(samples: Samples, contacts: Singles2, spins: int, lanes: int, block: Block) -> None:
-    """Where matches and spins lay the contacts' frame in O. The pair's own contacts are the last two of `contacts`."""
+    """Places the contacts' frame in O by matches and spins. The pair's own contacts are the last two of `contacts`."""
     w, last = block.w, contacts.shape[0] - 1
     place(samples, block.samples, lanes, w)
     if spins == 1:
@@ -122,9 +122,9 @@ def _place_lanes(samples: Samples, contacts: Singles2, spins: int, lanes: int, b
 def keep_best(
     samples: Samples, matched: Matched, field: Field, table: Floats2, images: Images, alike: float, best: Best
 ) -> None:
-    """Keeps the poses that suit all contacts best, and those that suit all but one.
+    """Keeps the poses that best fit all contacts, and those that best fit all but one.
 
-    Costs below `alike` a contact tell nothing: which of such poses counts as the better one is left to chance.
+    Costs below `alike` per contact are not significant: poses below that are ranked at random.
     """
     spins = matched.spins
     X, axes, frames = np.empty((3, 4)), np.empty((3, 3)), np.empty((spins.shape[0], 4, 3))
@@ -164,7 +164,7 @@ def keep_best(
             note(samples, matched.matches[row], row, spin, 0, block)
             _place_lanes(samples, contacts[q], spins[q], 1, block)
             _fill_axes(block.w, np.uintp(0), axes)
-            orthonormalize(axes, 3)  # They are singles.
+            orthonormalize(axes, 3)  # They are in single precision.
             _fill_pose(frames[q], axes, block.w, np.uintp(0), best.X[spared, k])
             best.cost[spared, k] = cost[place_of]
         best.counts[spared] = used
@@ -174,7 +174,7 @@ def keep_best(
 def _take(samples, matched, q, frame, images, begun, block):
     """Takes the next poses of a pair of contacts that may be near enough, as many as there are lanes.
 
-    Returns how many these are, and the match and spin that the next one has.
+    Returns their number, and the match and spin of the next one.
     """
     (row, spin), lanes, is_anywhere = begun, 0, images.farthest == np.inf
     while lanes < LANES and row < matched.begins[q + 1]:
@@ -191,9 +191,9 @@ def _take(samples, matched, q, frame, images, begun, block):
 
 @part
 def _add_costs(field: Field, contacts: Singles2, limit: Floats1, alike: float, lanes: int, w: OutSingles1) -> None:
-    """Adds what contacts (k, 8) cost, until no lane may be one of the best of either kind any more."""
+    """Adds the costs of contacts (k, 8), until no lane can be among the best of either kind any more."""
     k = contacts.shape[0]
-    # What costs no more than is alike may still be one by chance.
+    # Poses with insignificant costs may still be chosen at random.
     most, most_but_for_one = np.float32(_bound(limit[0], alike * k)), np.float32(_bound(limit[1], alike * (k - 1)))
     for m in range(k):
         add_cost(field, contacts[m], lanes, w)
@@ -207,13 +207,13 @@ def _add_costs(field: Field, contacts: Singles2, limit: Floats1, alike: float, l
 
 @inlined
 def _bound(limit, alike):
-    """Up to which cost poses are added up; none are where none are wanted."""
+    """The limit up to which costs are computed; -inf if no poses are wanted."""
     return max(limit, alike) if limit > -np.inf else limit
 
 
 @inlined
 def _put_last(a, b, order):
-    """The order of contacts with a pair last: it fits by construction, the others say sooner that a pose is bad."""
+    """The order of contacts with a pair last: it fits by construction, and the others reject a bad pose sooner."""
     row = 0
     for m in range(order.shape[0]):
         if m != a and m != b:

@@ -1,8 +1,8 @@
-"""The poses that lay two contacts on two surface samples, judged by all contacts.
+"""Poses that put two contacts on two surface samples, ranked by all contacts.
 
-Two points fix a pose but for its spin about the line between them. Normals fix the spin too: the best one in the least
-squares sense turns the samples' normals, seen along the line, onto the contacts' [K76]. Where there are no normals, or
-both lie along the line, the spin is free, and turns of a full circle are tried.
+Two points determine a pose up to its spin about the line between them. Normals determine the spin too: the best one in
+the least-squares sense rotates the contacts' normals, projected along the line, onto the samples' [K76]. Without
+normals, or if both lie along the line, the spin is free, and a full circle of spins is tried.
 
 Source: [K76] W. Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A32, 1976.
 """
@@ -21,21 +21,21 @@ from tactopose_drake.core.shape.coarse_field import CoarseField
 from tactopose_drake.core.shape.pair_features import PairFeatures
 from tactopose_drake.core.validation import FloatArray
 
-# Coarse costs of so much for each contact, and less, are alike: where a face lies in the coarse field's cells makes
-# half of that, and all faces of a flat object that explain a touch are to be kept.
+# Coarse costs per contact up to this are not significant: the position of a face in the cells of the coarse field makes
+# half of it, and all faces of a flat object that explain a touch are to be kept.
 _ALIKE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class MatchedPairs:
-    """Pairs of contacts, and the surface samples that they may lie on.
+    """Pairs of contacts, and the pairs of surface samples that they match.
 
     Attributes:
         ends: the contacts' indices, shape (q, 2).
-        spins: how many turns about the line between the contacts each match stands for, shape (q,); 1: the one that
-            fits the normals best.
-        begins: the number of matches before each pair, and of all, shape (q + 1,).
-        matches: indices of pairs of samples; what is behind the last pair's counts for nothing.
+        spins: number of spins about the line between the contacts that each match stands for, shape (q,); 1: the one
+            that fits the normals best.
+        begins: offsets of each pair's matches, and the number of all, shape (q + 1,).
+        matches: indices of pairs of samples; entries after the last pair's are unused.
     """
 
     ends: NDArray[np.intp]
@@ -45,13 +45,13 @@ class MatchedPairs:
 
 
 def kernel_field(field: CoarseField) -> Field:
-    """The coarse field as kernels read it."""
+    """The coarse field in the form that kernels read."""
     values, origin = read_only(field.values.view(np.int32).reshape(-1)), read_only(field.origin)
     return Field(values, field.shape, origin, 1.0 / field.spacing, field.spacing / field.step)
 
 
 class BestPoses(NamedTuple):
-    """The best poses (n, 3, 4), and their coarse costs (n,), rising; chance numbers where these tell nothing."""
+    """The best poses (n, 3, 4), and their coarse costs (n,), ascending; random where these are not significant."""
 
     X_PO: FloatArray
     cost: NDArray[np.float32]
@@ -67,26 +67,26 @@ def best_poses(
     reach: tuple[float, float],
     turns: FloatArray,
 ) -> tuple[BestPoses, BestPoses]:
-    """Of the poses of all pairs those within reach that cost least, by all contacts, and by all but one.
+    """Returns the poses of all pairs within reach that cost least, by all contacts, and by all but one.
 
-    The one is that which a pose suits least, for it may be false. Costs of up to one for each contact tell nothing:
-    samples, voxels and sensors err as much. Such poses are taken by chance; else those would come first that happen to
-    lie well in the voxels, all on one face of a box that is touched by one.
+    The one left out is that which a pose fits worst, as it may be an outlier. Costs up to one for each contact are not
+    significant, as samples, voxels and sensors err as much. Such poses are ranked at random; otherwise those would come
+    first that happen to lie well in the voxels, such as all on one face of a box with one contact.
 
-    A pose is in reach when one of its images is, which the object's symmetries make: of those only one is looked up.
+    A pose is within reach if any of its symmetric images is, as the features contain only one of these.
 
     Args:
         pairs: contacts and their matches.
         features: the object's pairs of samples.
         field: the object's coarse field.
         table: all contacts, from `contact_tables.contact_table`.
-        counts: so many of each, at the most.
-        center: the middle of the poses that count, shape (3, 4).
+        counts: most poses of each kind.
+        center: the pose from which the reach is measured, shape (3, 4).
         reach: the largest rotation from there, rad, and the largest translation, m.
         turns: the object's symmetries as poses X_OO', shape (g, 3, 4).
 
     Returns:
-        Those by all contacts, and those by all but one.
+        The poses by all contacts, and those by all but one.
     """
     room = 2, max(counts)
     best = Best(np.empty((*room, 3, 4)), np.empty(room, dtype=np.float32), np.array(counts))
