@@ -15,10 +15,10 @@ from tactopose_drake.core.validation import FloatArray
 
 
 class CellDistance(DifferencedObjective):
-    """The mean squared distance of each pad's active cells to the cloud, summed over the pads. [B16] algorithm 5.3.
+    """Mean squared distance of each pad's active cells to the cloud, summed over the pads, m^2. [B16] algorithm 5.3.
 
-    In m^2. A cell is where its pressure says that the object's surface is. The listing's n counts the cells of one pad.
-    The residuals are the roots of twice the pads' costs; a pad that feels nothing costs nothing.
+    A cell's point is where its pressure puts the object's surface. The listing's n counts the cells of one pad. The
+    residuals are the square roots of twice the pads' costs; a pad that feels nothing costs nothing.
     """
 
     def __init__(self, cloud: PointGrid, patches: Sequence[Patch]) -> None:

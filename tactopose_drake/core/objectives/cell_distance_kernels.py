@@ -1,4 +1,4 @@
-"""The distances of a pad's felt cells from the surface's points."""
+"""The distances of a pad's active cells from the surface's points, compiled."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ def pad_costs(
     X_PO: Floats3,
     costs: OutFloats2,
 ) -> None:
-    """Mean squared distance of the cells ends[k] to ends[k + 1] to the cloud, m^2, into costs (B, k)."""
+    """Fills costs (B, k) with the mean squared distance of cells ends[k] to before ends[k + 1] to the cloud, m^2."""
     q = np.empty(3)
     for b in range(X_PO.shape[0]):
         for k in range(costs.shape[1]):

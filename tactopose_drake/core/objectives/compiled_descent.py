@@ -1,4 +1,4 @@
-"""Contacts on the distance field, believed or doubted, maybe with a prior and a hand: what one compiled loop does."""
+"""Descent on contacts with the distance field, robust or not, with an optional prior and hand, in one compiled loop."""
 
 from typing import NamedTuple
 
@@ -31,13 +31,13 @@ NO_DOUBTS = Doubts(
     _NO_NUMBERS,
     False,
 )
-"""What kernels read where contacts are as told."""
+"""What kernels read for contacts that are all taken as told."""
 
 _STANDING = DescentRule(0, 0.0, 0.0, 0.0, 0.0)
 
 
 class CompiledDescent(NamedTuple):
-    """Contacts, as kernels read them; each pose may be spared one of those that are as told."""
+    """The arguments of the compiled loop; for contacts that are taken as told, each pose may leave one out."""
 
     grid: Grid
     touch: WeightedContacts
@@ -46,18 +46,18 @@ class CompiledDescent(NamedTuple):
     hand: Spheres = NO_SPHERES
 
     def normal_equations(self, X_PO: FloatArray, spared: NDArray[np.int64] | None = None) -> NormalEquations:
-        """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4), each spared the contact (B,)."""
+        """Cost, exact gradient and Gauss-Newton Hessian at poses (B, 3, 4), each without the contact `spared` (B,)."""
         ends = self._run(_STANDING, np.array(X_PO, order="C"), spared)
         return NormalEquations(ends.cost, ends.gradient, ends.hessian)
 
     def descend(self, rule: DescentRule, X_PO: FloatArray, spared: NDArray[np.int64] | None = None) -> Descent:
-        """Levenberg-Marquardt from each of the poses (B, 3, 4), spared the contact (B,) throughout."""
+        """Levenberg-Marquardt from each of the poses (B, 3, 4), throughout without the contact `spared` (B,)."""
         X_PO = np.array(X_PO, order="C")
         ends = self._run(rule, X_PO, spared)
         return Descent(X_PO, ends.cost, ends.iterations, ends.converged, ends.hessian)
 
     def _run(self, rule: DescentRule, X_PO: FloatArray, spared: NDArray[np.int64] | None) -> Ends:
-        """What the kernel says; moves the poses."""
+        """Runs the kernel, which moves the poses in place."""
         count = len(X_PO)
         ends = Ends(
             np.empty(count),

@@ -1,12 +1,12 @@
-"""Contacts of which each may be false, measured with noise of which not even the size is sure.
+"""The likelihood of contacts that may be outliers, measured with noise of uncertain size.
 
 A finger may touch something else: then its contact is anywhere. It may be elsewhere than its joints say: then its point
-is displaced, and its normal about right. It may touch over an edge: then the point is as told, and the normal any; or
-its force may have the wrong sign, and the normal shows the other way. The mixture of these with a contact as told
-[HRM16] never lets one contact decide. That one contact is false, whichever, may be likelier than that several are:
-beside the product over contacts, each false by itself, there is the sum over which one it is. How much larger the noise
-is than told, that of the points alone or of the normals too, is summed over: that makes the likelihood heavy-tailed for
-all contacts together, as one of Student's t is [LLT89].
+is displaced, and its normal about right. It may touch across an edge: then the point is as told, and the normal
+arbitrary; or its force may have the wrong sign, and the normal is reversed. In the mixture of these with a contact as
+told [HRM16] no single contact is decisive. One false contact, whichever it is, may be likelier than several: so the
+product over independently false contacts is supplemented by the sum over which single one is false. The factor by which
+the noise exceeds what is told, for points alone or for normals too, is marginalised: this makes the likelihood of all
+contacts together heavy-tailed, like Student's t [LLT89].
 
 Source: [LLT89] K. Lange, R. Little, J. Taylor, Robust statistical modeling using the t distribution, J. Am. Stat.
 Assoc. 84, 1989. [HRM16] D. Hogg, J. Bovy, D. Lang, Data analysis recipes: fitting a model to data, 2010, section 3
@@ -37,19 +37,19 @@ from tactopose_drake.core.objectives.surface_density import SurfaceDensity
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
-# Densities stay above 0 where no contact may be of something else, so that their logarithms are numbers.
+# Keeps the density of other objects' contacts above 0, so that its logarithm is finite.
 _LEAST_DENSITY = 1e-250
 
 
 class Judgement(NamedTuple):
-    """What the mixture says of poses.
+    """The mixture's posterior over the contacts at given poses.
 
     Attributes:
         cost: negative log likelihoods, shape (B,).
         inlier_probability: that each contact is as told, shape (B, k).
-        noise_scale: posterior means, shape (B,).
-        misfit: half the sum of squares of the contacts that are as told, in units of the noise as it seems, shape (B,).
-        is_false: which contacts are not as told, shape (B, k): less than half as probably so as exact ones.
+        noise_scale: posterior mean of the factor of the standard deviations, shape (B,).
+        misfit: half the sum of squares of the contacts that are as told, in units of the estimated noise, shape (B,).
+        is_false: whether each contact's inlier probability is less than half of an exact contact's, shape (B, k).
     """
 
     cost: FloatArray
@@ -60,7 +60,7 @@ class Judgement(NamedTuple):
 
 
 class ContactMixture(SmoothObjective):
-    """The mixture likelihood of contacts; zero where all lie on the surface exactly, as that of `SurfaceContact`."""
+    """The mixture likelihood of contacts; like that of `SurfaceContact`, zero if all lie exactly on the surface."""
 
     def __init__(
         self, model: ObjectModel, contacts: Contacts, outlier_probability: float, doubt: ContactDoubt = USUAL
@@ -73,11 +73,11 @@ class ContactMixture(SmoothObjective):
         self._compiled = CompiledDescent(self.touch.grid, self.touch.touch, doubts=self._doubts)
 
     def with_prior(self, prior: PriorObjective) -> "ContactMixture":
-        """The sum of both, in the same compiled loops."""
+        """The sum with a prior, in the same compiled loops."""
         return self._with(_compiled=self._compiled._replace(prior=prior.kernel_view))
 
     def with_hand(self, hand: Penetration) -> "ContactMixture":
-        """Likewise with the hand's volume: costs and descents are of both, what `judge` says of the contacts alone."""
+        """The sum with the hand's volume: it enters costs and descents, but not `judge`, which is of the contacts."""
         return self._with(_hand=hand, _compiled=self._compiled._replace(hand=hand.spheres))
 
     def _with(self, **parts: Any) -> "ContactMixture":
@@ -103,7 +103,7 @@ class ContactMixture(SmoothObjective):
         return self._compiled.descend
 
     def alternatives(self, X_PO: FloatArray, hessian: FloatArray) -> FloatArray:
-        """What is left of a cost's Hessians (B, 6, 6) at poses (B, 3, 4) with one contact false, (B, 2 k, 6, 6)."""
+        """The part of a cost's Hessians (B, 6, 6) that remains with one contact false, shape (B, 2 k, 6, 6)."""
         left = np.empty((len(X_PO), 2 * len(self._doubts.closeness), 6, 6))
         contact_alternatives_kernels.find_alternatives(
             self.touch.grid, self.touch.touch, self._doubts, np.ascontiguousarray(X_PO), hessian, left
@@ -111,18 +111,18 @@ class ContactMixture(SmoothObjective):
         return left
 
     def judge(self, X_PO: FloatArray) -> Judgement:
-        """What the exact likelihood says of poses (B, 3, 4): of the surface as it is, see `SurfaceDensity`."""
+        """The posterior over the contacts at poses (B, 3, 4) by the exact surface, see `SurfaceDensity`."""
         judged = self._judge(X_PO, self.density.densities(X_PO), self._reached, whole=True)
         of_exact_ones = _exact_inliers(self._doubts)
         return Judgement(*judged, judged.inlier_probability < 0.5 * of_exact_ones)
 
     def exact_cost(self, X_PO: FloatArray) -> FloatArray:
-        """Of what `judge` says the costs (B,) alone, which takes less time."""
+        """The costs (B,) of `judge` alone, which are faster to compute."""
         cost = self._judge(X_PO, self.density.densities(X_PO), self._reached, whole=False).cost
         return self._with_overlap(cost, X_PO)
 
     def _judge(self, X_PO: FloatArray, density: FloatArray, reached: float, whole: bool) -> Judged:
-        """By the contacts' exact densities (B, k), as far as these are known."""
+        """Evaluates the mixture with exact densities (B, k) as far as `reached`, and with the distance field beyond."""
         count = len(X_PO)
         judged = Judged(np.empty(count), np.empty(density.shape), np.empty(count), np.empty(count))
         touch, X_PO, exact = self.touch, np.ascontiguousarray(X_PO), Exact(density, reached)
@@ -132,7 +132,7 @@ class ContactMixture(SmoothObjective):
 
 @functools.cache
 def _scales(doublings: tuple[tuple[int, int, float], ...]) -> tuple[Any, ...]:
-    """What kernels read of the noise's scales: the first five fields of `Doubts`."""
+    """The noise scales in the form that kernels read: the first five fields of `Doubts`."""
     s, t, probability = zip(*doublings, strict=True)
     return (
         read_only(np.array(s, dtype=np.int64)),
@@ -144,18 +144,18 @@ def _scales(doublings: tuple[tuple[int, int, float], ...]) -> tuple[Any, ...]:
 
 
 def _exact_inliers(doubts: Doubts) -> FloatArray:
-    """How probably each contact (k,) is as told where all are exact."""
+    """The inlier probability (k,) of each contact if all lie exactly on the surface."""
     own, one = 1.0 + doubts.normal[0] + doubts.displaced[0] + doubts.other[0], doubts.normal[1] + doubts.displaced[1]
     odds = (one + doubts.other[1]) / own
     return np.asarray((1.0 + odds.sum() - odds) / (own * (1.0 + odds.sum())))
 
 
 def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, doubt: ContactDoubt) -> Doubts:
-    """What kernels read."""
+    """The mixture in the form that kernels read."""
     sigma_p, sigma_n = np.asarray(contacts.sigma_position), np.asarray(contacts.sigma_normal)
     has_normals = contacts.n_PC is not None
-    # Of a contact as told the density is by area, that across the surface a Gaussian; of one of something else by
-    # volume. Of a normal as told the density is a Gaussian on the sphere, of any normal one over its area.
+    # The density of a contact as told is uniform by area and Gaussian across the surface; that of one with something
+    # else is uniform by volume. The density of a normal as told is Gaussian on the sphere; of any normal, uniform.
     volume = math.prod((model.grid.upper - model.grid.origin + 2.0 * doubt.surroundings).tolist())
     per_sigma = model.area * math.sqrt(2.0 * math.pi) / volume
     most_p, most_n = doubt.most_noise
@@ -165,7 +165,7 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
     lost_normal = np.minimum(any_normal, 0.5 * most_n**2) if has_normals else any_normal
     displaced = np.minimum(sigma_p / doubt.displacement, 1.0)
     as_told, flipped, turned, moved, other, lost = _shares(doubt, outlier_probability, len(sigma_p), has_normals)
-    rows = np.empty((4, 2, len(sigma_n)))  # Of kinds: of each, of one of all; relative to contacts as told.
+    rows = np.empty((4, 2, len(sigma_n)))  # By kind; for independent doubt and for the single one; over inliers.
     rows[0], rows[1], rows[2] = flipped, turned * any_normal, moved * displaced
     rows[3] = lost * lost_point * lost_normal + other * any_point * any_normal
     rows /= as_told
@@ -176,10 +176,10 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
 
 @functools.lru_cache
 def _shares(doubt: ContactDoubt, outlier_probability: float, count: int, has_normals: bool) -> FloatArray:
-    """The fields of `KindShares` of so many contacts, shape (6, 2, 1): of each by itself, and of the one of all."""
+    """`KindShares` of so many contacts, shape (6, 2, 1): for independently false contacts, and for the single one."""
     nothing = KindShares(as_told=1.0, flipped=0.0, turned=0.0, displaced=0.0, other=0.0, lost=0.0)
     of_each, of_one = doubt.kinds.shares(outlier_probability), nothing
-    if doubt.of_one is not None:  # That one is of something else is no further doubt.
+    if doubt.of_one is not None:  # Contacts with something else are covered by independent doubt.
         of_one = doubt.of_one.among(count).shares(outlier_probability)._replace(other=0.0)
     rows = [each if has_normals else each.without_normals() for each in (of_each, of_one)]
     return np.array(rows).T[:, :, None]

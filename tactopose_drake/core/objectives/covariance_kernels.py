@@ -1,4 +1,4 @@
-"""What of the surface lies in front of a tactile pad, and how its covariance fits the felt one."""
+"""The points of the surface in front of a tactile pad, and how well their covariance fits the felt one, compiled."""
 
 from typing import NamedTuple
 
@@ -11,8 +11,8 @@ from tactopose_drake.core.shape.point_grid_kernels import Cloud, nearest_square,
 
 
 class FeltPads(NamedTuple):
-    """The pads that feel the object, read-only: the boxes in front of them, X_PB (k, 3, 4), and their corners in B,
-    lower and upper (k, 3); and the patches' centroids in P (k, 3) and covariances (k, 3, 3).
+    """The pads that feel the object, read-only: poses X_PB (k, 3, 4) of the sensing boxes in front of them, lower and
+    upper corners in B (k, 3), and the patches' centroids in P (k, 3) and covariances (k, 3, 3).
     """
 
     X_PB: Floats3
@@ -23,7 +23,7 @@ class FeltPads(NamedTuple):
 
 
 class Box(NamedTuple):
-    """Scratch: a box as `_place` sees it."""
+    """Scratch: a box as `_place` expresses it in O."""
 
     R: OutFloats2
     p: OutFloats1
@@ -34,7 +34,7 @@ class Box(NamedTuple):
 
 @inlined
 def _place(X, pads, k, seen):
-    """A box seen from the object at the pose X: R = R_OB, p = p_OB, and the corners, along O's axes, of what holds it.
+    """Expresses a box in O at the pose X: R = R_OB, p = p_OB, and the corners of its bounding box along O's axes.
 
     c is the patch's centroid in B.
     """
@@ -56,7 +56,7 @@ def _place(X, pads, k, seen):
 
 @inlined
 def _overlap(low, high, origin, spacing, shape):
-    """Whether the axis-parallel box from low to high meets the grid."""
+    """Whether the axis-aligned box from low to high meets the grid."""
     meet = True
     for a in range(3):
         meet = meet and high[a] >= origin[a] and low[a] <= origin[a] + shape[a] * spacing
@@ -67,9 +67,9 @@ def _overlap(low, high, origin, spacing, shape):
 def _gather(
     cloud: Cloud, box: Box, lower: Floats1, upper: Floats1, first: OutFloats1, second: OutFloats2
 ) -> tuple[int, float, float]:
-    """The moments about c of the points in the box: their number, depth below z = 0, and least square distance from c.
+    """Sums over the points in the box; returns their number, depth below z = 0, and least squared distance from c.
 
-    Their sum goes into first (3,), the lower triangle of the sum of their products into second (3, 3).
+    first (3,) gets the sum of their offsets from c, second (3, 3) the lower triangle of the sum of outer products.
     """
     points, starts, seeds, origin, spacing = cloud
     R, p, c, low, high = box
@@ -119,9 +119,9 @@ def pad_costs(
     X_PO: Floats3,
     costs: OutFloats2,
 ) -> None:
-    """Algorithm 5.2's cost of each pad at each pose, m, into costs (B, k).
+    """Fills costs (B, k) with algorithm 5.2's cost of each pad at each pose, m.
 
-    Few poses need the nearest point: where a point of the box is within the gate of the centroid, so is the nearest.
+    The nearest point is rarely searched for: it is within the gate if any point of the box is.
     """
     gate, h1, h2, h3 = weights
     box = Box(np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3), np.empty(3))

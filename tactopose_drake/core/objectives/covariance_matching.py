@@ -17,7 +17,7 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 
 
 class CovarianceMatching(DifferencedObjective):
-    """[B16] algorithm 5.2: for each pad that feels the object, how unlike the patch the points in front of it are.
+    """[B16] algorithm 5.2: for each pad that feels the object, how the points in front of it differ from the patch.
 
     With s the points of the cloud in the pad's sensing box, d the distance from the patch's centroid to the cloud, and
     Λ the patch's covariance in its eigenbasis, a pad costs, in metres,
@@ -26,10 +26,10 @@ class CovarianceMatching(DifferencedObjective):
       holds more than three points and d is within the gate;
     - h1 d + h3 |Λ| elsewhere.
 
-    The norm is the same in every frame, so the covariances are compared in the pad's. Of two active cells or a row the
-    covariance is compared as it is; of one cell there is none, and its term is left out; a pad that feels nothing
-    costs nothing. The listing's slips are read so: line 9 stands before its loop; line 22 adds, as line 19 does; the
-    mean of line 17 is its norm, as in the text. The residuals are the roots of twice the pads' costs.
+    The norm is the same in every frame, so covariances are compared in the pad's. A singular covariance, of two active
+    cells or a row, is compared as it is; of one cell there is none, and its term is left out; a pad that feels nothing
+    costs nothing. The listing's errors are corrected so: line 9 stands before its loop; line 22 adds, as line 19 does;
+    the mean of line 17 is its norm, as in the text. The residuals are the square roots of twice the pads' costs.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class CovarianceMatching(DifferencedObjective):
         h2: float = 0.1,
         h3: float = 1000.0,
     ) -> None:
-        """Lays a sensing box on each pad.
+        """Places a sensing box on each pad.
 
         Args:
             cloud: the object's points.
@@ -52,7 +52,7 @@ class CovarianceMatching(DifferencedObjective):
             thickness: of the pads' soft layer, m.
             height: of the sensing box above the pad, m.
             gate: the largest distance at which patches are compared, m. [B16]: 30 mm.
-            h1: weight of the distance where there is no patch to compare.
+            h1: weight of the distance if there is no patch to compare.
             h2: weight of each point's depth below the finger's core.
             h3: weight of the covariance, 1/m.
 

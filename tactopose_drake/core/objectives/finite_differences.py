@@ -1,4 +1,4 @@
-"""Objectives whose residuals have corners: their Jacobian is a forward difference."""
+"""Base class of objectives whose residuals have kinks: their Jacobian is a forward difference."""
 
 from abc import ABC, abstractmethod
 
@@ -8,7 +8,7 @@ from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.validation import FloatArray
 
-# An increment, rad and m: small beside how residuals bend, and far above rounding.
+# An increment, rad and m: small on the scale on which residuals bend, and far above rounding errors.
 _FORWARD_STEP = 1e-6
 
 

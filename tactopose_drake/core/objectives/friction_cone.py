@@ -1,4 +1,4 @@
-"""Each contact force within the friction cone about the object's normal."""
+"""Constrains each contact force to the friction cone about the object's normal."""
 
 import math
 
@@ -13,17 +13,17 @@ from tactopose_drake.core.validation import FloatArray
 
 
 class FrictionCone(LeastSquaresObjective):
-    """How far each force is out of its cone: max(0, angle(f, n) - atan(friction)) / sigma, a residual a contact.
+    """The angle by which each force is outside of its cone: max(0, angle(f, n) - atan(friction)) / sigma.
 
-    n is the object's outward normal where the contact is, at the pose; f is the force on the fingertip, which leans
-    from n by no more than the friction angle. sigma^2 = sigma_normal^2 + (sigma_force / |f|)^2 + the variance of the
-    normal across the grid's cell: on an edge of the object, more forces are possible.
+    There is one residual per contact. n is the object's outward normal at the contact, at the pose; f is the force on
+    the fingertip, which deviates from n by no more than the friction angle. sigma^2 = sigma_normal^2 + (sigma_force /
+    |f|)^2 + the variance of the normal across the grid's cell: on an edge of the object, more forces are possible.
 
-    The cost is the Chernoff bound of the probability that noise explains the angle, as that of `Penetration`.
+    The cost is the Chernoff bound of the probability that noise explains the angle, as in `Penetration`.
     """
 
     def __init__(self, grid: DistanceGrid, contacts: Contacts, friction: float) -> None:
-        """Leaves out the contacts whose force is nothing but noise.
+        """Leaves out contacts whose force does not exceed the noise.
 
         Args:
             grid: of the object.

@@ -15,8 +15,8 @@ from tactopose_drake.errors import InvalidInputError
 class NearestPointContact(DifferencedObjective):
     """G = sum_m min_i (||q_m - s_i|| + w_n (1 - <u_m, n_i>)), in m, as half a sum of squares. [B16] eq. 4.1.
 
-    The points s_i that compete for contact m are its nearest ones, at each pose anew, which a k-d tree finds. Its
-    residual is the root of twice its share of G.
+    The minimum for contact m is over the points s_i nearest to it at each pose, which a k-d tree finds. Its residual is
+    the square root of twice its share of G.
     """
 
     def __init__(
@@ -33,8 +33,8 @@ class NearestPointContact(DifferencedObjective):
             points: the object's point cloud in O, shape (n, 3), m.
             normals: its outward unit normals in O, shape (n, 3).
             contacts: the measured contacts in P, with normals.
-            normal_weight: w_n, m; chapter 3's 20, with lengths in cm, where the thesis prints none for chapter 4.
-            neighbours: points that compete for a contact. With one alone, a contact beside an edge counts by the
+            normal_weight: w_n, m; chapter 3's 20, with lengths in cm, as the thesis gives none for chapter 4.
+            neighbours: number of nearest points in the minimum. With one alone, a contact beside an edge would get the
                 normal of whichever face happens to be nearer.
 
         Raises:

@@ -1,4 +1,4 @@
-"""What an objective is, and how objectives add up."""
+"""The interface of objectives, and their sums."""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -27,7 +27,7 @@ class NormalEquations(NamedTuple):
 
 
 class Objective(Protocol):
-    """Scores a batch of poses; lower is better. Knows nothing of the search that asks."""
+    """Scores a batch of poses, lower is better, independently of the search that uses it."""
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
@@ -35,10 +35,10 @@ class Objective(Protocol):
 
 
 class Descent(NamedTuple):
-    """Where steps have led.
+    """The result of a descent.
 
-    Poses (B, 3, 4), costs (B,), steps tried (B,), whether each ended at a minimum (B,), and Gauss-Newton Hessians there
-    (B, 6, 6).
+    Poses (B, 3, 4), costs (B,), numbers of steps tried (B,), whether each converged (B,), and Gauss-Newton Hessians
+    there (B, 6, 6).
     """
 
     X_PO: FloatArray
@@ -49,10 +49,10 @@ class Descent(NamedTuple):
 
 
 class SmoothObjective(Objective, Protocol):
-    """An objective with derivatives by the six increments.
+    """An objective with derivatives with respect to the six increments.
 
-    What some objectives can do faster than a search can ask for it has a default here; derive from this class to have
-    it.
+    Operations that some objectives do faster than a search could have a default here; derive from this class to get
+    them.
 
     Attributes:
         is_touch: whether it is the smooth likelihood of contacts, and of nothing else.
@@ -65,22 +65,22 @@ class SmoothObjective(Objective, Protocol):
         ...
 
     def exact_cost(self, X_PO: FloatArray) -> FloatArray:
-        """Costs (B,) of poses (B, 3, 4) without what the cost leaves out to be smooth; the cost, where that is all."""
+        """Costs (B,) of poses (B, 3, 4) without the approximations that make the cost smooth; by default the cost."""
         return self.cost(X_PO)
 
     @property
     def descent(self) -> Callable[[DescentRule, FloatArray], Descent] | None:
-        """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop; None where there is none."""
+        """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop; None if there is none."""
         return None
 
 
 class LeastSquaresObjective(SmoothObjective, Protocol):
     """An objective that is half a sum of squares.
 
-    Its residuals and their derivatives say all; what is known faster than from these, a class of its own says.
+    Residuals and their Jacobian define it; subclasses override what they can compute faster.
 
     Attributes:
-        but_for_one: see `DoubtedObjective`: as all is as told, there is none.
+        but_for_one: see `DoubtedObjective`; None, as no contact is doubted.
     """
 
     but_for_one: SmoothObjective | None = None
@@ -104,17 +104,17 @@ class LeastSquaresObjective(SmoothObjective, Protocol):
 
     @property
     def terms(self) -> tuple["LeastSquaresObjective", ...]:
-        """The objectives that it is the sum of."""
+        """The objectives that this is the sum of."""
         return (self,)
 
     @property
     def quick(self) -> "LeastSquaresObjective":
-        """What costs less and leads near its minima; itself, where there is no such."""
+        """A cheaper objective with minima nearby; itself, if there is none."""
         return self
 
     @property
     def believed(self) -> "LeastSquaresObjective":
-        """Itself: all is as told."""
+        """The objective without outliers: itself."""
         return self
 
 
@@ -127,7 +127,7 @@ def form_normal_equations(residuals: FloatArray, jacobian: FloatArray) -> Normal
 
 
 class SmoothSum(SmoothObjective):
-    """The sum of smooth objectives: their costs add, and their derivatives."""
+    """The sum of smooth objectives: costs and derivatives add up."""
 
     def __init__(self, terms: Sequence[SmoothObjective]) -> None:
         self._summands = tuple(terms)
@@ -153,17 +153,17 @@ class SmoothSum(SmoothObjective):
 
     @property
     def descent(self) -> Callable[[DescentRule, FloatArray], Descent] | None:
-        """That of the only summand, if it has one."""
+        """The descent of the only summand, if there is only one and it has one."""
         return self._summands[0].descent if len(self._summands) == 1 else None
 
 
 class DoubtedObjective(SmoothSum):
-    """A sum of objectives of which some are of contacts and pads that may be false.
+    """A sum of objectives, some of which are of contacts and pads that may be outliers.
 
     Attributes:
-        believed: the same with all as told.
-        but_for_one: contacts, and pads as such, without the one that a pose explains least, and the prior; None where
-            there are too few.
+        believed: the same without outliers.
+        but_for_one: the contacts, and pads as contacts, without the one that each pose explains worst, and the prior;
+            None if there are too few.
     """
 
     def __init__(
@@ -177,7 +177,7 @@ class DoubtedObjective(SmoothSum):
 
 
 class SumObjective(SmoothSum, LeastSquaresObjective):
-    """The sum of least-squares objectives: their residuals stack, too."""
+    """The sum of least-squares objectives: residuals are concatenated, too."""
 
     def __init__(self, terms: Sequence[LeastSquaresObjective], quick: LeastSquaresObjective | None = None) -> None:
         super().__init__(terms)
@@ -185,12 +185,12 @@ class SumObjective(SmoothSum, LeastSquaresObjective):
 
     @property
     def terms(self) -> tuple[LeastSquaresObjective, ...]:
-        """The objectives that it is the sum of."""
+        """The objectives that this is the sum of."""
         return self._terms
 
     @property
     def quick(self) -> LeastSquaresObjective:
-        """What it was made with, or itself."""
+        """The cheaper objective given on construction, or itself."""
         return self if self._quick is None else self._quick
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Patches against the signed distance grid, cell by cell: the form that is fast, smooth and a likelihood."""
+"""Patches against the signed distance grid, cell by cell: a smooth likelihood that is fast to evaluate."""
 
 import math
 from collections.abc import Sequence
@@ -15,41 +15,41 @@ from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray, positive_number
 
-# The standard deviation of a position that is to say nothing, m.
+# Standard deviation of a position that carries no information, m.
 _ANYWHERE = 1e3
-# What every pad may be off by in addition to a covariance that says less, perhaps nothing in some directions: rad, m.
+# Standard deviations added to every pad's misplacement, whose covariance may be singular: rad, m.
 _LEAST_TURN, _LEAST_SHIFT = 1e-4, 1e-5
 
 
 class PatchCells(LeastSquaresObjective):
-    """What every cell of the pads says of the signed distance phi of the object.
+    """Residuals of all cells of the pads against the object's signed distance phi.
 
-    A cell that feels the pressure p has the surface where it is pressed in: phi(q) = 0 at its point, alpha p below the
-    undeformed pad. A cell that feels none has at most the threshold's depth: phi(q) >= 0 there; a saturated one at
-    least the depth that it shows: phi(q) <= 0. A dead cell says nothing.
+    A cell that measures the pressure p has the surface where it is pressed in: phi(q) = 0 at its point, alpha p below
+    the undeformed pad. A cell that measures none is pressed in by at most the threshold's depth: phi(q) >= 0 there; a
+    saturated one by at least the depth that it shows: phi(q) <= 0. A dead cell contributes nothing.
 
-    The noise: each depth is off by a Gaussian of sigma_depth and of a share of itself, independent of the others. A
-    cell feels the mean over its area, which is the depth at its middle where the surface is flat and covers the cell.
-    Where only a part of the cell is touched, the middle may be off. Of a flat surface that leans by the angle t, a cell
-    of half the width h that shows the depth p feels only the lower part if p < h tan t; its mean is then
-    (d + h tan t)^2 / (4 h tan t), with d the depth at the middle, so that phi(q) = (sqrt(h sin t) - sqrt(p cos t))^2.
-    Where the surface ends on the cell at an edge, phi(q) is anything between 0 and that. So this length, with the angle
-    between the pad's normal and the gradient of phi, is where an even distribution ends; its mean square, a third of
-    the length's, adds to the variance. Derivatives take it for constant. Of a cell that is longer than wide, h is how
-    far an ellipse of its length and width reaches along the lean.
+    The noise: each depth has an independent Gaussian error of sigma_depth and a share of itself. A cell measures the
+    mean over its area, which is the depth at its centre if the surface is flat and covers the cell. If only a part of
+    the cell is touched, the centre may be off. On a flat surface that is tilted by the angle t, a cell of half the
+    width h that shows the depth p is touched only on its lower part if p < h tan t; its mean is then
+    (d + h tan t)^2 / (4 h tan t), with d the depth at the centre, so that phi(q) = (sqrt(h sin t) - sqrt(p cos t))^2.
+    If the surface ends on the cell at an edge, phi(q) is anything between 0 and this length. So phi(q) is taken to be
+    uniform up to this length, with t the angle between the pad's normal and the gradient of phi, and its mean square, a
+    third of the length's square, is added to the variance. Derivatives take it for constant. For a cell that is longer
+    than wide, h is how far an ellipse of its length and width extends in the direction of the tilt.
 
-    All cells of a pad are off together, because hand and mounting misplace it: shifted by sigma_position along, and
-    turned by sigma_rotation about, each axis, or as the patch's own `misplacement` says. To that comes what an alpha
-    that is off by the share moves all pressed cells by, on average, along the pad's normal. With u (6,) this
-    misplacement in standard deviations, a pad's cost is the least over u of
+    All cells of a pad share the error of its placement by hand and mounting: a shift of sigma_position along, and a
+    rotation of sigma_rotation about, each axis, or the patch's own `misplacement`. To this is added the mean shift
+    along the pad's normal that an error of alpha by the share makes. With u (6,) this misplacement in standard
+    deviations, a pad's cost is the minimum over u of
 
         1/2 |u|^2 + 1/2 sum_i (phi(q_i(u)) / sigma_i)^2
 
-    over the cells that count: those pressed, and those that contradict their inequality. Where all are pressed by one
-    flat surface that is exactly the negative log of the likelihood with u integrated out, up to a constant; for an
-    inequality it bounds the negative log of the probability that noise explains it (Chernoff). Without u the many cells
-    of a pad would outvote the error that they share, and an edge that is off by a millimetre would count once a cell.
-    Where a pad costs more than 30, which no noise explains, u is sought for one step only: the cost is an upper bound.
+    over the cells that are pressed, and those that violate their inequality. If all are pressed by one flat surface,
+    this is exactly the negative log likelihood with u marginalised, up to a constant; for an inequality it bounds the
+    negative log of the probability that noise explains it (Chernoff). Without u the many cells of a pad would count
+    their common error as many times, and an edge that is off by a millimetre would count once for each cell. If a pad
+    costs more than 30, which no noise explains, only one step is made toward u: the cost is then an upper bound.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class PatchCells(LeastSquaresObjective):
         )
         starts = np.cumsum([0, *(len(pad[1]) for pad in pads)], dtype=np.uintp)
         middles = np.array([patch.p_PT.mean(axis=0) for patch in patches]).reshape(-1, 3)
-        if any(patch.misplacement is not None for patch in patches):  # These are in units of the sigmas, too.
+        if any(patch.misplacement is not None for patch in patches):  # Expressed in units of the sigmas, too.
             sigma_rotation, sigma_position = max(sigma_rotation, _LEAST_TURN), max(sigma_position, _LEAST_SHIFT)
         units = np.repeat([sigma_rotation, sigma_position], 3)
         excess = np.array([_excess(patch, units, share) for patch in patches]).reshape(-1, 6, 6)
@@ -92,14 +92,14 @@ class PatchCells(LeastSquaresObjective):
         return costs
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
-        """Residuals (B, n + 6 k) of poses (B, 3, 4): of n live cells, then the misplacements u in P of k pads."""
+        """Residuals (B, n + 6 k) of poses (B, 3, 4): those of n live cells, then the misplacements u in P of k pads."""
         return self.residuals_and_jacobian(X_PO)[0]
 
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, n + 6 k) and their derivatives by the increment (B, n + 6 k, 6).
 
-        How u follows the pose is Gauss and Newton's approximation, exact where the residuals vanish; it does not enter
-        the cost's gradient, because u minimises the cost.
+        The derivative of u by the pose is the Gauss-Newton approximation, exact where the residuals vanish; it does not
+        enter the cost's gradient, because u minimises the cost.
         """
         residuals, jacobian = np.empty((len(X_PO), self._rows)), np.empty((len(X_PO), self._rows, 6))
         patch_kernels.patch_residuals(*self._arguments, np.ascontiguousarray(X_PO), residuals, jacobian)
@@ -114,11 +114,11 @@ class PatchCells(LeastSquaresObjective):
 
 
 class PatchContact(SumObjective):
-    """What tactile pads say of the object: every cell of its distance, and each pad that feels it, that it faces it.
+    """Tactile pads against the object: all cells against its distance, and the normal of each pad that feels it.
 
-    The distances alone do not tell the two sides of a thin wall apart. So the surface's normal at a patch's centroid is
-    expected where the pad's normal points into the finger, within the angles at which a pad may lean on a surface; of
-    cells that look every way, nowhere.
+    The distances alone do not distinguish the two sides of a thin wall. So the surface's normal at a patch's centroid
+    is expected where the pad's normal points into the finger, up to the angles at which a pad may be tilted on a
+    surface; pads whose cells face all directions have no such term.
     """
 
     def __init__(
@@ -138,10 +138,10 @@ class PatchContact(SumObjective):
             grid: of the object.
             patches: what the pads feel.
             sigma_depth: standard deviation of the depth of the surface in a pad, of each cell, m.
-            share: standard deviation of a depth as a share of it: alpha, and the layer, are not quite so.
-            sigma_position: standard deviation of each coordinate of a pad's place, and of what alpha makes of it, m; of
-                patches whose `misplacement` is not known.
-            sigma_rotation: standard deviation of a small turn of a pad about each axis, rad; likewise.
+            share: standard deviation of a depth as a share of it: of alpha, and of the layer's linearity.
+            sigma_position: standard deviation of each coordinate of a pad's position, including the effect of alpha, m;
+                for patches whose `misplacement` is not known.
+            sigma_rotation: standard deviation of a small rotation of a pad about each axis, rad; for the same.
             sigma_lean: standard deviation of the turn of a touched surface from the pad about each axis, rad.
 
         Raises:
@@ -184,7 +184,7 @@ def _pad_cells(patch: Patch, sigma_depth: float, share: float) -> tuple[FloatArr
 
 
 def _excess(patch: Patch, units: FloatArray, share: float) -> FloatArray:
-    """By how much the information on a pad's (turn, shift), in these units (6,), exceeds the identity, shape (6, 6)."""
+    """Information on a pad's (rotation, shift), in these units (6,), minus the identity, shape (6, 6)."""
     if patch.misplacement is None:
         return np.zeros((6, 6))
     turn_first = np.roll(patch.misplacement, 3, axis=(0, 1))
@@ -196,7 +196,7 @@ def _excess(patch: Patch, units: FloatArray, share: float) -> FloatArray:
 
 
 def _by_alpha(patch: Patch, share: float) -> FloatArray:
-    """The covariance of (turn, shift) that an alpha off by this share amounts to, shape (6, 6), rad and m."""
+    """The covariance of a pad's (rotation, shift) due to an error of alpha by this share, shape (6, 6), rad and m."""
     if np.isnan(patch.inward).any():
         return np.zeros((6, 6))
     depth = share * patch.alpha * float(patch.pressure[patch.active].mean())

@@ -1,8 +1,8 @@
-"""Tactile pads of which each may feel something else: the likelihood of patches that are false now and then.
+"""The likelihood of tactile pads, each of which may feel something else than the object.
 
-As a contact does (see `contact_mixture`), a pad counts for no more than what it would say were it pressed on something
-else, anywhere about the object. How well that explains the depths of its cells is not known; it is taken to be as well
-as a plane does, or as noise alone does, whichever is better. [HRM16]
+As with a contact (see `contact_mixture`), a pad's cost is bounded by that of being pressed on something else, anywhere
+about the object. How well something else would explain the depths of its cells is unknown; it is assumed to be as well
+as a plane does, or as noise alone would, whichever is better. [HRM16]
 
 Source: [HRM16] D. Hogg, J. Bovy, D. Lang, Data analysis recipes: fitting a model to data, 2010, section 3 (mixture for
 outliers).
@@ -21,19 +21,19 @@ from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
-_SURROUNDINGS = 0.05  # a pad on something else is anywhere within so much of the object, m
-# How often pads are false, as contacts are: one that is displaced counts as one on something else, and what a pad feels
-# has no normal of its own that could be another.
+_SURROUNDINGS = 0.05  # distance from the object within which a pad on something else may be, m
+# The rates of false pads are those of contacts: a displaced one counts as one on something else; a wrong normal does
+# not occur, as a pad measures none of its own.
 _KINDS = ContactKinds()
-# Standard deviations of each cell's depth, m, and of a depth as a share of it; `PatchContact`'s.
+# `PatchContact`'s standard deviations of each cell's depth, m, and of a depth as a share of it.
 _SIGMA_DEPTH, _SHARE = 0.0005, 0.2
 
 
 class PatchMixture(SmoothObjective):
-    """The mixture likelihood of pads that feel the object; zero where all explain what they feel exactly."""
+    """The mixture likelihood of pads that feel the object; zero if all explain what they feel exactly."""
 
     def __init__(self, model: ObjectModel, pads: Sequence[Patch], outlier_probability: float) -> None:
-        """Takes the pads that feel something, in P; the probability is above 0."""
+        """Takes the pads that feel something, in P; the probability must be above 0."""
         self._pads = PatchContact(model.grid, pads)
         self._each = [PatchContact(model.grid, [pad]) for pad in pads]
         felt = patch_contacts(pads)
@@ -51,7 +51,7 @@ class PatchMixture(SmoothObjective):
         return cost
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
-        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4); each pad's squares by what it counts for."""
+        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4); each pad weighted by its inlier probability."""
         cost, gradient, hessian = np.zeros(len(X_PO)), np.zeros((len(X_PO), 6)), np.zeros((len(X_PO), 6, 6))
         for pad, other in zip(self._each, self._other_cost, strict=True):
             own = pad.normal_equations(X_PO)
@@ -62,14 +62,14 @@ class PatchMixture(SmoothObjective):
         return NormalEquations(cost, gradient, hessian)
 
     def inlier_probability(self, X_PO: FloatArray) -> FloatArray:
-        """The probability of each of k pads to feel the object, at poses (B, 3, 4), shape (B, k)."""
+        """The probability that each of k pads feels the object, at poses (B, 3, 4), shape (B, k)."""
         return _expit(self._other_cost - self._pads.pad_costs(X_PO))
 
 
 def _shape_cost(pad: Patch) -> float:
-    """What the depths of a pad's cells cost on something else: as on a plane, or what noise makes of them."""
+    """The cost of a pad's depths on something else: the residual of a plane, or the expected cost of noise if less."""
     by_noise = 0.5 * max(np.count_nonzero(pad.active) - 3.0, 0.0)
-    if np.isnan(pad.inward).any():  # No plane presses cells that look every way.
+    if np.isnan(pad.inward).any():  # No plane presses cells that face all directions.
         return by_noise
     depth, points = pad.alpha * pad.pressure[pad.active], pad.points[pad.active]
     weights = 1.0 / np.hypot(_SIGMA_DEPTH, _SHARE * depth)

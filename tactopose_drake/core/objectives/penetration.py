@@ -1,4 +1,4 @@
-"""What the object cannot do: lie where the hand is."""
+"""Penalises overlap of the object with the hand."""
 
 import copy
 from typing import Self
@@ -18,32 +18,32 @@ from tactopose_drake.core.validation import FloatArray
 class Penetration(LeastSquaresObjective):
     """Overlap of the hand with the object, where it is deepest in each neighbourhood.
 
-    The spheres are parted into neighbourhoods of some centimetres. Each has one residual, max(0, d - allowed) / sigma,
-    with d = max_i (radius_i - phi(q_i)) how deep its deepest sphere is in the object, and q_i = R_PO^T (p_PH - p_PO).
-    So the many spheres that fill one place count once, however densely they are packed.
+    The spheres are grouped into neighbourhoods of some centimetres. Each has one residual, max(0, d - allowed) / sigma,
+    where d = max_i (radius_i - phi(q_i)) is the depth of its deepest sphere in the object, and
+    q_i = R_PO^T (p_PH - p_PO). So the spheres of one place count once, however densely they are packed.
 
-    Two rigid bodies do not overlap, but the hand's surface is only known within a Gaussian error: that this explains an
-    overlap d has the probability Phi(-d / sigma), whose negative logarithm is at least d^2 / (2 sigma^2) (the Chernoff
-    bound). This bound is the cost; it is 0 where the hand merely touches, and never more than the evidence.
+    Two rigid bodies do not overlap, but the hand's surface is known only up to a Gaussian error: the probability that
+    this explains an overlap d is Phi(-d / sigma), whose negative logarithm is at least d^2 / (2 sigma^2) (the Chernoff
+    bound). This bound is the cost; it is 0 if the hand merely touches, and never overstates the evidence.
     """
 
     def __init__(
         self, grid: DistanceGrid, hand: HandGeometry, allowed: float = 0.0, neighbourhood: float = 0.02
     ) -> None:
-        """Parts the spheres into neighbourhoods.
+        """Groups the spheres into neighbourhoods.
 
         Args:
             grid: of the object.
             hand: the parts of the hand that the object keeps out of.
-            allowed: an overlap that is none, m: what soft skin gives way and fitting the contacts blurs.
-            neighbourhood: spheres whose centres are this near to each other, m, are misplaced together: about a
+            allowed: an overlap without cost, m, for yielding skin and errors of the contacts.
+            neighbourhood: spheres whose centres are closer than this, m, share their error: about the size of a
                 finger's link.
         """
         largest_first = np.argsort(-hand.radius, kind="stable")
         group, distance = np.empty(len(hand), dtype=np.int64), np.empty(len(hand))
         leads = np.empty(len(hand), dtype=np.bool_)
         gather_neighbourhoods(hand.p_PH, largest_first, neighbourhood, group, distance, leads)
-        # Neighbourhood by neighbourhood, the leader first, the others by falling reach.
+        # Sorted by neighbourhood, the leader first, the others by descending reach.
         reach = distance + hand.radius
         order = np.lexsort((-reach, ~leads, group))
         reach, group = reach[order], group[order]
@@ -56,7 +56,7 @@ class Penetration(LeastSquaresObjective):
         self._grid, self.spheres = grid.nodes, Spheres(*map(read_only, arrays))
 
     def joined(self, other: Self) -> Self:
-        """That of both, of the same object."""
+        """The joint objective of both, for the same object."""
         own, others, joined = self.spheres, other.spheres, copy.copy(self)
         start = np.concatenate([own.start[:-1], others.start + len(own.p)])
         leaders = np.concatenate([own.leaders, others.leaders], axis=1)
@@ -93,7 +93,7 @@ class Penetration(LeastSquaresObjective):
         return equations
 
     def _depths(self, X_PO: FloatArray) -> Depths:
-        """Of each neighbourhood the overlap beyond what is allowed (B, g), m; where it is in O, and the slope there."""
+        """Overlap of each neighbourhood beyond what is allowed (B, g), m; its point in O, and the gradient there."""
         shape = len(X_PO), len(self.spheres.weight)
         depths = Depths(np.empty(shape), np.empty((*shape, 3)), np.empty((*shape, 3)))
         penetration_kernels.penetration_depths(self._grid, self.spheres, np.ascontiguousarray(X_PO), depths)
@@ -101,7 +101,7 @@ class Penetration(LeastSquaresObjective):
 
 
 def overlap_slope(grid: DistanceGrid, hand: HandGeometry, X_PO: FloatArray) -> FloatArray:
-    """The derivative of the deepest overlap by the increment, at poses (B, 3, 4), shape (B, 6), m by rad and m."""
+    """Derivative of the deepest overlap by the increment at poses (B, 3, 4), shape (B, 6), m by rad and m."""
     slope = np.empty((len(X_PO), 6))
     for row, X in zip(slope, X_PO, strict=True):
         q = (hand.p_PH - X[:, 3]) @ X[:, :3]

@@ -1,4 +1,4 @@
-"""The object's lowest points over planes that it touches."""
+"""The height of the object's lowest point over planes that it touches."""
 
 from collections.abc import Sequence
 
@@ -12,10 +12,10 @@ from tactopose_drake.core.validation import FloatArray
 
 
 class PlaneSupport(LeastSquaresObjective):
-    """How far the object's lowest point is from each plane: min_i n' (R_PO v_i + p_PO - p_PQ) / sigma, one residual.
+    """Height of the object's lowest point over each plane: min_i n' (R_PO v_i + p_PO - p_PQ) / sigma, one residual.
 
-    The minimum is over the vertices v_i of the object's convex hull: no other point is ever the lowest. Where the
-    lowest vertex changes, the residual bends.
+    The minimum is over the vertices v_i of the object's convex hull, which suffice. Where the lowest vertex changes,
+    the residual has a kink.
     """
 
     def __init__(self, model: ObjectModel, planes: Sequence[PlaneContact]) -> None:

@@ -1,4 +1,4 @@
-"""The prior as a part of the likelihood."""
+"""The prior as an objective."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.validation import FloatArray
 
 NO_PRIOR = prior_kernels.Prior(read_only(np.eye(3, 4)), read_only(np.zeros(6)))
-"""What kernels read where there is none."""
+"""What kernels read if there is no prior."""
 
 
 class PriorObjective(LeastSquaresObjective):

@@ -1,4 +1,4 @@
-"""Contacts against the signed distance grid: the form that is fast, smooth and a likelihood."""
+"""Contacts against the signed distance grid: a smooth likelihood that is fast to evaluate."""
 
 from collections.abc import Callable
 
@@ -65,7 +65,7 @@ class SurfaceContact(LeastSquaresObjective):
         return residuals[:, :, :rows].reshape(count, m), jacobian[:, :, :rows].reshape(count, m, 6)
 
     def rows_of_contacts(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals (B, k, 5) of each contact and their derivatives (B, k, 5, 6); of normals that are none zeros."""
+        """Residuals (B, k, 5) of each contact and their derivatives (B, k, 5, 6); zeros for missing normals."""
         count = len(X_PO)
         residuals, jacobian = np.empty((count, self._count, 5)), np.empty((count, self._count, 5, 6))
         surface_contact_kernels.contact_residuals(
@@ -114,10 +114,10 @@ class ContactSum(SumObjective):
 
 
 class ContactsButOne(SmoothObjective):
-    """Contacts without the one that each pose explains least, which may be false, and a prior or none.
+    """Contacts without the one that each pose explains worst, which may be an outlier, and an optional prior.
 
-    In a descent it is the one that is explained least where the descent begins. Source: P. Rousseeuw, Least median of
-    squares regression, J. Am. Stat. Assoc. 79, 1984, whose trimmed squares these are.
+    In a descent that contact is fixed at the start. This is least trimmed squares: P. Rousseeuw, Least median of
+    squares regression, J. Am. Stat. Assoc. 79, 1984.
     """
 
     def __init__(self, touch: SurfaceContact, prior: PriorObjective | None = None) -> None:
@@ -150,7 +150,7 @@ def _cost(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -> FloatArray
 
 
 def along_normals(n_O: FloatArray, residuals: FloatArray, jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distances, and the two components of the differences of normals across them: (k, 3) and (k, 3, 6).
+    """The distance, and the two components of the difference of normals across the normal: (k, 3) and (k, 3, 6).
 
     Args:
         n_O: measured normals in the object's frame, shape (k, 3).

@@ -1,4 +1,4 @@
-"""Contacts against the surface as it is, edges and thin walls included: the exact likelihood, without derivatives."""
+"""Contacts against the exact surface, edges and thin walls included: the exact likelihood, without derivatives."""
 
 import math
 
@@ -11,25 +11,25 @@ from tactopose_drake.core.shape.surfel_kernels import Measurements, densities
 from tactopose_drake.core.validation import FloatArray
 
 DENSITY_FLOOR = 1e-9
-"""The density far from the surface, as a share of that on it: so the cost stays finite."""
+"""The density far from the surface, relative to that on it, which keeps the cost finite."""
 
-# Contacts whose standard deviations are within this factor share their discs.
+# Contacts whose standard deviations are within this factor share the same discs.
 _WIDEST_SHARE = 4.0
 
 
 class SurfaceDensity:
-    """How likely what was measured of each contact is, if the contact may lie anywhere on the surface.
+    """The likelihood of each contact's measurement, if the contact may lie anywhere on the surface.
 
-    Its cost agrees with that of `SurfaceContact` where the surface is flat. Elsewhere that one, which knows but one
-    distance and one mean normal, is an approximation, with derivatives and about ten times as fast. Further than a few
-    standard deviations from the surface the cost is constant.
+    Its cost agrees with that of `SurfaceContact` where the surface is flat. Elsewhere the latter, with one distance and
+    one mean normal, is an approximation, with derivatives and about ten times as fast. Beyond a few standard deviations
+    from the surface the cost is constant.
     """
 
     def __init__(self, model: ObjectModel, contacts: Contacts) -> None:
         n_PC = np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC
         sigma = np.asarray(contacts.sigma_position)
         weight_n = (0.0 if contacts.n_PC is None else 1.0) / np.asarray(contacts.sigma_normal)
-        # The discs are as fine as the surest contact needs. Of others it would take very many, so they have their own.
+        # Discs are as fine as the surest contact needs. Less certain ones have coarser discs of their own.
         finest, every = float(sigma.min()), Measurements(contacts.p_PC, n_PC, sigma, weight_n)
         steps = [math.floor(math.log(each / finest) / math.log(_WIDEST_SHARE)) for each in sigma.tolist()]
         self._parts = []
@@ -44,7 +44,7 @@ class SurfaceDensity:
         return np.asarray(-np.log(self.densities(X_PO) + DENSITY_FLOOR).sum(axis=1))
 
     def densities(self, X_PO: FloatArray) -> FloatArray:
-        """Of each contact at poses (B, 3, 4), over those on a flat surface with the right normal, shape (B, k)."""
+        """Densities at poses (B, 3, 4), relative to a contact on a flat surface with the right normal, shape (B, k)."""
         X_PO = np.ascontiguousarray(X_PO)
         of_parts = []
         for _, discs, measured in self._parts:

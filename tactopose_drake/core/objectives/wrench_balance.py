@@ -12,21 +12,21 @@ from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.validation import FloatArray
 
-_ROUNDING = 1e-14  # of a variance, as a share of the sum of all
+_ROUNDING = 1e-14  # relative rounding error of a variance
 
 
 class WrenchBalance(LeastSquaresObjective):
-    """Moments and forces that are left over on an object at rest: six residuals, whitened by their noise.
+    """Residual moments and forces on an object at rest: six residuals, whitened by their noise.
 
     The object feels -f at each contact and its weight W at its centre of mass c. About any point g,
     (c - g) x W - sum_i (p_i - g) x f_i = 0 and W - sum_i f_i = 0. With errors of the points, of the forces, and of
-    torques beside them, the moment has the covariance
+    additional torques, the moment has the covariance
     sum_i (sigma_position^2 [f_i]x [f_i]x' + sigma_force^2 [p_i - g]x [p_i - g]x' + sigma_torque^2), the force
     sum_i sigma_force^2. Both are the same at all poses. With g the mean of the points, weighted by sigma_force^2, the
     two are independent.
 
-    The pose comes in through c: it lies on the line of the contacts' resultant, which determines two increments. The
-    three forces say nothing of the pose, but whether the mass and the contacts fit together.
+    The pose enters through c, which lies on the line of the contacts' resultant; this determines two increments. The
+    three forces say nothing about the pose, but whether the mass and the contacts are consistent.
     """
 
     def __init__(self, contacts: Contacts, balance: ForceBalance, mass: float, center_of_mass: FloatArray) -> None:
@@ -47,12 +47,12 @@ class WrenchBalance(LeastSquaresObjective):
         covariance = len(contacts) * balance.sigma_torque**2 * np.eye(3)
         for N in (sigma_position[:, None, None] * skew(f_PC), sigma_force[:, None, None] * skew(arms)):
             covariance += np.einsum("kij,klj->il", N, N)
-        # What is smaller is rounding, which may leave a variance below zero.
+        # A floor at the rounding error keeps the covariance positive definite.
         covariance += _ROUNDING * np.trace(covariance) * np.eye(3)
         whitening = np.linalg.inv(np.linalg.cholesky(covariance))
         per_force = 1.0 / np.linalg.norm(sigma_force)
 
-        # Linear in where the centre of mass is: A c + offset, with c x W = -[W]x c.
+        # Affine in the centre of mass: A c + offset, with c x W = -[W]x c.
         self._A = np.concatenate([-whitening @ skew(weight_P), np.zeros((3, 3))])
         moment = np.cross(g, weight_P) + np.sum(np.cross(arms, f_PC), axis=0)
         self._offset = -np.concatenate([whitening @ moment, per_force * (np.sum(f_PC, axis=0) - weight_P)])
