@@ -1,4 +1,4 @@
-"""What is doubted of contacts: what each may be beside as told, how often, and whether all noise is as told."""
+"""Prior probabilities of how contacts are false, and of how much their noise exceeds what is told."""
 
 import dataclasses
 import math
@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-# The odds that one of three contacts or fewer is the false one, over those of one of five or more.
+# Factor of the odds that a contact is false, when it is one of three or fewer instead of five or more.
 _ODDS_AMONG_THREE = 0.1
 
 
 class KindShares(NamedTuple):
-    """The probabilities of what a contact is before the touch; their sum is 1.
+    """Prior probabilities of what a contact is; they sum to 1.
 
-    What is told of one that is `other` or `lost` says nothing of the object, neither its point nor its normal.
+    The point and normal of one that is `other` or `lost` carry no information on the object.
     """
 
     as_told: float
@@ -25,26 +25,26 @@ class KindShares(NamedTuple):
 
     @property
     def false(self) -> float:
-        """That it is not as told, in whatever way."""
+        """The probability that it is not as told, in whatever way."""
         return self.flipped + self.turned + self.displaced + self.other + self.lost
 
     def without_normals(self) -> "KindShares":
-        """Those where no normal is measured: of a contact whose normal is another, all that is told is true."""
+        """The probabilities if no normals are measured: contacts that differ only in the normal are then as told."""
         return KindShares(self.as_told + self.flipped + self.turned, 0.0, 0.0, self.displaced, self.other, self.lost)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ContactKinds:
-    """How often a contact with the object is not as told, by how often one is of something else.
+    """How often a contact with the object is false, relative to how often one is with something else.
 
-    The first has odds against being as told that are so many times those of the second against being of the object:
-    a hand that often touches something else is in clutter, at edges, or badly calibrated.
+    Each rate multiplies the odds that a contact is with something else; the product is the odds of this kind of error
+    against being as told. A hand that often touches something else is in clutter, at edges, or badly calibrated.
 
     Attributes:
-        flipped: the odds that a contact's normal shows the other way, over those of something else.
-        turned: the odds that one has any normal, likewise.
-        displaced: the odds that one is displaced, likewise.
-        lost: the odds that one tells no more than one of something else, likewise: two touches taken for one, say.
+        flipped: rate of contacts whose normal is reversed.
+        turned: rate of contacts with an arbitrary normal.
+        displaced: rate of contacts that are displaced.
+        lost: rate of contacts that carry no information, such as two touches taken for one.
     """
 
     flipped: float = 0.0
@@ -53,7 +53,7 @@ class ContactKinds:
     lost: float = 0.0
 
     def shares(self, outlier_probability: float) -> KindShares:
-        """The probabilities of all kinds, by that of a contact with something else, from 0 to below 1."""
+        """The probabilities of all kinds, given that of a contact with something else, from 0 to below 1."""
         p, q = outlier_probability, 1.0 - outlier_probability
         per_kind = q / (q + (self.flipped + self.turned + self.displaced + self.lost) * p)
         each = p * per_kind
@@ -62,7 +62,7 @@ class ContactKinds:
         )
 
     def among(self, count: int) -> "ContactKinds":
-        """Of the false one of so many: of five, four are left to judge it; three, of which two are, tell too little."""
+        """The rates for the one false contact of `count`: of five, four are left to contradict it, of three too few."""
         share = float(np.interp(count, (3, 5), (_ODDS_AMONG_THREE, 1.0)))
         return ContactKinds(
             flipped=share * self.flipped,
@@ -74,23 +74,23 @@ class ContactKinds:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ContactDoubt:
-    """What is doubted of contacts.
+    """The model of false contacts and of uncertain noise.
 
-    Each is false by itself as `kinds` say. Beside that one of them at the most, whichever, is so as `of_one` says: a
-    sceptic, who asks of each whether it is the false one, does not take two or three of five for false.
+    Contacts are independently false with the rates `kinds`. In addition at most one of them, whichever, is false with
+    the rates `of_one`: this sceptical model considers each contact as the false one, but not two or three of five.
 
     Attributes:
-        surroundings: a contact with something else is anywhere within so much of the object, m.
-        displacement: standard deviation of how far a displaced contact is off, along each axis, m.
-        most_noise: with more noise than this of points, m, and of normals, rad, no contact is likelier to be lost: one
-            that is would, among so much noise, be about as likely as one that is as told.
-        kinds: how often a contact is not as told otherwise, by how often it is of something else.
-        of_one: how often, by the same, the one is not as told, where others judge it: see `ContactKinds.among`; None
-            where there is no such doubt.
-        doublings: how often the variance of points and that of normals may be twice what is told, and the probability
-            of that before the touch. That it is as told is the most probable: data sheets are. Errors of joints, of the
-            fingertips' mounting and of the mesh, which no data sheet tells, move points more than they turn normals.
-        reached: the exact density is known up to this energy; see `SurfaceDensity`.
+        surroundings: distance from the object within which a contact with something else may be, m.
+        displacement: standard deviation of a displaced contact's offset, along each axis, m.
+        most_noise: noise of points, m, and of normals, rad, beyond which the density of lost contacts does not grow
+            any more: with so much noise, a contact as told would be about as likely.
+        kinds: rates of false contacts, relative to contacts with something else.
+        of_one: rates of the single false contact, where others contradict it, see `ContactKinds.among`; None without
+            this doubt.
+        doublings: numbers of doublings of the variance of points and of that of normals, with the prior probability of
+            each pair. No doubling is the most probable, as data sheets are right. Errors of joints, of the fingertips'
+            mounting and of the mesh, which no data sheet tells, affect points more than normals.
+        reached: energy up to which the exact density is used; see `SurfaceDensity`.
     """
 
     surroundings: float = 0.025
@@ -113,7 +113,7 @@ class ContactDoubt:
 
 
 USUAL = ContactDoubt()
-"""That of a good hand."""
+"""The model of a good hand."""
 
 SCEPTICAL = ContactDoubt(
     of_one=ContactKinds(flipped=3.0, turned=4.5, displaced=21.0, lost=375.0),
@@ -129,12 +129,12 @@ SCEPTICAL = ContactDoubt(
         (4, 4, 0.05),
     ),
 )
-"""That of an estimate of one touch, which somebody is to act on.
+"""The model for an estimate from one touch that is to be acted on.
 
-The odds are those with which five contacts, one of them false, lead to no more wrong certainty than is stated, and are
-far above how often contacts are false: a touch without a false one is then believed as much, for all its contacts
-agree, and one with a false one is not. Who takes them for rarer is sure and wrong where one is, and hardly
-surer where none is. Likewise the noise may well be up to four times what is told: where it is not, contacts that agree
-say so themselves. But so all objects explain a touch better, which tells them apart less well; and a belief
-over time sees for itself what lasts.
+The odds are those for which five contacts, one of them false, lead to no more false certainty than is stated. They far
+exceed the actual rate of false contacts: a touch without one is believed as much, as all its contacts agree, and one
+with a false contact is not. Lower odds are confidently wrong in the latter case, and hardly surer in the former.
+Likewise the noise may well be up to four times what is told; if it is not, contacts that agree show it. But with this
+model all objects explain a touch better, which makes them harder to tell apart; and a belief over time estimates by
+itself what lasts.
 """

@@ -1,4 +1,4 @@
-"""The contacts of one time as a filter reads them: by which source each is, and how large their errors seem by then."""
+"""The contacts of one time as a filter reads them: with their sources, and the current estimate of their errors."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from tactopose_drake.core.validation import FloatArray
 
 
 class SeemingErrors(NamedTuple):
-    """By how much variances of what lasts of contacts' errors seem larger than told.
+    """Estimated factors of the variances of the contacts' lasting errors over what is told.
 
     Attributes:
-        doubt: factors by source, of what the one-shot estimate doubts; 1 of those that are not there.
-        calibration: factors of those of the hand's calibration, of points and of normals, shape (2,).
-        estimates: of how many estimates the latter are the mean.
+        doubt: factors by source, from the one-shot estimate; 1 for sources that are absent.
+        calibration: factors for the hand's calibration, of points and of normals, shape (2,).
+        estimates: number of estimates that the latter are the mean of.
     """
 
     doubt: Mapping[str, float] = {}
@@ -36,9 +36,9 @@ class ErrorParts(NamedTuple):
 
     Attributes:
         told: of the whole errors.
-        declared: of what lasts beside the calibration's, as the hand says.
-        new: of what is new at each time.
-        excess: of what lasts beside the calibration's, as they seem.
+        declared: of the lasting part besides the calibration's, as the hand declares it.
+        new: of the part that is new at each time.
+        excess: of the lasting part besides the told calibration's, as estimated.
     """
 
     told: FloatArray
@@ -48,16 +48,16 @@ class ErrorParts(NamedTuple):
 
 
 class ContactReading(NamedTuple):
-    """The contacts of a frame by all sources that are known.
+    """The contacts of a frame, indexed by all known sources.
 
     Attributes:
         contacts: all points that are touched.
-        source: the source of each, shape (k,).
+        source: index of the source of each, shape (k,).
         sources: names of all sources.
-        is_new: whether this reading is not the last one again.
-        errors: how large those of the contacts seem by what was felt so far.
+        is_new: whether this reading differs from the last one.
+        errors: their estimated size so far.
         evidence: that of the frame; see `as_doubted`.
-        parts: of the contacts' errors.
+        parts: the parts of the contacts' errors.
     """
 
     contacts: Contacts
@@ -79,12 +79,12 @@ class ContactReading(NamedTuple):
 
     @property
     def doubt(self) -> FloatArray:
-        """By how much the variance of what lasts of each contact's error seems larger than told, shape (k,)."""
+        """Factors by which the variances of each contact's lasting error seem larger than told, shape (k,)."""
         return self.errors.doubts_of(self.names)
 
 
 def told_variances(contacts: Contacts) -> FloatArray:
-    """Of k contacts' points, m^2, and of their normals, rad^2, as they are told, shape (k, 2)."""
+    """The told variances of k contacts' points, m^2, and of their normals, rad^2, shape (k, 2)."""
     sigmas = np.empty((len(contacts), 2))
     sigmas[:, 0], sigmas[:, 1] = contacts.sigma_position, contacts.sigma_normal
     return sigmas * sigmas

@@ -1,4 +1,4 @@
-"""What of contacts' covariances counts, and what shapes add to them, compiled; see `contacts`, and `shape_errors`."""
+"""Standard deviations from contacts' covariances, and variances added to these, compiled; see `contacts`."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, OutFloa
 
 @kernel
 def fill_variances(covariance: Floats3, n_PC: Floats2, out: OutFloats2) -> None:
-    """Fills the variances (2, k) of distances and of turns by covariances (k, 6, 6); normals (0, 3) are not known."""
+    """Fills variances (2, k) of distances and of turns from covariances (k, 6, 6); normals (0, 3) are unknown."""
     for i in range(covariance.shape[0]):
         point, turn = _trace(covariance[i], 0), _trace(covariance[i], 3)
         out[0, i], out[1, i] = point / 3.0, turn / 3.0
@@ -19,7 +19,7 @@ def fill_variances(covariance: Floats3, n_PC: Floats2, out: OutFloats2) -> None:
 
 @kernel
 def fill_tangential(covariance: Floats3, n_PC: Floats2, out: OutFloats1) -> None:
-    """Fills by how much points are off along each of the surface's tangents, rms, shape (k,), m."""
+    """Fills the rms error of points along each of the surface's tangents, shape (k,), m."""
     for i in range(covariance.shape[0]):
         total = _trace(covariance[i], 0)
         outward = _along(covariance[i], 0, n_PC[i]) if len(n_PC) else total / 3.0
@@ -28,7 +28,7 @@ def fill_tangential(covariance: Floats3, n_PC: Floats2, out: OutFloats1) -> None
 
 @kernel
 def widen(n_PC: Floats2, outward: Floats1, turn: Floats1, covariance: OutFloats3) -> None:
-    """Adds variances (k,) of points along their normals, of all directions where none is known, and of turns."""
+    """Adds variances (k,) of points along their normals, or along each axis without normals, and of turns."""
     for i in range(covariance.shape[0]):
         for a in range(3):
             covariance[i, 3 + a, 3 + a] += turn[i]
@@ -46,7 +46,7 @@ def _trace(covariance, first):
 
 @inlined
 def _along(covariance, first, n):
-    """n^T A n of the block A that begins there."""
+    """n^T A n for the 3 by 3 block A on the diagonal that starts at `first`."""
     total = 0.0
     for i in range(3):
         for k in range(3):

@@ -14,15 +14,15 @@ from tactopose_drake.core.plain_values import PlainValue, copied
 from tactopose_drake.core.validation import MOST_FORCE, FloatArray, limited, positive_numbers, shown
 from tactopose_drake.errors import InvalidInputError
 
-# What a sigma may be. Beyond, the information of a contact and of the rest do not fit into one double.
+# Limits of the sigmas. Beyond them, the information of a contact and of the rest exceed the precision of a double.
 _SIGMAS = {"sigma_position": (1e-7, 1e6, "m"), "sigma_normal": (1e-5, 1e6, "rad"), "sigma_force": (1e-6, 1e6, "N")}
 _COLUMNS = (*(f"{kind}_{axis}" for kind in "pnf" for axis in "xyz"), *_SIGMAS)  # of a table of contacts
 MOST_SIGMA_POSITION = 0.1
-"""What is told of the positions' standard deviation at the most, m: more tells nothing, and must be millimetres."""
-# Estimates of so many take a second; a scan's points are best thinned to fewer.
+"""The largest standard deviation of positions that is accepted, m: larger ones are useless, and probably in mm."""
+# An estimate from so many takes a second; a scan's points are best thinned to fewer.
 _MOST_CONTACTS = 5000
 _MOST_COVARIANCE = 1e12
-_ROUNDING = 1e-9  # of a matrix's largest entry, by which it may be off its transpose
+_ROUNDING = 1e-9  # tolerance of symmetry, relative to a matrix's largest entry
 
 
 class DataFrame(Protocol):
@@ -41,26 +41,25 @@ class Contacts(PlainValue):
     """Measured contacts, in the palm frame P.
 
     Attributes:
-        p_PC: contact points, shape (k, 3), m; up to 5000, and coordinates up to 10 m, for larger ones must be
+        p_PC: contact points, shape (k, 3), m; up to 5000, with coordinates up to 10 m, as larger ones are probably in
             millimetres.
         n_PC: outward unit normals of the object's surface at the contacts, shape (k, 3), or None. They point out of
             the object into the finger, which is the direction of the normal force on the fingertip.
         f_PC: forces on the fingertips, shape (k, 3), N, up to 1e6; or None.
         sigma_position: standard deviation of each coordinate of p_PC, a number or shape (k,), m, from 1e-7 to 0.1,
-            for larger ones must be millimetres.
+            as larger ones are probably in millimetres.
         sigma_normal: standard deviation of a small rotation of n_PC about each axis, a number or shape (k,),
             rad, from 1e-5 to 1e6.
         sigma_force: standard deviation of each component of f_PC, a number or shape (k,), N, from 1e-6 to 1e6.
-        covariance: of each contact's point and a small rotation of its normal, shape (k, 6, 6), m and rad; None where
-            the sigmas say it. It takes their place: `sigma_position` is then the point's standard deviation along the
-            normal, for across it nothing is measured, or the mean one where there is no normal; `sigma_normal` is the
-            root mean square of the rotations about the two axes across the normal. What the point's error tells of the
-            normal's is not used.
+        covariance: of each contact's point and a small rotation of its normal, shape (k, 6, 6), m and rad; None to use
+            the sigmas. It replaces them: `sigma_position` is then the point's standard deviation along the normal, as
+            nothing is measured across it, or the mean one if there is no normal; `sigma_normal` is the root mean square
+            of the rotations about the two axes across the normal. The correlation of point and normal is not used.
 
     Raises:
-        InvalidInputError: what is not of finite numbers, too many contacts, a shape that does not fit, a normal whose
-            length differs from 1 by more than 1e-3, a number out of its range, or a covariance that is not symmetric
-            and positive semidefinite, or of a point or a normal that no sigma in its range has.
+        InvalidInputError: values that are not finite numbers, too many contacts, a shape that does not fit, a normal
+            whose length differs from 1 by more than 1e-3, a number out of its range, or a covariance that is not
+            symmetric and positive semidefinite, or whose sigma for a point or a normal is out of range.
     """
 
     p_PC: FloatArray
@@ -79,7 +78,7 @@ class Contacts(PlainValue):
         n_PC = None if self.n_PC is None else unit_vectors("n_PC", self.n_PC, shape)
         covariance = None if self.covariance is None else _covariances(self.covariance, count)
         sigmas, limits = {name: getattr(self, name) for name in _SIGMAS}, dict(_SIGMAS)
-        told = {name: name for name in _SIGMAS}  # What messages call them.
+        told = {name: name for name in _SIGMAS}  # Names used in messages.
         if covariance is None:
             limits["sigma_position"] = (1e-7, MOST_SIGMA_POSITION, "m")
         else:
@@ -102,11 +101,11 @@ class Contacts(PlainValue):
         return len(self.p_PC)
 
     def __getitem__(self, index: SupportsIndex | slice | Sequence[int] | NDArray[np.integer | np.bool_]) -> Self:
-        """One contact by its number, or some by a slice, numbers or a mask; each is `Contacts` too.
+        """One contact by its index, or several by a slice, indices or a mask; the result is `Contacts` too.
 
         Raises:
-            IndexError: a number that is beyond the last one's.
-            InvalidInputError: what is none of these.
+            IndexError: an index out of range.
+            InvalidInputError: an index of another type.
         """
         try:
             rows = np.atleast_1d(np.arange(len(self))[index])
@@ -125,11 +124,11 @@ class Contacts(PlainValue):
         return (self[row] for row in range(len(self)))
 
     def __array__(self, *_: object, **__: object) -> Never:
-        # numpy would take them for a sequence of sequences without an end.
+        # numpy would take them for an endlessly nested sequence.
         raise TypeError("Contacts are no array; their points are p_PC")
 
     def joined(self, others: Self) -> Self:
-        """These contacts and others after them, with what both have: normals, forces, covariances."""
+        """Concatenates these contacts and others, with the arrays that both have: normals, forces, covariances."""
         arrays: dict[str, FloatArray | None] = {}
         for field in dataclasses.fields(self):
             mine, theirs = getattr(self, field.name), getattr(others, field.name)
@@ -137,18 +136,18 @@ class Contacts(PlainValue):
         return self.with_arrays(**arrays)
 
     def rounded(self) -> Self:
-        """The contacts with their points to a nanometre and their normals to a nanoradian."""
+        """The contacts with points rounded to a nanometre and normals to a nanoradian."""
         return self.with_arrays(p_PC=in_steps(self.p_PC), n_PC=None if self.n_PC is None else in_steps(self.n_PC))
 
     def with_arrays(self, **arrays: FloatArray | None) -> Self:
-        """The contacts with other arrays, by name, that fit each other: computed of ones that were checked."""
+        """The contacts with some arrays replaced, by name, without checking them again."""
         for value in arrays.values():
             if value is not None:
                 value.setflags(write=False)
         return copied(self, **arrays)
 
     def with_covariance(self, covariance: FloatArray) -> Self:
-        """The contacts with other covariances (k, 6, 6), computed of ones that were checked."""
+        """The contacts with other covariances (k, 6, 6), which are not checked again."""
         position, normal = _sigmas_of(covariance, self.n_PC)
         return self.with_arrays(covariance=covariance, sigma_position=position, sigma_normal=normal)
 
@@ -171,17 +170,17 @@ class Contacts(PlainValue):
 
     @classmethod
     def from_dataframe(cls, frame: DataFrame, **sigmas: Any) -> Self:
-        """Contacts of a table with a row for each, a DataFrame of pandas or Polars.
+        """Contacts from a table with a row for each, a DataFrame of pandas or Polars.
 
         Args:
-            frame: has the columns `p_x`, `p_y`, `p_z` of the points, in P, m; where they are known, `n_x`, `n_y`, `n_z`
-                of the normals and `f_x`, `f_y`, `f_z` of the forces, N; and `sigma_position`, `sigma_normal`,
-                `sigma_force` in m, rad and N. Other columns say nothing of contacts and are left alone.
-            sigmas: those, and `covariance`, where the table has no such columns.
+            frame: has the columns `p_x`, `p_y`, `p_z` of the points, in P, m; optionally `n_x`, `n_y`, `n_z` of the
+                normals, `f_x`, `f_y`, `f_z` of the forces, N, and `sigma_position`, `sigma_normal`, `sigma_force` in m,
+                rad and N. Other columns are ignored.
+            sigmas: the sigmas and `covariance`, unless the table has such columns.
 
         Raises:
-            InvalidInputError: if a column of three is missing, columns are not of the same length, a sigma is given
-                twice, or a value is not allowed.
+            InvalidInputError: if a column of three is missing, columns differ in length, a sigma is given twice, or a
+                value is not allowed.
         """
         if not isinstance(frame, Sized) or not hasattr(frame, "columns"):  # A lazy frame of Polars has no length.
             raise InvalidInputError(
@@ -202,12 +201,12 @@ class Contacts(PlainValue):
 
     @classmethod
     def empty(cls) -> Self:
-        """No contact at all."""
+        """No contacts."""
         return cls(np.zeros((0, 3)))
 
 
 def _vectors(frame: DataFrame, names: Collection[str], kind: str) -> list[list[float]] | FloatArray | None:
-    """Three columns of a table as rows, of which there may be none; None where it has none of the three."""
+    """Three columns of a table as rows; None if it has none of the three."""
     wanted = [f"{kind}_{axis}" for axis in "xyz"]
     missing = [name for name in wanted if name not in names]
     if len(missing) == len(wanted):
@@ -226,13 +225,13 @@ def _vectors(frame: DataFrame, names: Collection[str], kind: str) -> list[list[f
 
 
 def _span(values: FloatArray) -> str:
-    """A number, or the least and the largest of several."""
+    """Formats a number, or the least and the largest of several."""
     least, most = f"{values.min():.3g}", f"{values.max():.3g}"
     return least if least == most else f"{least} to {most}"
 
 
 def _covariances(value: ArrayLike, count: int) -> FloatArray:
-    """Symmetric matrices (k, 6, 6)."""
+    """Checks the shape and symmetry of matrices (k, 6, 6)."""
     covariance = limited("covariance", value, (count, 6, 6), most=_MOST_COVARIANCE)
     off = np.abs(covariance - np.swapaxes(covariance, 1, 2)).max(initial=0.0)
     if off > _ROUNDING * np.abs(covariance).max(initial=0.0):
@@ -241,8 +240,8 @@ def _covariances(value: ArrayLike, count: int) -> FloatArray:
 
 
 def _check_definite(covariance: FloatArray) -> None:
-    """Raises InvalidInputError if one of (k, 6, 6) is no covariance matrix: if its least eigenvalue is negative."""
-    # In units of the largest standard deviations of point and turn, in which metres and radians compare.
+    """Raises InvalidInputError if a matrix of (k, 6, 6) is no covariance: if its least eigenvalue is negative."""
+    # Scaled by the largest standard deviations of point and rotation, so that metres and radians are comparable.
     scale = np.sqrt(np.einsum("kii->ki", covariance).reshape(-1, 2, 3).max(axis=2)).repeat(3, axis=1)
     scale[scale == 0.0] = 1.0
     least = np.linalg.eigvalsh(covariance / (scale[:, :, None] * scale[:, None, :]))[:, 0]
@@ -254,7 +253,7 @@ def _check_definite(covariance: FloatArray) -> None:
 
 
 def _sigmas_of(covariance: FloatArray, n_PC: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    """What of covariances (k, 6, 6) counts for the distance and for the turn of the normal, shape (k,)."""
+    """Standard deviations of the distance and of the normal's rotation from covariances (k, 6, 6), shape (k,)."""
     variances = np.empty((2, len(covariance)))
     fill_variances(covariance, np.zeros((0, 3)) if n_PC is None else n_PC, variances)
     if variances.min(initial=np.inf) <= 0.0:

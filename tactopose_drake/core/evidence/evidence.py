@@ -1,4 +1,4 @@
-"""All that is known at one instant of where the object is."""
+"""The evidence on an object's pose at one instant."""
 
 import dataclasses
 import functools
@@ -16,7 +16,7 @@ from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import MOST_FRICTION, MOST_OUTLIERS, positive_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 
-# What each may be, and what its users call that.
+# The type of each field, and its public name.
 _KINDS = {
     "contacts": (Contacts, "Contacts"),
     "prior": (GaussianPrior, "PosePrior"),
@@ -29,19 +29,19 @@ _SEQUENCES: dict[str, type] = {"patches": Patch, "planes": PlaneContact}
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Evidence:
-    """What an estimate is made from, in the palm frame; None is what is not known.
+    """What an estimate is made from, in the palm frame; None for what is not known.
 
     Attributes:
         contacts: the touch at single points.
-        patches: the touch of tactile arrays; pads that feel nothing say where the object is not.
-        prior: what is known of the pose without it; None where the object may be anywhere that the contacts touch it.
-        hand: the hand's volume, which the object keeps out of but for what soft skin gives way.
-        untouched: parts of the hand that feel no contact, which the object does not press at all.
+        patches: the touch of tactile arrays; pads that feel nothing tell where the object is not.
+        prior: what is known of the pose without the touch; None if the object may be anywhere where it is touched.
+        hand: the hand's volume, which the object does not penetrate except for yielding skin.
+        untouched: parts of the hand without contact, which the object does not press at all.
         balance: that the object is at rest under the contacts' forces and gravity alone.
-        friction: coefficient of friction between fingertips and object, by which no contact slips.
+        friction: coefficient of friction between fingertips and object, if no contact slips.
         planes: known planes of the world that the object touches, with its lowest point over each.
-        outlier_probability: that a contact is of something else than the object; 0 takes every contact as told.
-        doubt: what else is doubted of contacts, by how often they are of something else.
+        outlier_probability: that a contact is with something else than the object; 0 takes every contact as told.
+        doubt: other errors of contacts, with rates relative to contacts with something else.
 
     Raises:
         InvalidInputError: a value of another type, a friction below 0, or balance or friction without forces.
@@ -89,15 +89,15 @@ class Evidence:
                     raise InvalidInputError(f"{name}[{i}]: is a {type(value).__name__}; allowed is a {kind.__name__}.")
 
     def rounded(self) -> "Evidence":
-        """The evidence with contacts and prior to a nanometre, and their directions to a nanoradian.
+        """The evidence with positions rounded to a nanometre and directions to a nanoradian.
 
-        Descents among many minima part over a difference in the last digit. So that no answer hangs on that, what
-        differs by less is the same.
+        Descents among many minima can diverge over a difference in the last digit. Rounding makes the answer
+        independent of smaller differences.
         """
         return self.with_parts(self.contacts.rounded(), None if self.prior is None else self.prior.rounded())
 
     def with_parts(self, contacts: Contacts, prior: GaussianPrior | None) -> "Evidence":
-        """The evidence with another prior and with other contacts, as many and with what these have."""
+        """The evidence with another prior, and other contacts of the same number and with the same arrays."""
         return copied(self, contacts=contacts, prior=prior)
 
     @property
@@ -107,5 +107,5 @@ class Evidence:
 
     @functools.cached_property
     def touch(self) -> Contacts:
-        """Contacts and patches as contacts: what poses are proposed from."""
+        """The contacts, and the patches as contacts: what poses are proposed from."""
         return with_patches(self.contacts, self.patches)

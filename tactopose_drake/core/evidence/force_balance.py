@@ -1,4 +1,4 @@
-"""What makes the contact forces tell where the object is: that it is at rest under them and gravity."""
+"""Balance of forces as evidence: the object is at rest under the contact forces and gravity."""
 
 import dataclasses
 
@@ -9,15 +9,16 @@ from tactopose_drake.core.validation import FloatArray, limited, positive_number
 class ForceBalance:
     """The object is at rest, and nothing but gravity and the measured contacts acts on it.
 
-    True of an object that is held by sensing fingertips alone. A palm or a table that bears it too breaks the balance.
+    This holds for an object held by sensing fingertips alone. A palm or a table that supports it too breaks the
+    balance.
 
     Attributes:
         gravity_P: acceleration of gravity in the palm frame, shape (3,), m/s^2, up to 1000.
-        sigma_torque: standard deviation of each component of the torque that a soft fingertip passes on beside its
-            force, N m, from 1e-12 to 1000.
+        sigma_torque: standard deviation of each component of the torque that a soft fingertip transmits in addition to
+            its force, N m, from 1e-12 to 1000.
 
     Raises:
-        InvalidInputError: what is not of finite numbers, or a number out of its range.
+        InvalidInputError: values that are not finite numbers, or a number out of its range.
     """
 
     gravity_P: FloatArray

@@ -1,4 +1,4 @@
-"""What is known of the object's pose before the touch, mostly from vision."""
+"""What is known of the object's pose before the touch, usually from vision."""
 
 import dataclasses
 import math
@@ -9,13 +9,13 @@ from tactopose_drake.core.geometry_checks import in_steps, pose_near
 from tactopose_drake.core.plain_values import PlainValue, numbers
 from tactopose_drake.core.validation import FloatArray, positive_number
 
-# m and rad. Beyond, the information of the prior and of the touch do not fit into one double.
+# m and rad. Beyond these, the information of the prior and of the touch exceed the precision of a double.
 _SIGMAS = {"sigma_translation": (1e-7, 1e3), "sigma_rotation": (1e-6, 1e3)}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class GaussianPrior(PlainValue):
-    """A Gaussian belief of the object's pose.
+    """A Gaussian prior of the object's pose.
 
     Attributes:
         mean: the object's pose in the palm frame, shape (3, 4); anything with `GetAsMatrix34` is taken too.
@@ -23,7 +23,7 @@ class GaussianPrior(PlainValue):
         sigma_rotation: standard deviation of a small rotation about each axis, rad, from 1e-6 to 1000.
 
     Raises:
-        InvalidInputError: a pose that is no pose or farther away than 10 m, or a sigma out of its range.
+        InvalidInputError: an invalid pose or one farther away than 10 m, or a sigma out of its range.
     """
 
     mean: FloatArray
@@ -44,7 +44,7 @@ class GaussianPrior(PlainValue):
         )
 
     def rounded(self) -> "GaussianPrior":
-        """The prior with its pose to a nanometre and a nanoradian."""
+        """The prior with its pose rounded to a nanometre and a nanoradian."""
         other, mean = object.__new__(GaussianPrior), in_steps(self.mean)
         mean.setflags(write=False)
         object.__setattr__(other, "mean", mean)

@@ -1,4 +1,4 @@
-"""A quick check whether the object is where the hand is, for many poses.
+"""A fast collision check between object and hand for many poses.
 
 Source: [B16] J. Bimbo, thesis, 2016, section 4.2.7 and figure 4.6.
 """
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.validation import FloatArray
 
-# The share of a sphere's radius that the object's points keep from its centre: fingertips touch the object, with noise.
+# Share of a sphere's radius that the object's points keep from its centre: fingertips touch the object, with noise.
 _VICINITY = 0.5
 
 
 class HandClearance:
-    """Poses at which no point of the object lies in the vicinity of the points inside the hand.
+    """Tests whether no point of the object lies in the vicinity of the points inside the hand.
 
-    The points inside the hand are its spheres' centres, the vicinity of each is half of its radius.
+    The points inside the hand are the centres of its spheres; the vicinity of each is half of its radius.
     """
 
     def __init__(self, points: FloatArray, hand: HandGeometry) -> None:

@@ -19,12 +19,12 @@ class HandGeometry(PlainValue):
     Attributes:
         p_PH: centres in the palm frame, shape (h, 3), m; coordinates up to 10 m.
         radius: radii, shape (h,), m, from 1e-6 to 10.
-        sigma: standard deviation of the hand's surface from where the spheres have it, m: from joints, links, packing;
-            from 1e-7 to 10.
+        sigma: standard deviation of the hand's surface relative to the spheres, m, from errors of joints, links and
+            packing; from 1e-7 to 10.
 
     Raises:
-        InvalidInputError: no sphere, what is not of finite numbers, a shape that does not fit, or a number out of its
-            range.
+        InvalidInputError: no sphere, values that are not finite numbers, a shape that does not fit, or a number out of
+            its range.
     """
 
     p_PH: FloatArray
@@ -45,17 +45,17 @@ class HandGeometry(PlainValue):
             object.__setattr__(self, name, value)
 
     def chosen(self, index: NDArray[np.bool_]) -> Self:
-        """Some of the spheres, at least one, by a mask (h,)."""
+        """A subset of the spheres, at least one, by a mask (h,)."""
         p_PH, radius = self.p_PH[index], self.radius[index]
         for value in (p_PH, radius):
             value.setflags(write=False)
         return copied(self, p_PH=p_PH, radius=radius)
 
     def placed(self, p_PH: FloatArray, sigma: float) -> Self:
-        """The same spheres elsewhere, at centres (h, 3), m, of a surface that is known to another sigma, m.
+        """The same spheres at other centres (h, 3), m, with another sigma of the surface, m.
 
         Raises:
-            InvalidInputError: centres that are not near the palm.
+            InvalidInputError: centres that are too far from the palm.
         """
         p_PH = points_near("p_PH", p_PH, self.p_PH.shape)
         p_PH.setflags(write=False)

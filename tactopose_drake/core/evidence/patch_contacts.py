@@ -1,4 +1,4 @@
-"""Patches as contacts with normals: what a search proposes poses from, before the cells refine them."""
+"""Converts patches to contacts with normals, from which a search proposes poses that the cells then refine."""
 
 import math
 from collections.abc import Sequence
@@ -11,9 +11,9 @@ from tactopose_drake.core.poses import skew
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import FloatArray, positive_number
 
-# The standard deviation of the normal of a contact without one, rad, and from which on a normal says nothing.
+# Standard deviation of the normal of a contact without one, rad, and the one from which on a normal carries nothing.
 _ANY_NORMAL, _LEAST_ANY = 1e3, math.pi
-# No pad's place is better known than this, m and rad.
+# Least standard deviations of a pad's position and orientation, m and rad.
 _LEAST_PLACE, _LEAST_TURN = 1e-5, 1e-4
 
 
@@ -27,18 +27,18 @@ def patch_contacts(
 ) -> Contacts:
     """One contact for each pad that feels the object: the patch's centroid and the surface's normal there.
 
-    Where the patch is an area the normal is its third eigenvector. The errors sigma_depth of its m cells turn that
-    about the first axis, across which the patch is narrow, by sigma_depth / sqrt(m lambda_2); the pad itself is turned
-    by sigma_rotation. Elsewhere the normal is the pad's, within sigma_lean. Of cells that look every way it is the one
-    that is pressed most, and its normal. Where a patch says by how much it may be
-    misplaced, sigma_position and sigma_rotation are the mean ones of that.
+    If the patch is an area, the normal is its third eigenvector. The errors sigma_depth of its m cells rotate it about
+    the first axis, across which the patch is narrow, by sigma_depth / sqrt(m lambda_2); the pad itself is rotated by
+    sigma_rotation. Otherwise the normal is the pad's, within sigma_lean. For cells that face all directions, point and
+    normal are those of the cell that is pressed most. If a patch gives its misplacement, its mean standard deviations
+    replace sigma_position and sigma_rotation.
 
     Args:
         patches: what the pads feel, in P.
         sigma_depth: standard deviation of the depth of the surface in a pad, of each cell, m.
-        sigma_position: standard deviation of each coordinate of a pad's place, m.
-        sigma_rotation: standard deviation of a small turn of a pad about each axis, rad.
-        sigma_lean: standard deviation of the turn of a touched surface from the pad about each axis, rad.
+        sigma_position: standard deviation of each coordinate of a pad's position, m.
+        sigma_rotation: standard deviation of a small rotation of a pad about each axis, rad.
+        sigma_lean: standard deviation of the tilt of a touched surface from the pad about each axis, rad.
 
     Raises:
         InvalidInputError: a sigma that is not positive.
@@ -66,16 +66,16 @@ def patch_contacts(
 
 
 def _mean_sigmas(patch: Patch, misplacement: FloatArray) -> tuple[float, float]:
-    """Of the place of the patch's centroid along each axis, m, and of a turn about each axis, rad; means."""
+    """Mean standard deviations of the patch's centroid along each axis, m, and of a rotation about each axis, rad."""
     by_turn = np.hstack([np.eye(3), -skew(patch.centroid - patch.p_PT.mean(axis=0))])
     place, turn = np.trace(by_turn @ misplacement @ by_turn.T), np.trace(misplacement[3:, 3:])
     return max(math.sqrt(place / 3.0), _LEAST_PLACE), max(math.sqrt(turn / 3.0), _LEAST_TURN)
 
 
 def with_patches(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:
-    """The contacts and, after them, those of the patches: all that is touched, without forces.
+    """The contacts followed by those of the patches: all that is touched, without forces.
 
-    Where only some have normals the others' are any, with a sigma that leaves them without a say.
+    If only some have normals, the others get arbitrary ones with a sigma that gives them no weight.
     """
     if not any(patch.is_felt for patch in patches):
         return contacts
@@ -91,7 +91,7 @@ def with_patches(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:
 
 
 def tell_normals(touch: Contacts) -> NDArray[np.bool_]:
-    """Which contacts' normals say something, shape (k,): they are measured, and not any, as in `with_patches`."""
+    """Whether each contact's normal is informative, shape (k,): measured, and not arbitrary as in `with_patches`."""
     if touch.n_PC is None:
         return np.zeros(len(touch), dtype=np.bool_)
     tell: NDArray[np.bool_] = np.broadcast_to(touch.sigma_normal, len(touch)) < _LEAST_ANY

@@ -1,4 +1,4 @@
-"""That the held object touches a known plane of the world: a contact whose place on the object is not known."""
+"""Contact of the held object with a known plane of the world, at an unknown point of the object."""
 
 import dataclasses
 
@@ -9,19 +9,19 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PlaneContact(PlainValue):
-    """An extrinsic contact: the object rests against a plane, a table or a wall, with its lowest point over it.
+    """An extrinsic contact: the object rests against a plane, such as a table or a wall, with its lowest point over it.
 
-    Which point that is, is not known; the plane is. Several of them are of several instants, between which the object
-    has rested in the hand.
+    The plane is known, that point is not. Several planes may be from several instants, if the object has rested in the
+    hand in between.
 
     Attributes:
         p_PQ: a point of the plane in the palm frame, shape (3,), m; coordinates up to 10 m.
-        n_P: unit normal of the plane, out of what it bounds towards the object, shape (3,).
-        sigma: standard deviation of the object's lowest point over the plane, m, from 1e-7 to 1: of the plane, of the
-            palm's pose, of the mesh, and of when the contact was noticed.
+        n_P: unit normal of the plane, toward the object, shape (3,).
+        sigma: standard deviation of the object's lowest point over the plane, m, from 1e-7 to 1: from errors of the
+            plane, of the palm's pose, of the mesh, and of the time when the contact was noticed.
 
     Raises:
-        InvalidInputError: what is not of finite numbers, a normal whose length differs from 1 by more than 1e-3, or a
+        InvalidInputError: values that are not finite, a normal whose length differs from 1 by more than 1e-3, or a
             number out of its range.
     """
 
