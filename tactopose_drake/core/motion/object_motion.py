@@ -1,9 +1,8 @@
-"""How an object moves in the hand: with the palm, with the fingertips, or freely.
+"""The motion of an object in the hand: with the palm, with the fingertips, or freely.
 
-Where a fingertip rolls on the object or sticks to it, the points of both that touch have the same velocity: three rows
-of the grasp matrix [P08] for each contact. A fingertip has some area, by which it also resists to spin about the
-normal: a fourth row. A fingertip that slides says only that it does not leave the surface. What the rows leave open,
-and their error, is a random walk.
+Where a fingertip rolls on the object or sticks to it, the touching points of both have the same velocity: three rows of
+the grasp matrix [P08] for each contact. A fingertip of some area also resists spin about the normal: a fourth row. A
+sliding fingertip only stays on the surface. What the rows leave undetermined, and their error, is a random walk.
 
 Source: [P08] D. Prattichizzo and J. Trinkle, Grasping, in Springer Handbook of Robotics, 2008, section 28.2 (grasp
 matrix; hard and soft finger contacts).
@@ -25,28 +24,28 @@ from tactopose_drake.core.validation import FloatArray
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class MotionNoise:
-    """Random walks: what is unknown of a motion after a second; of any time t it is the root of t times that."""
+    """Random walks: standard deviations after one second; they grow with the square root of time."""
 
     palm_translation: float = 0.002  # of an object that moves with the palm, m/s^0.5
-    palm_rotation: float = 0.03  # likewise, rad/s^0.5
+    palm_rotation: float = 0.03  # the same, rad/s^0.5
     rolling: float = 0.003  # of the object's surface under a fingertip that holds it, m/s^0.5
-    twisting: float = 0.2  # of its turn under the fingertip about the normal, rad/s^0.5
+    twisting: float = 0.2  # of its rotation under the fingertip about the normal, rad/s^0.5
     slipping: float = 0.01  # of the surface under a fingertip that slides, m/s^0.5
     free_translation: float = 0.03  # of an object in the directions in which nothing holds it, m/s^0.5
-    free_rotation: float = 0.3  # likewise, rad/s^0.5
+    free_rotation: float = 0.3  # the same, rad/s^0.5
     still_speed: float = 0.01  # of fingertips that hold an object, m/s: the slower, the more it rests in the palm
-    longest_gap: float = 10.0  # s between frames; after a longer one nothing is known to have held the object meanwhile
-    friction: float | None = None  # coefficient from which on a fingertip slides; None: it is not known
-    friction_margin: float = 0.9  # share of the friction cone within which it surely holds: forces are noisy
+    longest_gap: float = 10.0  # s between frames; after a longer one the object is assumed not to have been held
+    friction: float | None = None  # coefficient above which a fingertip slides; None if unknown
+    friction_margin: float = 0.9  # share of the friction cone within which it surely holds, as forces are noisy
 
 
 def move_with_palm(noise: MotionNoise, duration: float, *, slips: bool) -> Motion:
-    """The motion of an object that nothing is known to move, held by still fingers.
+    """The motion of an object held by still fingers, of which nothing else is known.
 
     Args:
         noise: the random walks.
         duration: s.
-        slips: whether it has been found to slip.
+        slips: whether a slip has been detected.
     """
     translation, rotation = noise.palm_translation, noise.palm_rotation
     if slips:
@@ -62,16 +61,16 @@ def move_freely(
     X_WP_before: FloatArray | None = None,
     X_WP: FloatArray | None = None,
 ) -> Motion:
-    """The motion of an object that nothing holds: it rests in the world, about, while the palm moves.
+    """The motion of an object that nothing holds: it rests in the world, roughly, while the palm moves.
 
-    However long that is, the random walk ends where nothing is known of the pose any more.
+    The random walk is bounded where nothing is known of the pose any more.
 
     Args:
         noise: the random walks.
         duration: s.
-        max_sigma_translation: of a translation with this standard deviation nothing is known, m.
-        X_WP_before: the palm's pose before, shape (3, 4); None where it is not known.
-        X_WP: that after, shape (3, 4); likewise.
+        max_sigma_translation: upper bound on the standard deviation of a translation, m.
+        X_WP_before: the palm's pose before, shape (3, 4), or None if unknown.
+        X_WP: the palm's pose after, shape (3, 4), or None if unknown.
     """
     twist = np.zeros(6)
     if X_WP_before is not None and X_WP is not None:
@@ -92,29 +91,29 @@ def move_with_fingertips(
     slips: bool,
     settled: bool = False,
 ) -> Motion:
-    """The motion of least squares by the contacts' velocities; contacts of unknown velocity say nothing.
+    """The least-squares motion from the velocities at the contacts; contacts of unknown velocity do not count.
 
-    What their velocities leave open is known from their speed. An object that resting fingertips have held for a while
-    rests, or it would have fallen: its random walk is that of `move_with_palm`. The faster they move, the more it is
-    that of an object that nothing holds.
+    What these velocities leave undetermined depends on their speed. An object that resting fingertips have held for a
+    while rests, or it would have fallen: its random walk is that of `move_with_palm`. The faster they move, the closer
+    it is to that of an object that nothing holds.
 
     Args:
         contacts: where the fingertips touch, in P.
         sources: the name of each contact's fingertip.
         tip_velocity: spatial velocities [w, v] of the fingertips at the origin of P, by name, rad/s and m/s.
         noise: the random walks.
-        duration: s; small, so that the contacts stay about where they are.
-        slips: whether the object has been found to slip: then no fingertip holds it by friction.
+        duration: s; short enough for the contacts to stay about where they are.
+        slips: whether a slip has been detected: then no fingertip holds it by friction.
         settled: whether the same fingertips have touched for a while.
     """
     known = [row for row, source in enumerate(sources) if source in tip_velocity]
     velocity = np.array([tip_velocity[sources[row]] for row in known]).reshape(-1, 6)
     of_rows = np.empty((len(known), 3))
     of_rows[:, 0] = across = _tangential_noise(contacts, known, noise, slips)
-    # Along the normal they stay together, whether they slide or not.
+    # Along the normal surfaces stay together, whether they slide or not.
     of_rows[:, 1], of_rows[:, 2] = noise.rolling, across * (noise.twisting / noise.rolling)
     n_PC = np.zeros((len(known), 3)) if contacts.n_PC is None else contacts.n_PC[known]
-    held = settled and not slips and len(known) > 1  # One fingertip may touch what lies on a table.
+    held = settled and not slips and len(known) > 1  # A single fingertip may touch an object lying on a table.
     freedom = _freedom(noise, contacts.p_PC[known], velocity) if held else 1.0
     rotation = noise.palm_rotation + freedom * (noise.free_rotation - noise.palm_rotation)
     translation = noise.palm_translation + freedom * (noise.free_translation - noise.palm_translation)
@@ -125,17 +124,17 @@ def move_with_fingertips(
 
 
 def _freedom(noise: MotionNoise, p_PC: FloatArray, velocity: FloatArray) -> float:
-    """How free an object is where fingertips at p_PC (k, 3) with velocities (k, 6) leave its motion open, in [0, 1]."""
+    """Interpolates, in [0, 1], between a held and a free object by the speed of fingertips at p_PC (k, 3)."""
     at_contacts = velocity[:, 3:] + np.cross(velocity[:, :3], p_PC)
     speed = math.sqrt(np.einsum("ki,ki->k", at_contacts, at_contacts).max())
     return min(1.0, speed / noise.still_speed)
 
 
 def _tangential_noise(contacts: Contacts, known: list[int], noise: MotionNoise, slips: bool) -> FloatArray:
-    """The random walk across the normal of the contacts that are known, by whether they roll or slide."""
+    """Random walk across the normal of each known contact, which depends on whether it rolls or slides."""
     tangential = np.full(len(known), noise.rolling)
     if slips:
-        # An object slips as a whole: the fingertips' errors are one, which more of them do not average out.
+        # An object slips as a whole: the fingertips' errors are common, and more of them do not average out.
         tangential[:] = noise.slipping * math.sqrt(len(known))
     if noise.friction is not None and contacts.f_PC is not None and contacts.n_PC is not None:
         n_PC, f_PC = contacts.n_PC[known], contacts.f_PC[known]

@@ -1,10 +1,10 @@
-"""A small rigid motion of the object in the hand, and what it makes of poses and of how surely they are known.
+"""A small rigid motion of the object in the hand, and its effect on poses and their covariances.
 
-A pose of vision comes late, as an out-of-sequence measurement. Its time's belief is gone, but how the object moved
-since then is known from the fingertips, alike for every mode: by that motion the pose is predicted to now, and what is
-unknown of the motion is added to its covariance. What the touch has told of the motion meanwhile is not counted; it is
-little beside the error of vision. This costs one step, where a replay of all touch since then would cost as many
-updates as vision is late.
+A pose from vision arrives late, as an out-of-sequence measurement. The belief of its time is gone, but the fingertips
+tell how the object has moved since, the same for every mode: the pose is predicted to the present by that motion, whose
+error is added to its covariance. What the touch has told about the motion meanwhile is not used; it is small beside the
+error of vision. This costs one step, whereas replaying all touch since then would cost as many updates as vision is
+late.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _ORIGIN = np.eye(3, 4)[None]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Motion:
-    """A small rigid motion of the object in P, a rotation about the origin of P and then a translation.
+    """A small rigid motion of the object in P: a rotation about the origin of P followed by a translation.
 
     Attributes:
         twist: [rotation vector, translation], shape (6,), rad and m.
@@ -36,14 +36,14 @@ class Motion:
 
     @functools.cached_property
     def pose(self) -> FloatArray:
-        """The motion as a pose that acts from the left, X_PO_after = pose X_PO_before, shape (3, 4)."""
+        """The motion as a pose to multiply from the left, X_PO_after = pose X_PO_before, shape (3, 4)."""
         pose = np.empty((3, 4))
         retract(_ORIGIN, self.twist[None], pose[None])
         return pose
 
     @functools.cached_property
     def adjoint(self) -> FloatArray:
-        """What the motion makes of a small twist before it, shape (6, 6)."""
+        """Maps a small twist before the motion to the equivalent one after it, shape (6, 6)."""
         pose = self.pose
         adjoint = np.zeros((6, 6))
         adjoint[:3, :3] = adjoint[3:, 3:] = pose[:, :3]
@@ -52,13 +52,13 @@ class Motion:
 
     @functools.cached_property
     def increment_map(self) -> FloatArray:
-        """What the motion makes of the increments (w, v) from a pose, shape (6, 6): w stays, v turns with it."""
+        """Maps increments (w, v) from a pose before the motion to those after it, shape (6, 6): w stays, v rotates."""
         turn = np.eye(6)
         turn[3:, 3:] = self.pose[:, :3]
         return turn
 
     def of_poses(self, X_PO: FloatArray) -> FloatArray:
-        """What the motion makes of poses (..., 3, 4)."""
+        """Applies the motion to poses (..., 3, 4)."""
         moved: FloatArray = self.pose[:, :3] @ X_PO
         moved[..., 3] += self.pose[:, 3]
         return moved
@@ -72,14 +72,15 @@ class MotionHistory:
     motions: tuple[Motion, ...] = ()
 
     def followed_by(self, motion: Motion, time: float, length: float) -> MotionHistory:
-        """The history with the motion up to a time, s, without what ended more than a length, s, before that."""
+        """Appends the motion up to a time, s, and drops those that ended more than `length`, s, before it."""
         first = next((i for i, end in enumerate(self.times[1:]) if end >= time - length), len(self.motions))
         return MotionHistory((*self.times[first:], time), (*self.motions[first:], motion))
 
     def predict(self, time: float, X_PO: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """A pose (3, 4) of a time, s, as of the history's end, and the covariance (6, 6) of the increments from it.
+        """Predicts a pose (3, 4) at a time, s, and its covariance (6, 6) to the history's end.
 
-        Of the motion during which it was so the later part counts. None where the history does not reach back to it.
+        Of the motion during which the pose was measured, the later part counts. Returns None if the history does not
+        reach back so far.
         """
         if not self.times[0] <= time <= self.times[-1]:
             return None
@@ -93,7 +94,7 @@ class MotionHistory:
 
 
 def predict_poses(X_PO: FloatArray, covariance: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
-    """Poses (n, 3, 4) and covariances (n, 6, 6) of their increments, after a motion.
+    """Moves poses (n, 3, 4) and the covariances (n, 6, 6) of their increments.
 
     With X exp'd by the increment (w, v) and the motion (E, t) acting from the left, w stays and v becomes E v; a small
     twist (r, s) after it is the increment (R^T r, s + r x p).
@@ -102,14 +103,14 @@ def predict_poses(X_PO: FloatArray, covariance: FloatArray, motion: Motion) -> t
 
 
 def error_of_motion(X_PO: FloatArray, motion: Motion) -> FloatArray:
-    """What the error of a motion that ended at poses (n, 3, 4) makes of the increments' covariance, (n, 6, 6)."""
+    """Covariance (n, 6, 6) of the increments at poses (n, 3, 4) due to the error of the motion that led there."""
     return predict_poses(X_PO, np.zeros((len(X_PO), 6, 6)), Motion(np.zeros(6), motion.covariance))[1]
 
 
 def carry(
     X_PO: FloatArray, covariance: FloatArray, cross: FloatArray, motion: Motion
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The same as `predict_poses`, with covariances (n, 6, m) of the increments with what else there is."""
+    """The same as `predict_poses`, with cross-covariances (n, 6, m) of the increments and other variables."""
     X_after, before = motion.of_poses(X_PO), (np.ascontiguousarray(covariance), np.ascontiguousarray(cross))
     after = np.empty_like(before[0]), np.empty_like(before[1])
     prediction_kernels.carry(motion.increment_map, motion.covariance, X_after, *before, *after)
@@ -117,5 +118,5 @@ def carry(
 
 
 def three_each(rotation: float, translation: float) -> FloatArray:
-    """Variances (6,) of the coordinates of an increment, by those of each of its rotations and translations."""
+    """Variances (6,) of an increment with these variances of each rotation and each translation."""
     return np.array([rotation, rotation, rotation, translation, translation, translation])
