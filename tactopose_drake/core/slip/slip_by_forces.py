@@ -1,13 +1,13 @@
-"""Whether the object slips, by the forces on the fingertips.
+"""Detects slip by the forces on the fingertips.
 
-A slip along a surface that is the same farther on moves no fingertip and turns no normal. Its forces tell: those of
-fingertips that hold an object change slowly, and lie in their cones of friction. Where friction gives way, the load
-goes over to other fingers within some hundredths of a second, which it does not do while all hold; and where the object
-slides as a whole, all fingers come to the limit of friction at once, at equal ratios of tangential to normal force,
-whatever the coefficient is. Where it turns about fingers that hold, others come there: their ratios rise until they are
-equal, none is larger, and they stay so while the load that the rest bears goes on to grow. That fingers are at the
-limit for long says nothing: they may have slid there as they closed, and hold; the ratios have to have risen. How far
-they come while the object is held is a lower bound of the coefficient where that is not told: below, nothing slides.
+A slip along a surface that is the same farther on moves no fingertip and turns no normal. But forces reveal it: those
+of fingertips that hold an object change slowly, and lie within their friction cones. When friction gives way, the load
+moves to other fingers within some hundredths of a second, which does not happen while all hold. When the object slides
+as a whole, all fingers reach the friction limit at once, at equal ratios of tangential to normal force, whatever the
+coefficient is. When it turns about fingers that hold, others reach the limit: their ratios rise until they are equal
+and the largest, and stay so while the load on the rest continues to grow. Being at the limit for long is no sign:
+fingers may have slid there as they closed, and hold; the ratios must have risen. The largest ratio while the object is
+held is a lower bound of an unknown coefficient: below it, nothing slides.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from tactopose_drake.core.slip.slip_params import ForceTestParams
 from tactopose_drake.core.validation import FloatArray
 
 BY_FORCES = "friction gives way, as the forces show"
-"""What is said of a slip that is found so."""
+"""The reason given for a slip that this test detects."""
 
 
 class ForceTest(NamedTuple):
-    """What the test remembers.
+    """The state of the test.
 
     Attributes:
         times: of the latest h frames, oldest first, s.
-        forces: of each source then, shape (h, s, 3), N; 0 where one does not touch.
-        ratios: of tangential to normal force, likewise, shape (h, s); NaN where one bears no load.
-        ratio: the largest of them since the object is held, but for the last moments.
-        noise: by how much of their size forces change in the mean.
-        held_time: since when no finger came to touch anew, s.
-        inside_time: when a finger was last within its cone of friction, rather than at its limit, s.
+        forces: of each source at these times, shape (h, s, 3), N; 0 for one that does not touch.
+        ratios: of tangential to normal force, shape (h, s); NaN for sources without load.
+        ratio: running estimate of the largest ratio while the object has been held.
+        noise: running mean of the relative change of the forces.
+        held_time: when a finger last touched anew, s.
+        inside_time: when a finger was last within its friction cone, rather than at its limit, s.
     """
 
     times: tuple[float, ...] = ()
@@ -47,14 +47,14 @@ class ForceTest(NamedTuple):
     inside_time: float = -np.inf
 
     def change_since(self, time: float) -> float:
-        """By how much of the size of all forces those have changed since that time, s."""
+        """The relative change of all forces since that time, s."""
         first = bisect.bisect_left(self.times, time)
         return float(_changes(self.forces[first : first + 1], self.forces[-1:])[0, 0])
 
     def sure_change(self, duration: float) -> float:
-        """The same within so long, s, by no single reading, which may be far off.
+        """The relative change of all forces within this duration, s, robust to single bad readings.
 
-        Of the last two frames and two of before the two count that differ least.
+        It is the least change between any of the last two frames and any of two before.
         """
         first = bisect.bisect_left(self.times, self.times[-2:][0] - duration)
         return float(_changes(self.forces[max(first - 1, 0) : first + 1], self.forces[-2:]).min())
@@ -63,14 +63,14 @@ class ForceTest(NamedTuple):
 def detect_by_forces(
     params: ForceTestParams, test: ForceTest, reading: ContactReading, time: float, *, is_new: bool
 ) -> tuple[ForceTest, bool]:
-    """The test after a frame, and whether the object slips.
+    """Updates the test with a frame, and tells whether the object slips.
 
     Args:
-        params: when it does.
+        params: thresholds.
         test: after the last frame.
         reading: the contacts.
         time: of the frame, s.
-        is_new: whether a finger has just come to touch.
+        is_new: whether a finger has just touched.
     """
     test = ForceTest(held_time=time) if is_new else test
     contacts = reading.evidence.contacts
@@ -95,7 +95,7 @@ def detect_by_forces(
 
 
 def _with_forces(params: ForceTestParams, test: ForceTest, reading: ContactReading, time: float) -> ForceTest:
-    """The test with the forces of a frame, and without what is long ago."""
+    """Appends the forces of a frame, and drops old ones."""
     contacts = reading.evidence.contacts
     assert contacts.f_PC is not None
     assert contacts.n_PC is not None
@@ -108,9 +108,9 @@ def _with_forces(params: ForceTestParams, test: ForceTest, reading: ContactReadi
 
 
 def _changes(before: FloatArray, now: FloatArray) -> FloatArray:
-    """By how much of the size of all forces (a, s, 3) and (b, s, 3) those differ that touch in both, shape (a, b).
+    """Relative changes between all forces (a, s, 3) and (b, s, 3), over sources that touch in both, shape (a, b).
 
-    What touches in one alone may be a reading that was lost.
+    A source that touches in one alone may be a lost reading.
     """
     before = before[:, None]
     both = before.any(axis=3) & now.any(axis=2)
@@ -120,14 +120,14 @@ def _changes(before: FloatArray, now: FloatArray) -> FloatArray:
 
 
 def _have_risen(params: ForceTestParams, test: ForceTest, time: float) -> bool:
-    """Whether the ratios have lately risen, in the mean, by more than alike ones differ, which is more than noise."""
+    """Whether the mean ratio has recently risen by more than alike ratios differ, which exceeds the noise."""
     lately = test.ratios[bisect.bisect_left(test.times, time - params.reaching_time) :, np.isfinite(test.ratios[-1])]
     means = lately[np.isfinite(lately).all(axis=1)].mean(axis=1)
     return bool(means[-1] > (1.0 + params.alike) * means.min())
 
 
 def _some_slide(params: ForceTestParams, test: ForceTest, time: float) -> bool:
-    """Whether two fingers or more have come to the limit of friction, and stay there while the load goes on to grow."""
+    """Whether at least two fingers have reached the friction limit, and stay there while the load continues to grow."""
     begin = time - params.plateau_time - 1e-9
     if test.times[0] > begin or test.change_since(begin) < params.growth:
         return False
@@ -140,7 +140,7 @@ def _some_slide(params: ForceTestParams, test: ForceTest, time: float) -> bool:
 
 
 def _ratios(params: ForceTestParams, f_PC: FloatArray, n_PC: FloatArray) -> FloatArray:
-    """Of tangential to normal force, of contacts (k, 3), shape (k,); NaN of those that bear no load."""
+    """Ratios of tangential to normal force of contacts (k, 3), shape (k,); NaN for those without load."""
     size = np.linalg.norm(f_PC, axis=1)
     along = np.abs(np.einsum("ki,ki->k", f_PC, n_PC))
     across = np.sqrt(np.maximum(size**2 - along**2, 0.0))

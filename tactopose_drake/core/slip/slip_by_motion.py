@@ -1,11 +1,11 @@
-"""Whether a fingertip slides on the object, by how the fingertips move.
+"""Detects a fingertip that slides on the object by the motion of the fingertips.
 
-Of a fingertip that rolls on the object or sticks to it, the point that touches has the object's velocity v + w x p. Of
-k fingertips these are 3 k equations of six unknowns, the closure of the loops that hand and object make. What no twist
-explains of their displacements within a short time is the innovation: while all hold, it is the noise of the measured
-velocities, which shows in how it changes from one frame to the next, and a share of the way that the fingertips went,
-by which kinematics err. Its normalised square is chi-square with 3 k - 6 degrees of freedom, until one slides. A
-velocity that stays the same to the last bit is held from one frame to the next, and its noise with it.
+At a fingertip that rolls on the object or sticks to it, the touching point has the object's velocity v + w x p. For k
+fingertips these are 3 k equations in six unknowns, the loop closure of hand and object. The residual of their
+displacements within a short time is the innovation: while all hold, it comes from the noise of the measured velocities,
+which is estimated from frame-to-frame changes, and from errors of the kinematics in proportion to the fingertips'
+paths. Its normalised square is chi-square with 3 k - 6 degrees of freedom until one slides. A velocity that stays the
+same to the last bit is held over from the frame before, with its noise.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from tactopose_drake.core.slip.slip_params import RigidityTestParams
 from tactopose_drake.core.validation import FloatArray
 
 BY_MOTION = "the fingertips move otherwise than on one rigid object"
-"""What is said of a slip that is found so."""
+"""The reason given for a slip that this test detects."""
 
-_LEAST_CONTACTS = 3  # of two, the distance alone is told
-_MOST_GROWTH = 4.0  # of the noise by one frame
+_LEAST_CONTACTS = 3  # two constrain the distance between them only
+_MOST_GROWTH = 4.0  # factor by which one frame may raise the noise
 
 
 class RigidityTest(NamedTuple):
-    """What the test remembers.
+    """The state of the test.
 
     Attributes:
         times: of the latest frames, oldest first, s.
-        displacements: in each of them, of the fingertips where they touch, by source, shape (h, s, 3), m; NaN where one
-            does not touch, or has just come to touch: on its way there nothing bound it.
+        displacements: in each of them, of the fingertips where they touch, by source, shape (h, s, 3), m; NaN for a
+            source that does not touch, or has just touched, as nothing constrained its path there.
         touching: names of the sources that touched in the last of them.
         noise: variance of the velocities' errors, of each coordinate, m^2/s^2; None before the first frame.
-        readings: by which reading of the velocities each frame is, counted from any number.
-        velocity: the last one, by source, shape (s, 6), rad/s and m/s; NaN where one did not stay in touch.
-        durations: of each of the latest frames since the one before, s.
+        readings: index of the velocity reading that each frame uses, counted from any number.
+        velocity: the last one, by source, shape (s, 6), rad/s and m/s; NaN for sources that did not stay in touch.
+        durations: of each of the latest frames, since the one before, s.
     """
 
     times: tuple[float, ...] = ()
@@ -59,10 +59,10 @@ def detect_by_motion(
     time: float,
     duration: float,
 ) -> tuple[RigidityTest, bool]:
-    """The test after a frame, and whether a fingertip slides.
+    """Updates the test with a frame, and tells whether a fingertip slides.
 
     Args:
-        params: when one does.
+        params: thresholds.
         test: after the last frame.
         reading: the contacts.
         tip_velocity: spatial velocities [w, v] of the fingertips at the origin of P, by source, rad/s and m/s.
@@ -93,11 +93,11 @@ def detect_by_motion(
     unexplained, of_change, of_ways = squares.tolist()
     freedom = 3 * steady - 6
     if len(before) and not is_held:
-        # Of two independent errors the difference has the sum of their variances. A slide goes on as before.
+        # The variance of a difference of independent errors is the sum of theirs. A steady slide cancels in it.
         seen = of_change / (freedom * (durations[-1] ** 2 + durations[-2] ** 2))
         seen = min(max(seen, params.least_velocity_noise**2), _MOST_GROWTH * noise)
         test = test._replace(noise=noise + params.noise_gain * (seen - noise))
-    # Noise adds up as a random walk over readings, what kinematics err along the way does not average out.
+    # Noise adds up as a random walk over readings; errors of the kinematics are proportional to the path.
     held = np.bincount(np.subtract(readings, readings[0]), weights=durations)
     variance = noise * float(held @ held) + params.way_share**2 * of_ways / (3 * steady)
     is_news = unexplained > variance * chi_square_limit(freedom, params.false_alarm_probability)

@@ -1,15 +1,15 @@
-"""Whether the object slips, by how its surface moves under the fingertips.
+"""Detects slip by the motion of the object's surface under the fingertips.
 
-Where the fingertips hold, an object that moves as they carry it has its surface where they touch at all times, up to
-their noise. What errors of the hand, of the pose and of the surface leave between surface and contact is the same from
-frame to frame. So the differences of contacts' residuals over a short time tell of the slip alone: to first order they
-are J u, where u is the motion that nothing explains. It is a slip where the touch tells u apart from noise, and from
-what is unknown of the fingertips' own motion, and it is more than a little.
+Where the fingertips hold, an object that moves as they carry it keeps its surface at the contacts, up to noise. Errors
+of the hand, of the pose and of the surface leave the same residuals from frame to frame. So differences of the
+contacts' residuals over a short time depend on the slip alone: to first order they are J u, with u the unexplained
+motion. It is a slip if u is significant against noise and the uncertainty of the fingertips' own motion, and not tiny.
 
-A mode's pose is corrected at each frame, by touch, by vision and by searches, and what it leaves over changes by that.
-The history is therefore kept with the pose that it is of, which moves as the fingertips say: what contacts leave over
-there is compared with it, and then it is taken to the pose of now. How large the noise of single frames is shows in how
-residuals change from one to the next.
+A mode's pose is corrected at each frame, by touch, by vision and by searches, which changes its residuals. The history
+therefore refers to a fixed pose, which moves as the fingertips say: new residuals are computed there for comparison,
+    and
+then the history is transferred to the present pose. The noise of single frames is estimated from frame-to-frame changes
+of the residuals.
 """
 
 from __future__ import annotations
@@ -28,24 +28,23 @@ from tactopose_drake.core.slip.slip_params import SlipParams
 from tactopose_drake.core.validation import FloatArray
 
 BY_SURFACE = "the surface moves under the fingertips"
-"""What is said of a slip that is found so."""
+"""The reason given for a slip that this test detects."""
 
-_NOISE = read_only(np.array([0.02, 4.0]))  # the least and the most that is taken for it
+_NOISE = read_only(np.array([0.02, 4.0]))  # lower and upper bound on the estimated noise
 _LEAST_VARIANCE = 1e-12
-_ROWS = 4  # of a contact: its distance, and the difference of the normals
-_KIND_OF_ROW = np.array([0, 1, 1, 1])  # by which variances are told, of points or of normals
+_ROWS = 4  # residuals of a contact: its distance, and the difference of normals
+_KIND_OF_ROW = np.array([0, 1, 1, 1])  # index into variances of points and normals
 
 
 class SlipTest(NamedTuple):
-    """What the test remembers.
+    """The state of the test.
 
     Attributes:
-        residuals: of the latest h frames, oldest first, whitened by what is told of the contacts' errors, by source, as
-            they would be at one pose, shape (h, s, 4); NaN where a source does not touch.
+        residuals: of the latest h frames, oldest first, by source, whitened by the told errors and transferred to one
+            pose, shape (h, s, 4); NaN for a source that does not touch.
         motions: covariances of the motions up to each of these frames, shape (h, 6, 6).
-        noise: variances of what is new of distances and of normals at each frame.
-        X_PO: that pose, which the best mode had after the last of them, as it has moved since, shape (3, 4); None
-            before the first.
+        noise: variances of what is new in distances and in normals at each frame.
+        X_PO: that pose: the best mode's after the last frame, moved since, shape (3, 4); None before the first frame.
     """
 
     residuals: FloatArray = np.zeros((0, 0, _ROWS))
@@ -54,11 +53,11 @@ class SlipTest(NamedTuple):
     X_PO: FloatArray | None = None
 
     def moved(self, motion: Motion) -> SlipTest:
-        """The same after a motion of the object."""
+        """The state after a motion of the object."""
         return self if self.X_PO is None else self._replace(X_PO=motion.of_poses(self.X_PO))
 
     def restarted(self) -> SlipTest:
-        """Without the history."""
+        """The state without its history."""
         return SlipTest(noise=self.noise, X_PO=self.X_PO)
 
 
@@ -66,7 +65,7 @@ class PoseChange(NamedTuple):
     """The best mode at a frame.
 
     Attributes:
-        X_PO: its pose after the touch, shape (3, 4).
+        X_PO: its pose after the update, shape (3, 4).
         roughness: of the surface about each source: variances of positions, m^2, and of normals, rad^2, shape (s, 2).
         motion: since the last frame.
     """
@@ -79,14 +78,14 @@ class PoseChange(NamedTuple):
 def detect_by_surface(
     model: ObjectModel, params: SlipParams, test: SlipTest, reading: ContactReading, change: PoseChange
 ) -> tuple[SlipTest, bool]:
-    """The test after a frame, and whether the object slips.
+    """Updates the test with a frame, and tells whether the object slips.
 
     Args:
         model: the object.
-        params: when it does.
+        params: thresholds.
         test: after the last frame, moved by the motion since.
         reading: the contacts.
-        change: of the best mode, by the frame.
+        change: the best mode at this frame.
     """
     X_before = change.X_PO if test.X_PO is None else test.X_PO
     touch = SurfaceContact(model.grid, reading.contacts)
@@ -103,7 +102,7 @@ def detect_by_surface(
 def _has_slipped(
     params: SlipParams, test: SlipTest, jacobian: FloatArray, reading: ContactReading, change: PoseChange
 ) -> bool:
-    """Whether the latest of the residuals differ from those before by a slip; the jacobian is (k, 4, 6)."""
+    """Whether the latest residuals differ from earlier ones by a slip; the Jacobian is (k, 4, 6)."""
     history, noise = test.residuals, np.array(test.noise)
     rough = params.rough_share * np.maximum(change.roughness[reading.source], 0.0) / reading.parts.told
     tests = (params.few_frames, params.few_threshold), (params.many_frames, params.many_threshold)
@@ -114,7 +113,7 @@ def _has_slipped(
         variances = np.maximum(noise * (1.0 / recent + 1.0 / earlier) + rough, _LEAST_VARIANCE)
         found = np.empty((len(rough), _ROWS + 2))
         misfit = slip_kernels.compare_frames(history, reading.source, variances, recent, earlier, found)
-        if misfit <= threshold:  # A motion explains a part of it at most.
+        if misfit <= threshold:  # A motion cannot explain more than the whole misfit.
             continue
         known = found[:, _ROWS] > 0.0
         J, differences = jacobian[known].reshape(-1, 6), found[known, :_ROWS].reshape(-1)
@@ -127,10 +126,10 @@ def _has_slipped(
 
 
 def _between(motions: FloatArray, recent: int, earlier: int) -> FloatArray:
-    """Covariance (6, 6) of the motion between the means of frames that are compared, from those up to each (h, 6, 6).
+    """Covariance (6, 6) of the motion between the means of the compared frames, from those up to each (h, 6, 6).
 
-    What a motion moves it moves in all frames from its own on: of the earlier ones in some, of the recent ones in all,
-    or in some, and in all of those that are left out between. Errors of motions are taken for alike, not independent.
+    A motion affects all frames from its own on: a share of the earlier frames' mean, all of it for motions in between,
+    and a share of the recent frames' mean. Errors of successive motions are taken to be fully correlated.
     """
     share = [*np.arange(earlier) / earlier, *np.ones(recent), *1.0 - np.arange(recent) / recent]
     covariance: FloatArray = np.tensordot(share, motions[-len(share) :], 1)
@@ -138,17 +137,17 @@ def _between(motions: FloatArray, recent: int, earlier: int) -> FloatArray:
 
 
 def _way(p_PC: FloatArray, X_PO: FloatArray, u: FloatArray) -> float:
-    """How far an increment of the pose moves the object where it is touched, root mean square, m."""
+    """Root mean square displacement of the contacts on the object by an increment (6,) of the pose, m."""
     arms = (p_PC - X_PO[:, 3]) @ X_PO[:, :3]
     moved = np.cross(u[:3], arms) @ X_PO[:, :3].T + u[3:]
     return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
 
 
 def _explain(J: FloatArray, weight: FloatArray, difference: FloatArray, error: FloatArray) -> tuple[float, FloatArray]:
-    """How much a motion explains of differences (m,), and the one that does best, as an increment (6,) of the pose.
+    """How much of differences (m,) a motion explains, and the best motion as an increment (6,) of the pose.
 
     Without a slip g = J^T W d has the covariance A + A E A, with A = J^T W J and E that of the motion's error; then
-    g^T (A + A E A)^-1 g is chi-square with six degrees of freedom at most.
+    g^T (A + A E A)^-1 g is chi-square with at most six degrees of freedom.
     """
     JW = J.T * weight
     A, g = JW @ J, JW @ difference
@@ -156,7 +155,7 @@ def _explain(J: FloatArray, weight: FloatArray, difference: FloatArray, error: F
 
 
 def _solve(A: FloatArray, g: FloatArray, held: float) -> FloatArray:
-    """A^-1 g of a matrix (6, 6) that is held by so much of its diagonal."""
+    """A^-1 g for a matrix (6, 6), regularised by a share of its diagonal."""
     scale = 1.0 / np.sqrt(np.diag(A) + 1e-12)
     u: FloatArray = np.linalg.solve(A * np.outer(scale, scale) + held * np.eye(6), g * scale) * scale
     return u
