@@ -1,4 +1,4 @@
-"""Counts of pair features, and the densities of contacts among them."""
+"""Histograms of pair features, and the density of contacts' features in them, compiled."""
 
 import numpy as np
 
@@ -6,16 +6,16 @@ from tactopose_drake.core.compilation import kernel
 from tactopose_drake.core.kernel_types import Floats2, Ints1, Longs1, OutFloats1, OutLongs1, UnsignedShorts1
 from tactopose_drake.core.shape.pair_feature_kernels import fill_feature
 
-# The layout of the table that objects share, and of counts that are kept on disk.
+# The layout of the histogram that objects share, also of counts stored on disk.
 DISTANCE = 0.004  # A bin's width, m.
-DISTANCE_BINS = 256  # The last holds all longer distances too.
-ANGLE = np.pi / 12.0  # Likewise, rad.
-ANGLE_BINS = 13  # The middles of the first and the last are 0 and pi: right angles are not on a border.
+DISTANCE_BINS = 256  # The last one also holds all longer distances.
+ANGLE = np.pi / 12.0  # A bin's width, rad.
+ANGLE_BINS = 13  # The first and the last are centred on 0 and pi, so that right angles are not on a border.
 
 
 @kernel
 def count_features(points: Floats2, normals: Floats2, counts: OutLongs1) -> None:
-    """Counts pairs of samples, of points and normals of shape (n, 3), by their features, in rows of the table."""
+    """Counts ordered pairs of samples, of points and normals (n, 3), by their features, into bins (rows) of counts."""
     feature = np.empty(4)
     for i in range(points.shape[0]):
         for j in range(points.shape[0]):
@@ -32,10 +32,10 @@ def count_features(points: Floats2, normals: Floats2, counts: OutLongs1) -> None
 def add_densities(
     first: Longs1, objects: Ints1, counts: UnsignedShorts1, low: Longs1, weights: Floats2, density: OutFloats1
 ) -> None:
-    """Adds to each object's density (n,) the counts about one pair of contacts, between the table's rows.
+    """Adds to each object's density (n,) the weighted counts in the bins about one pair of contacts.
 
     Args:
-        first: of each row the first of its entries, and after the last row their number, shape (rows + 1,).
+        first: index of each row's first entry, and the number of entries, shape (rows + 1,).
         objects: of each entry, shape (e,).
         counts: of each entry, shape (e,).
         low: the lowest bin of each of the four features, shape (4,).

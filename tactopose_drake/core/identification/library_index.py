@@ -1,12 +1,12 @@
-"""Which of many objects can two contacts lie on? Pair features of a whole library in one table.
+"""An index over a library of objects that tells which of them two contacts may lie on: pair features in one table.
 
-What two oriented points have in common with any two contacts, whatever the object's pose, are four numbers [D10]: see
-`pair_features`. Here the pairs of every object's surface samples are counted in bins that all objects share. The table
-is sorted by bin, so that a query touches the objects that have such pairs and no others [LW88].
+Two oriented points have four features that do not depend on the object's pose [D10]; see `pair_features`. The pairs of
+every object's surface samples are counted in bins that all objects share. The table is sorted by bin, so that a query
+reads only objects that have such pairs [LW88].
 
-The share of an object's pairs about the feature of two contacts is how likely it is to be measured, were the object
-touched at random. The logarithms of all the contacts' pairs are added, as if they were independent [V11]: that is no
-likelihood, but it ranks objects in some microseconds each, without any pose.
+The share of an object's pairs near the feature of two contacts is the density of measuring it if the object is touched
+at random. The logarithms for all pairs of contacts are added as if they were independent [V11]: this composite
+likelihood ranks objects in some microseconds each, without estimating poses.
 
 Sources: [D10] B. Drost, M. Ulrich, N. Navab, S. Ilic, Model globally, match locally, CVPR 2010; [LW88] Y. Lamdan,
 H. Wolfson, Geometric hashing, ICCV 1988; [V11] C. Varin, N. Reid, D. Firth, An overview of composite likelihood
@@ -39,24 +39,24 @@ from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.validation import FloatArray
 
 SAMPLES = 512
-"""Of each object's surface samples so many are paired; counts that are kept on disk are known by it."""
+"""Number of each object's surface samples that are paired; counts stored on disk depend on it."""
 
 LEAST_DENSITY = 1e-6
-"""The density where no pair of the samples is near: samples may miss what is there."""
+"""A floor on the density, as samples may miss what is there."""
 
 _BINS = DISTANCE_BINS * ANGLE_BINS**3
-_REACH = 2.5  # bins count within so many standard deviations
-_MOST_CONTACTS = 8  # that are paired: of more, those that are farthest apart tell enough
-_LEAST_LENGTH = 3.0  # of a pair of contacts, in its standard deviations: its direction is known
+_REACH = 2.5  # standard deviations within which bins count
+_MOST_CONTACTS = 8  # most contacts that are paired, those farthest apart
+_LEAST_LENGTH = 3.0  # of a pair of contacts, in its standard deviations, so that its direction is known
 
 
 @dataclass(frozen=True, eq=False)
 class PairCounts:
-    """How many pairs of an object's surface samples are in each bin.
+    """A sparse histogram of the pair features of an object's surface samples.
 
     Attributes:
-        bins: the bins that hold some, rising, shape (n,).
-        counts: how many, shape (n,).
+        bins: the bins that are not empty, ascending, shape (n,).
+        counts: their counts, shape (n,).
     """
 
     bins: NDArray[np.int32]
@@ -64,7 +64,7 @@ class PairCounts:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> PairCounts | None:
-        """What arrays that come from a file hold; None if they cannot be such counts."""
+        """Counts from the arrays of a file; None if these are invalid."""
         if set(arrays) != {"bins", "counts"}:
             return None
         bins, counts = arrays["bins"], arrays["counts"]
@@ -75,7 +75,7 @@ class PairCounts:
 
 
 def count_pairs(samples: SurfaceSamples) -> PairCounts:
-    """Counts the ordered pairs of `SAMPLES` of the samples, of which there are as many or more."""
+    """Counts the ordered pairs of `SAMPLES` of the samples, which must be at least as many."""
     chosen = np.linspace(0, len(samples), SAMPLES, endpoint=False).astype(np.intp)
     counts = np.zeros(_BINS, dtype=np.int64)
     count_features(np.ascontiguousarray(samples.points[chosen]), np.ascontiguousarray(samples.normals[chosen]), counts)
@@ -85,13 +85,13 @@ def count_pairs(samples: SurfaceSamples) -> PairCounts:
 
 @dataclass(frozen=True, eq=False)
 class LibraryIndex:
-    """The pairs of many objects, sorted by bin.
+    """The pair features of many objects, sorted by bin.
 
     Attributes:
         size: number of objects.
-        first: the number of entries in the bins before each, shape (bins + 1,).
-        objects: each entry's object, shape (entries,).
-        counts: how many pairs that object has in the bin, shape (entries,).
+        first: number of entries in the bins before each, shape (bins + 1,).
+        objects: index of each entry's object, shape (entries,).
+        counts: number of pairs of that object in the bin, shape (entries,).
     """
 
     size: int
@@ -101,7 +101,7 @@ class LibraryIndex:
 
     @classmethod
     def join(cls, objects: Sequence[PairCounts]) -> LibraryIndex:
-        """The index of objects, which are numbered as they come."""
+        """Joins objects' counts to an index; objects are numbered in this order."""
         first = np.zeros(_BINS + 1, dtype=np.int64)
         for pairs in objects:
             first[pairs.bins + 1] += 1
@@ -117,7 +117,7 @@ class LibraryIndex:
         """How well each object's pairs agree with those of the contacts, shape (objects,); higher is better."""
         chosen = spread_out(contacts.p_PC, _MOST_CONTACTS)
         sigma_position = np.asarray(contacts.sigma_position)
-        # As with none, not as with a very broad one, of whose small density `LEAST_DENSITY` would leave nothing.
+        # Arbitrary normals count as missing: a very broad Gaussian would fall below `LEAST_DENSITY`.
         sigma_normal = np.where(tell_normals(contacts), contacts.sigma_normal, np.inf)
         scores, density = np.zeros(self.size), np.empty(self.size)
         for a, b in itertools.combinations(chosen.tolist(), 2):
@@ -139,9 +139,9 @@ class LibraryIndex:
 
 
 def _weights(feature: FloatArray, sigma: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
-    """The lowest bins (4,) about a feature, and the weights of those and the next along each number, shape (4, bins).
+    """The lowest bins (4,) about a feature, and the weights of these and the following bins, shape (4, bins).
 
-    The weights are those of a Gaussian that is wider by a bin, because a sample may lie anywhere in its bin.
+    Weights are those of a Gaussian widened by a bin's variance, because a sample may lie anywhere in its bin.
     """
     width = np.array([DISTANCE, ANGLE, ANGLE, ANGLE])
     bins = np.array([DISTANCE_BINS, *np.full(3, ANGLE_BINS)])

@@ -1,8 +1,8 @@
-"""Whether two objects have the same shape, wherever their meshes lie in their frames: then no touch tells them apart.
+"""Tests whether two objects have the same shape in different frames, so that no touch tells them apart.
 
-Shapes that are equal have equal areas, volumes and moments of inertia. Of those, one is laid onto the other: points
-spread over the first are taken for contacts with the second, the pair search finds the poses that explain them, and all
-surface samples are compared there, the first object's with the second's surface and the other way round.
+Equal shapes have equal areas, volumes and moments of inertia. If these agree, the objects are aligned: points spread
+over the first are taken for contacts with the second, the pair search finds the poses that explain them, and there all
+surface samples of each object are compared with the surface of the other.
 """
 
 import math
@@ -25,23 +25,23 @@ from tactopose_drake.core.validation import FloatArray
 class ShapeEqualityParams:
     """What counts as equal, and how thoroughly an alignment is searched for."""
 
-    # Of the 95th percentile of the distances from each one's samples to the other's surface, as a share of the size:
-    # that of a symmetry.
+    # On the 95th percentile of the distances of each one's samples from the other's surface, as a share of the size;
+    # the same as for symmetries.
     tolerance: float = SymmetryDetectionParams().tolerance
-    outlier_factor: float = 3.0  # the farthest sample, in tolerances: a small handle makes another object
-    # In tolerances: volumes and areas change by at most about this many times the relative change of a length, moments
+    outlier_factor: float = 3.0  # on the largest distance, in tolerances: a small handle makes another object
+    # In tolerances: volumes and areas change by at most about this multiple of the relative change of a length, moments
     # by more.
     change_factor: float = 6.0
-    probes: int = 16  # contacts that are searched with
-    refined_points: int = 300  # contacts of the refinement after it
-    refined_poses: int = 8  # of the poses that are found so many, the best ones
+    probes: int = 16  # contacts in the search
+    refined_points: int = 300  # contacts in the refinement
+    refined_poses: int = 8  # most poses that are refined, the best ones
     sigma_normal: float = math.radians(5.0)  # of all these contacts, rad
 
 
 def find_alignment(
     a: ObjectModel, b: ObjectModel, params: ShapeEqualityParams = ShapeEqualityParams()
 ) -> FloatArray | None:
-    """The pose X_BA (3, 4) of the frame of object a in that of b at which the two coincide; None where none does.
+    """Finds the pose X_BA (3, 4) of the frame of object a in that of b at which the two coincide; None if none does.
 
     Args:
         a: an object.
@@ -65,7 +65,7 @@ def find_alignment(
 
 
 def _touch(model: ObjectModel, count: int, params: ShapeEqualityParams) -> Contacts:
-    """Samples of the surface, evenly spread, as contacts in the object's own frame."""
+    """Evenly spread surface samples as contacts in the object's own frame."""
     chosen = np.linspace(0, len(model.samples), count, endpoint=False).astype(np.intp)
     points, normals = model.samples.points[chosen], model.samples.normals[chosen]
     sigma_position = np.full(len(points), params.tolerance * model.size)
@@ -73,7 +73,7 @@ def _touch(model: ObjectModel, count: int, params: ShapeEqualityParams) -> Conta
 
 
 def _are_alike(a: ObjectModel, b: ObjectModel, params: ShapeEqualityParams) -> bool:
-    """Whether what no motion changes is about equal."""
+    """Whether the invariants of rigid motion agree: area, volume and principal moments."""
     first, second = (
         np.log([model.area, model.volume, *np.linalg.eigvalsh(model.inertia / model.mass)]) for model in (a, b)
     )

@@ -1,21 +1,21 @@
-"""Whether a touch is of none of the objects that are known.
+"""The probability that a touch is of none of the known objects.
 
-The evidence of each known object says how well it explains the touch; that of an object of which nothing is known has
-to be guessed. Two guesses are made, and their geometric mean is taken:
+The evidence of each known object tells how well it explains the touch; that of an unknown object must be guessed. Two
+guesses are combined by their geometric mean:
 
-- The touch alone: places of an unknown size about an unknown middle, along an unknown axis farther apart by an unknown
-  ratio, with normals that point outwards rather than inwards. What it lacks is that objects are made of faces and of
+- From the touch alone: normally distributed places of unknown size and centre, stretched along an unknown axis by an
+  unknown ratio, with normals that tend to point outwards. It does not know that objects consist of faces and of
   surfaces of revolution.
-- The other known objects: on average they explain the touch of an unknown object about as well as they explain that of
-  each other. All but the best one stand for the objects that might be held instead.
+- From the other known objects: on average they explain the touch of an unknown object about as well as that of each
+  other. All but the best one stand for the objects that might be held instead.
 
-Both are rough. How far the best object must be above them, for each number that the touch measures beyond the six of a
-pose, and how much of the difference is to be believed, was found by logistic regression [P99]: 198 random touches of 38
-objects by five and eight contacts, each against many libraries of 5 to 28 of these objects with the touched one and
-without. `examples/unknown_objects.py` shows how it does on other objects.
+Both are rough. The margin by which the best object must exceed them, for each number that the touch measures beyond the
+six of a pose, and the factor by which the difference is scaled, come from a logistic regression [P99]: on 198 random
+touches of 38 objects by five and eight contacts, each against many libraries of 5 to 28 of these objects with and
+without the touched one. `examples/unknown_objects.py` shows the performance on other objects.
 
-However well a known object explains a touch, an unknown one may equal it wherever it was touched: of the touches of
-unknown objects a small share is taken to be such.
+However well a known object explains a touch, an unknown one may have the same shape where it was touched: this is
+assumed for a small share of the touches of unknown objects.
 
 Source: [P99] J. Platt, Probabilistic outputs for support vector machines, Advances in Large Margin Classifiers, 1999.
 """
@@ -30,28 +30,27 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.patch_contacts import tell_normals
 from tactopose_drake.core.validation import FloatArray
 
-# Logarithm of the volume of all rotations, over which an object's evidence is summed.
+# Log volume of all rotations, which an object's evidence is integrated over.
 _LOG_ROTATIONS = math.log(8.0 * math.pi**2)
-# Numbers of a pose: a touch that measures no more can be laid on any object.
+# Degrees of freedom of a pose: a touch that measures no more fits any object.
 _OF_A_POSE = 6
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class UnknownObjectParams:
-    """What is assumed of objects that are not known.
+    """What is assumed of unknown objects.
 
     Attributes:
-        sizes: between which the standard deviation of touched places, across their longest axis, is: any of its
-            logarithms is as likely as any other, m.
-        size_steps: in which these are gone through.
-        aspects: how many times as far apart places may be along that axis, each with its probability.
-        axis_steps: in which angles of that axis are gone through, a multiple of 4.
-        outwardness: the concentration of a normal about that of the ellipsoid through its place, for each standard
-            deviation that this is from the middle; 0 where all normals are as likely.
-        library_share: of the guess by the other objects in the mean of both guesses, were there very many of them.
-        trust: of the difference of logarithms, as much as is believed.
-        least_surplus: what that must exceed for each number that is measured beyond those of a pose.
-        lookalikes: the share of the touches of unknown objects that the best known one explains as well.
+        sizes: range of the standard deviation of touched places, across their longest axis, m; log-uniform.
+        size_steps: number of steps in this range.
+        aspects: ratios by which places are stretched along that axis, each with its probability.
+        axis_steps: number of steps of that axis' angles, a multiple of 4.
+        outwardness: concentration of a normal about that of the ellipsoid through its place, for each standard
+            deviation of its distance from the centre; 0 for uniform normals.
+        library_share: weight of the guess by the other objects in the mean, in the limit of many of them.
+        trust: factor of the difference of logarithms.
+        least_surplus: margin for each measured number beyond those of a pose.
+        lookalikes: share of the touches of unknown objects that the best known one explains as well.
     """
 
     sizes: tuple[float, float] = (0.012, 0.09)
@@ -75,14 +74,14 @@ def unknown_probability(
     """The probability that a touch is of none of the known objects.
 
     Args:
-        log_evidence: of the known objects, one for each shape, by `model_evidence.log_evidence`; those that are ruled
-            out may be left away.
-        objects: how many shapes are known, those that are left away among them.
+        log_evidence: of the known objects, one for each shape, by `model_evidence.log_evidence`; objects that are ruled
+            out may be omitted.
+        objects: number of known shapes, including those omitted.
         touch: the contacts, and the patches as contacts.
         prior: the probability before the touch.
-        params: what is assumed of objects that are not known.
+        params: what is assumed of unknown objects.
     """
-    # One contact lies on any object as well: what differs is how well each evidence was summed.
+    # One contact fits any object: differences would only come from numerical errors of the evidence.
     if prior in (0.0, 1.0) or len(touch) < 2:
         return prior
     evidence = np.sort(np.asarray(log_evidence))[::-1]
@@ -97,9 +96,9 @@ def unknown_probability(
 
 
 def log_evidence_of_any(touch: Contacts, params: UnknownObjectParams = UnknownObjectParams()) -> float:
-    """Logarithm of the likelihood of a touch of some object, by the touch alone.
+    """Log likelihood of a touch of an unknown object, from the touch alone.
 
-    It is in the units of `model_evidence.log_evidence` over all rotations: of one contact that equals any object's.
+    It is in the units of `model_evidence.log_evidence` over all rotations: for one contact it equals any object's.
     """
     count, noise = len(touch), math.sqrt(2.0 * math.pi) * np.broadcast_to(touch.sigma_position, len(touch))
     if touch.n_PC is not None:
@@ -109,18 +108,18 @@ def log_evidence_of_any(touch: Contacts, params: UnknownObjectParams = UnknownOb
 
 
 def _log_density(touch: Contacts, aspect: float, params: UnknownObjectParams) -> float:
-    """Logarithm of the density of places, and of normals over that of any, if one axis is so many times as long."""
+    """Log density of places, and of normals relative to uniform ones, with the axis stretched by `aspect`."""
     sizes = np.geomspace(*params.sizes, params.size_steps)[:, None, None]
     p_MC, count = touch.p_PC - touch.p_PC.mean(axis=0), len(touch)
     axes, share = _axes(p_MC, params.axis_steps)
-    along = axes @ p_MC.T  # Of every axis and contact, as all that follows.
+    along = axes @ p_MC.T  # For every axis and contact, like all that follows.
     across = np.sum(p_MC**2, axis=1) - along**2
     distance = np.sqrt(np.maximum(across + (along / aspect) ** 2, 0.0)) / sizes
-    # Normally distributed places of which the middle may be anywhere.
+    # Normally distributed places with a marginalised centre.
     log_density = -0.5 * np.sum(distance**2, axis=2) - 1.5 * math.log(count)
     log_density -= (count - 1) * (1.5 * np.log(2.0 * np.pi * sizes[:, 0] ** 2) + math.log(aspect))
     if touch.n_PC is not None:
-        # Von Mises' and Fisher's density over the sphere, over that of any normal.
+        # The von Mises-Fisher density on the sphere, relative to the uniform one.
         length = np.sqrt(np.maximum(across + (along / aspect**2) ** 2, 0.0))
         outward = np.sum(p_MC * touch.n_PC, axis=1) - (1.0 - 1.0 / aspect**2) * along * (axes @ touch.n_PC.T)
         concentration = params.outwardness * distance
@@ -131,9 +130,9 @@ def _log_density(touch: Contacts, aspect: float, params: UnknownObjectParams) ->
 
 
 def _axes(p_MC: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
-    """Directions (n, 3) over half a sphere, and the share (n,) of each; closest about where the places lie along.
+    """Directions (n, 3) over a hemisphere, and the weight (n,) of each, as quadrature over the longest axis.
 
-    They turn with the places: from these' longest principal axis to across it, and around it, in as many steps.
+    They rotate with the places: from their longest principal axis to across it, and around it, in equal steps.
     """
     principal = np.linalg.eigh(p_MC.T @ p_MC)[1][:, ::-1]
     angle, around = (np.arange(steps) + 0.5) * (0.5 * math.pi / steps), (np.arange(steps) + 0.5) * (2 * math.pi / steps)
@@ -143,7 +142,7 @@ def _axes(p_MC: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _log_sinhc(x: FloatArray) -> FloatArray:
-    """Logarithm of sinh(x) / x at x >= 0, which is 1 at 0."""
+    """Logarithm of sinh(x) / x for x >= 0, which is 0 at 0."""
     x = np.maximum(x, 1e-6)
     result: FloatArray = x + np.log(-np.expm1(-2.0 * x)) - np.log(2.0 * x)
     return result
