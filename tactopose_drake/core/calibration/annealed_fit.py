@@ -1,8 +1,8 @@
-"""The fit of a whole calibration: from much noise to as much as there is.
+"""The fit of a whole calibration, with noise annealed to its actual size.
 
-Start poses come from contacts that the hand's own errors have moved, by far more than the noise that remains once these
-are known. So the fit begins with much noise, of which as much is taken away each round as the residuals allow, but no
-more than half. At the end both standard deviations, of distances and of normals, are those that the residuals show
+Start poses come from contacts that the hand's own errors have displaced, far more than the noise that remains once
+these are known. So the fit begins with large standard deviations, which each round reduces as far as the residuals
+allow, but at most by half. At the end the standard deviations of distances and of normals are those of the residuals
 (variance components), so that the covariance is that of the data and not of a guess.
 """
 
@@ -14,23 +14,23 @@ from tactopose_drake.core.calibration.shared_least_squares import SharedProblem,
 from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts
 from tactopose_drake.core.validation import FloatArray
 
-# Medians of chi-square variables of one and of two degrees of freedom.
+# Medians of chi-square variables with one and with two degrees of freedom.
 _MEDIAN_1, _MEDIAN_2 = 0.455, 1.386
 _ROUNDS, _LAST_ROUNDS = 14, 6
-_ROUGHLY = 1e-3  # relative change of the cost, at which a fit ends that is not the last
-_STEADY = 0.03  # relative change of a standard deviation, at which it ends
-_LEAST = (2e-5, 2e-3)  # m, rad: what the distance field itself is off by
-_FEWEST = 0.05  # of the residuals, that must be left to tell noise by
-_TOLD = 10.0  # residuals that what was told of the noise counts for, so that a fit to few does not claim to have none
+_ROUGHLY = 1e-3  # relative change of the cost at which all fits but the last ones end
+_STEADY = 0.03  # relative change of a standard deviation at which annealing ends
+_LEAST = (2e-5, 2e-3)  # m, rad: errors of the distance field itself
+_FEWEST = 0.05  # least redundancy of the residuals from which noise is estimated
+_TOLD = 10.0  # residuals that the told noise counts as, so that a fit to few does not claim to have none
 
 
 class ContactNoise(NamedTuple):
-    """What each contact's noise is made of: that of its wrench, and that of object, fingertip and joints.
+    """The parts of each contact's noise: that of its wrench, and that of object, fingertip and joints.
 
     Attributes:
-        by_wrench: standard deviations of each contact by its wrench's noise.
-        position: in all other contacts' distance, m.
-        normal: of all other contacts' normals, rad.
+        by_wrench: standard deviations of each contact due to its wrench's noise.
+        position: standard deviation of the distance due to everything else, m.
+        normal: standard deviation of the normal due to everything else, rad.
     """
 
     by_wrench: ContactSigmas
@@ -39,14 +39,14 @@ class ContactNoise(NamedTuple):
 
     @property
     def total(self) -> ContactSigmas:
-        """Of both."""
+        """Standard deviations of both parts together."""
         return ContactSigmas(
             np.hypot(self.by_wrench.position, self.position), np.hypot(self.by_wrench.normal, self.normal)
         )
 
 
 class AnnealedFit(NamedTuple):
-    """A fit, and the noise at which it ended."""
+    """A fit, and the noise at its end."""
 
     solution: Solution
     noise: ContactNoise
@@ -55,14 +55,14 @@ class AnnealedFit(NamedTuple):
 def anneal(
     problem: SharedProblem, shared: FloatArray, X_PO: FloatArray, noise: ContactNoise, start: tuple[float, float]
 ) -> AnnealedFit:
-    """Fits with much noise, and then with less and less.
+    """Fits with large noise first, and then with less and less.
 
     Args:
-        problem: what is to be explained.
-        shared: where to begin, shape (d,).
-        X_PO: likewise of the poses, shape (g, 3, 4).
-        noise: what the noise is about.
-        start: standard deviations of a contact's distance and normal with which it begins, m and rad.
+        problem: the data to fit.
+        shared: start values of the shared unknowns, shape (d,).
+        X_PO: start poses, shape (g, 3, 4).
+        noise: the expected noise.
+        start: initial standard deviations of a contact's distance and normal, m and rad.
     """
     told = noise
     noise = noise._replace(position=start[0], normal=start[1])
@@ -88,11 +88,11 @@ def anneal(
 
 
 def start_noise(touches: GraspContacts, noise: ContactNoise) -> tuple[float, float]:
-    """What a first fit begins with: as much as the shared errors are expected to move contacts, or ten times the noise.
+    """Initial noise of a fit: the expected effect of the shared errors on contacts, or ten times the noise if more.
 
     Args:
         touches: contacts without errors.
-        noise: what the noise is about.
+        noise: the expected noise.
     """
     along = np.einsum("nj,njd->nd", touches.n_PC, touches.J[:, :3])[touches.valid]
     turned = touches.J[touches.valid, 3:]
@@ -107,7 +107,7 @@ def _is_steady(noise: ContactNoise, other: ContactNoise) -> bool:
 
 
 def _by_medians(solution: Solution, noise: ContactNoise) -> tuple[float, float]:
-    """Standard deviations by the middle residuals, which some false contacts do not move."""
+    """Standard deviations from the residuals' medians, which are robust to some false contacts."""
     residual, valid = solution.at.rows.residual[solution.at.touches.valid], solution.at.touches.valid
     if not len(residual):
         return noise.position, noise.normal
@@ -120,7 +120,7 @@ def _by_medians(solution: Solution, noise: ContactNoise) -> tuple[float, float]:
 
 
 def _by_components(solution: Solution, noise: ContactNoise, told: ContactNoise) -> tuple[float, float]:
-    """Standard deviations by the sums of squares, over the residuals' redundancy."""
+    """Standard deviations from the weighted sums of squares, over the residuals' redundancy."""
     w, residual = solution.at.weights, solution.at.rows.residual
     total, found = float(w.sum()), []
     for sigma, told_of, rows, freedom in (

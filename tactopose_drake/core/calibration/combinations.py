@@ -1,4 +1,4 @@
-"""What data cannot tell apart: combinations of unknowns that are as uncertain after as before."""
+"""Combinations of unknowns that data does not determine: they stay as uncertain as they were."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -7,8 +7,8 @@ import numpy as np
 
 from tactopose_drake.core.validation import FloatArray
 
-_AS_BEFORE = 0.9  # of the prior's standard deviation
-_COUNTS = 0.35  # of a combination's largest part, that another part must have to be named
+_AS_BEFORE = 0.9  # of the prior's standard deviation, from which on a combination is undetermined
+_COUNTS = 0.35  # of a combination's largest coefficient, from which on an unknown is named
 _NOTHING = 1e-9
 
 
@@ -16,8 +16,8 @@ class Combination(NamedTuple):
     """A direction in the unknowns that data does not determine.
 
     Attributes:
-        parts: places of the unknowns that take part, the one that counts most first.
-        signs: 1 where one rises with the first, -1 where it falls.
+        parts: indices of the unknowns in it, the one with the largest coefficient first.
+        signs: of the coefficients, relative to the first.
         text: in words.
     """
 
@@ -27,10 +27,10 @@ class Combination(NamedTuple):
 
 
 def undetermined(covariance: FloatArray, names: Sequence[str]) -> tuple[Combination, ...]:
-    """The combinations whose posterior is not narrower than their prior, each with few unknowns in it.
+    """The combinations whose posterior is as wide as their prior, each with few unknowns.
 
     Args:
-        covariance: posterior of the unknowns in units of their prior's standard deviations, shape (d, d).
+        covariance: posterior of the unknowns, in units of their prior's standard deviations, shape (d, d).
         names: of the unknowns.
     """
     variances, directions = np.linalg.eigh(covariance)
@@ -39,7 +39,7 @@ def undetermined(covariance: FloatArray, names: Sequence[str]) -> tuple[Combinat
 
 
 def _sparse(basis: FloatArray) -> FloatArray:
-    """Rows that span the same, with as few entries as elimination by the largest ones leaves."""
+    """A sparser basis of the same row space, by Gauss-Jordan elimination with the largest entries as pivots."""
     rows = basis.copy()
     for k in range(len(rows)):
         rest = rows[k:]

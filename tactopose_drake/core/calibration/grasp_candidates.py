@@ -1,12 +1,11 @@
-"""How well poses of an object explain one grasp, given what all other grasps say of the hand.
+"""How well poses of an object explain one grasp, given what all other grasps tell about the hand.
 
-The errors that all grasps share move the contacts of a grasp together, so what is expected of its residuals is one
-Gaussian with all correlations. What is known of these errors must come from the other grasps: a wrong pose that has
-bent the hand would be confirmed by its own doing. A grasp that several poses explain is a mixture of them, and so is
-what it says of the hand.
+The shared errors move the contacts of a grasp together, so the residuals are jointly Gaussian with all correlations.
+Knowledge of these errors must come from the other grasps: a wrong pose that has biased the hand's parameters would
+confirm itself. A grasp that several poses explain is a mixture of them, and so is its information about the hand.
 
-Source: [RW06] C. Rasmussen, C. Williams, Gaussian processes for machine learning, 2006, section 5.4.2: a datum is
-judged by what all others predict of it.
+Source: [RW06] C. Rasmussen, C. Williams, Gaussian processes for machine learning, 2006, section 5.4.2: leave-one-out
+prediction of each datum by all others.
 """
 
 from collections.abc import Sequence
@@ -23,20 +22,20 @@ from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
 _ITERATIONS = 25
-_ENOUGH = 1e-3  # nats, by which a descent that goes on must fall
+_ENOUGH = 1e-3  # nats: least decrease of the cost for which a descent goes on
 _MOST_DAMPING = 1e6
-_SAME = 2.0  # standard deviations of a pose, and
-_CLOSE = np.repeat([0.02, 0.001], 3)  # rad and m: poses that differ by less are one
+_SAME = 2.0  # standard deviations within which two poses are the same,
+_CLOSE = np.repeat([0.02, 0.001], 3)  # or rad and m
 
 
 class Candidates(NamedTuple):
-    """Poses of the object in one grasp, each with what it makes of the hand.
+    """Candidate poses of the object in one grasp, each with what it implies about the hand.
 
     Attributes:
         X_PO: shape (k, 3, 4), the most probable first.
-        probability: of each, shape (k,); what they lack in one is that none is right.
-        shared: the mean of what grasps share if the pose is right, shape (k, d).
-        taken: which of them the first pose that was tried has led to.
+        probability: of each, shape (k,); the rest to one is the probability that none is right.
+        shared: posterior mean of the shared unknowns under each pose, shape (k, d).
+        taken: index of the candidate that the first start pose has led to.
     """
 
     X_PO: FloatArray
@@ -49,8 +48,8 @@ class GraspTouches(NamedTuple):
     """The contacts of one grasp.
 
     Attributes:
-        touches: these alone, at the mean of what is known of the hand.
-        noise: theirs.
+        touches: the contacts, at the mean of what is known of the hand.
+        noise: their standard deviations.
         grid: of the object.
     """
 
@@ -62,13 +61,13 @@ class GraspTouches(NamedTuple):
     def of(
         cls, touches: GraspContacts, noise: ContactSigmas, grids: Sequence[DistanceGrid], grasp: int
     ) -> "GraspTouches":
-        """One grasp's of all grasps'."""
+        """Selects one grasp from all."""
         rows = np.flatnonzero(touches.grasp == grasp)
         return cls(touches.chosen(rows), noise.chosen(rows), grids[grasp])
 
 
 class _Point(NamedTuple):
-    """Poses on their way down: residuals (k, r), their derivatives, the inverse of their covariance, half the cost."""
+    """Poses in a descent: residuals (k, r), their derivatives and inverse covariance, and the negative log density."""
 
     X_PO: FloatArray
     residual: FloatArray
@@ -79,25 +78,25 @@ class _Point(NamedTuple):
 
     @property
     def information(self) -> FloatArray:
-        """About the poses, shape (k, 6, 6)."""
+        """Information about the poses, shape (k, 6, 6)."""
         of_pose: FloatArray = np.swapaxes(self.by_pose, 1, 2) @ self.inverse @ self.by_pose + POSE_INFORMATION
         return of_pose
 
 
 def explain(felt: GraspTouches, X_PO: FloatArray, known: Knowledge) -> Candidates:
-    """Descends from each pose to the nearest that explains the grasp, and compares these.
+    """Descends from each pose to a local optimum, and compares the distinct ones.
 
     Args:
         felt: the grasp.
-        X_PO: where to begin, shape (k, 3, 4).
-        known: of what grasps share, by all other grasps.
+        X_PO: start poses, shape (k, 3, 4).
+        known: the shared unknowns, from all other grasps.
     """
     at = _descend(felt, X_PO, known.covariance)
     information = at.information
     evidence = -at.cost - 0.5 * np.linalg.slogdet(information)[1]
     chosen, taken = _distinct(at.X_PO, evidence, information)
     at, information, evidence = _Point(*(values[chosen] for values in at)), information[chosen], evidence[chosen]
-    # The pose is unknown too: what is left of the residuals' information is what no pose explains away.
+    # With the pose marginalised, only the information that no pose explains away remains.
     turned = np.swapaxes(at.by_pose, 1, 2) @ at.inverse
     left = at.inverse - np.swapaxes(turned, 1, 2) @ np.linalg.solve(information, turned)
     pull = np.swapaxes(at.by_shared, 1, 2) @ left @ at.residual[..., None]
@@ -110,12 +109,12 @@ def explain(felt: GraspTouches, X_PO: FloatArray, known: Knowledge) -> Candidate
 
 
 def mixture(candidates: Sequence[Candidates], without: Sequence[Knowledge], known: Knowledge) -> Knowledge:
-    """What grasps say together, where the pose of each may be one or another; to the first order in what is doubtful.
+    """Joins the grasps' information when the pose of each is uncertain, to first order.
 
     Args:
-        candidates: of each grasp, with the one that is taken for right in `known`.
-        without: what all grasps but each say.
-        known: what all say, if all these poses are right.
+        candidates: of each grasp, including the one assumed in `known`.
+        without: what all other grasps tell, for each grasp.
+        known: what all tell if the assumed poses are right.
     """
     mean, covariance = known.mean.copy(), known.covariance.copy()
     for found, left in zip(candidates, without, strict=True):
@@ -130,7 +129,7 @@ def mixture(candidates: Sequence[Candidates], without: Sequence[Knowledge], know
 
 
 def _distinct(X_PO: FloatArray, evidence: FloatArray, information: FloatArray) -> tuple[NDArray[np.intp], int]:
-    """The places of poses of which no better one is the same, best first, and which of these the first pose is."""
+    """Indices of distinct poses, best first, and the position among them of the one that pose 0 equals."""
     kept: list[int] = []
     taken = 0
     for k in np.argsort(-evidence, kind="stable"):
@@ -145,7 +144,7 @@ def _distinct(X_PO: FloatArray, evidence: FloatArray, information: FloatArray) -
 
 
 def _descend(felt: GraspTouches, X_PO: FloatArray, covariance: FloatArray) -> _Point:
-    """Levenberg-Marquardt from all poses at once."""
+    """Levenberg-Marquardt from all poses in parallel."""
     at, damping = _point(felt, X_PO, covariance), np.full(len(X_PO), 1e-3)
     moving = np.ones(len(X_PO), dtype=np.bool_)
     for _ in range(_ITERATIONS):
@@ -167,7 +166,7 @@ def _where(mask: NDArray[np.bool_], new: FloatArray, old: FloatArray) -> FloatAr
 
 
 def _point(felt: GraspTouches, X_PO: FloatArray, covariance: FloatArray) -> _Point:
-    """The residuals at poses, in the Gaussian that is expected of them."""
+    """The residuals at poses, under their joint Gaussian."""
     count, contacts = len(X_PO), len(felt.touches.grasp)
     again = np.tile(np.arange(contacts), count)
     repeated = felt.touches.chosen(again)._replace(grasp=np.repeat(np.arange(count, dtype=np.int64), contacts))

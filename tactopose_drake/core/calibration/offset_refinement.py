@@ -1,12 +1,11 @@
-"""What a hand's encoders show too much, found slowly from what the touches of a run leave unexplained.
+"""Recursive estimation of a hand's encoder offsets from the residuals of a run's touches.
 
-Of one touch by five fingers fifteen numbers tell, and six of these its pose; what the rest says of offsets is little,
-and adds up over touches in other postures. Each counts once, as a linear measurement: the residuals at the best pose
-are r = J u + B b + e, where u is what the pose is off by, of which nothing is taken for known, and b what is left of
-the offsets. To move a contact's point and turn its normal is to move the object the other way, so B follows from J and
-from the fingers' Jacobians. What else contacts are off by is noise here, though it stays from touch to touch; therefore
-no offset is ever known better than to a least standard deviation, and a touch that does not fit what is known so far
-says nothing.
+A touch by five fingers gives fifteen numbers, six of which determine its pose; the rest says little about offsets, but
+adds up over touches in different postures. Each touch is used once, as a linear measurement: the residuals at the best
+pose are r = J u + B b + e, where u is the error of the pose, of which nothing is assumed, and b the remaining offsets.
+Moving a contact's point and turning its normal is equivalent to moving the object the other way, so B follows from J
+and the fingers' Jacobians. Other errors of contacts are treated as noise, although they persist between touches;
+therefore no offset's standard deviation falls below a floor, and a touch that contradicts the estimate is ignored.
 """
 
 import dataclasses
@@ -23,21 +22,21 @@ from tactopose_drake.core.posterior.chi_square import chi_square_limit
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
-_LEAST_CONTACTS = 3  # with normals: whatever fewer measure, a pose explains nearly all of it
+_LEAST_CONTACTS = 3  # with normals: a pose explains nearly all that fewer measure
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class OffsetRefinementParams:
-    """How slowly offsets are refined."""
+    """How cautiously offsets are refined."""
 
-    period: float = 0.05  # s between two looks at the belief
-    least_frames: int = 6  # that a touch is the mean of, before it tells
-    least_probability: float = 0.98  # of the best mode; however wide it is, for the pose is looked for along
-    least_turn_deg: float = 10.0  # of any joint since the last touch that told, unless the hand let go since
+    period: float = 0.05  # s between two updates from the belief
+    least_frames: int = 6  # in the mean of a touch, before it is used
+    least_probability: float = 0.98  # of the best mode; its width does not matter, as the pose is estimated too
+    least_turn_deg: float = 10.0  # of any joint since the last touch used, unless the hand has let go since
     let_go_time: float = 0.2  # s without touch after which the hand has let go: sensors drop out for less
-    least_sigma_deg: float = 0.2  # to which an offset may come to be known, deg; of a joint that slides 1 deg is 1 mm
-    least_noise_share: float = 0.1  # of a contact's variance, that is of other things than the joints
-    chance: float = 1e-3  # with which residuals of what is known so far are as large; a rarer touch says nothing
+    least_sigma_deg: float = 0.2  # floor of an offset's standard deviation, deg; of a sliding joint 1 deg is 1 mm
+    least_noise_share: float = 0.1  # of a contact's variance that does not come from the joints
+    chance: float = 1e-3  # p-value of the residuals below which a touch is ignored
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range."""
@@ -47,12 +46,12 @@ class OffsetRefinementParams:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class JointOffsets:
-    """What is known of k offsets.
+    """The estimate of k encoder offsets.
 
     Attributes:
-        mean: what each encoder shows too much, shape (k,), rad.
+        mean: offsets that encoders show too much, shape (k,), rad.
         covariance: shape (k, k), rad^2.
-        touches: by how many they were found.
+        touches: number of touches used.
     """
 
     mean: FloatArray
@@ -61,7 +60,7 @@ class JointOffsets:
 
     @classmethod
     def of_sigma(cls, sigma: FloatArray) -> Self:
-        """Nothing found yet; standard deviations (k,), rad."""
+        """The prior with standard deviations (k,), rad."""
         return cls(np.zeros(len(sigma)), np.diag(np.square(sigma)))
 
     @property
@@ -78,16 +77,16 @@ def refine_offsets(
     X_PO: FloatArray,
     left: JointOffsets,
 ) -> JointOffsets:
-    """What is known of offsets after a touch; the same where it tells nothing.
+    """Updates the offsets with a touch; returns them unchanged if it carries no information.
 
     Args:
         model: the object.
         params: how much a touch counts.
-        contacts: n of them, as sure as they are told.
-        gains: what errors of a radian of each encoder move each contact's point by, and turn its normal by, in P, shape
-            (n, 6, k).
+        contacts: n of them, with their told uncertainty.
+        gains: derivatives of each contact's point and of a rotation of its normal, in P, by the encoders' errors, shape
+            (n, 6, k), per rad.
         X_PO: the best pose, shape (3, 4).
-        left: what is known of the offsets that are left in these contacts.
+        left: the estimate of the offsets that remain in these contacts.
     """
     n, n_PC = len(contacts), contacts.n_PC
     if n < _LEAST_CONTACTS or n_PC is None:
@@ -105,7 +104,7 @@ def refine_offsets(
 
 
 def _moves_of_the_object(points: FloatArray, X_PO: FloatArray) -> FloatArray:
-    """Increments (k, 6, 6) of the pose that move the object as contacts (k, 3) move and turn about their points."""
+    """Maps (k, 6, 6) from motions of contacts, displacements and rotations at points (k, 3), to pose increments."""
     moves = np.zeros((len(points), 6, 6))
     moves[:, :3, 3:] = X_PO[:, :3].T
     moves[:, 3:, :3] = np.eye(3)
@@ -116,7 +115,7 @@ def _moves_of_the_object(points: FloatArray, X_PO: FloatArray) -> FloatArray:
 def _update(
     params: OffsetRefinementParams, r: FloatArray, J: FloatArray, B: FloatArray, noise: FloatArray, left: JointOffsets
 ) -> JointOffsets:
-    """By residuals (m,) with the derivatives J by the pose and B by the offsets."""
+    """Kalman update by residuals (m,) with Jacobians J of the pose and B of the offsets; the pose is marginalised."""
     S = noise + (J * ANY_POSE**2) @ J.T + B @ left.covariance @ B.T
     weighed = np.linalg.solve(S, np.column_stack([r, B @ left.covariance]))
     if r @ weighed[:, 0] > chi_square_limit(len(r) - 6, params.chance):

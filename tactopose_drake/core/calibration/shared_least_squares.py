@@ -1,8 +1,8 @@
-"""Levenberg-Marquardt over one object pose a grasp and what all grasps share, by blocks.
+"""Levenberg-Marquardt over an object pose for each grasp and unknowns that all grasps share, by blocks.
 
 Each grasp's rows depend on its own pose and on the shared unknowns, so the poses are eliminated one by one (the Schur
-complement), and what remains is a dense system as large as the hand has errors. The shared unknowns are in units of
-their prior's standard deviations: the prior of each is a standard normal variable.
+complement), which leaves a dense system of the size of the shared unknowns. These are in units of their prior's
+standard deviations: the prior of each is standard normal.
 
 Source: [TMHF00] B. Triggs et al., Bundle adjustment - a modern synthesis, 2000, section 6.
 """
@@ -20,15 +20,15 @@ from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
 POSE_INFORMATION = np.diag(np.repeat([1.0 / np.pi**2, 1.0 / 0.1**2], 3))
-"""What is known of an object's pose beforehand: it is in the hand. Rotations rad, translations m."""
+"""Prior information on an object's pose: it is in the hand. Rotations rad, translations m."""
 _ITERATIONS = 60
 ENOUGH = 1e-6
-"""Relative change of the cost, at which a fit that is to be the last ends."""
+"""Relative change of the cost at which a final fit ends."""
 _MOST_DAMPING = 1e8
 
 
 class Knowledge(NamedTuple):
-    """What is known of the shared unknowns: a Gaussian.
+    """A Gaussian over the shared unknowns.
 
     Attributes:
         mean: shape (d,).
@@ -40,13 +40,13 @@ class Knowledge(NamedTuple):
 
 
 class SharedProblem(NamedTuple):
-    """What is to be explained.
+    """The data to fit.
 
     Attributes:
-        touch: the contacts of all grasps at a value of the shared unknowns, shape (d,).
+        touch: gives the contacts of all grasps for values of the shared unknowns, shape (d,).
         grids: of the object of each grasp.
-        readings: rows A of what was measured of the shared unknowns directly, shape (m, d), whitened.
-        measured: what they should come to, shape (m,).
+        readings: whitened rows A of direct measurements of the shared unknowns, shape (m, d).
+        measured: the measured values, shape (m,).
     """
 
     touch: Callable[[FloatArray], GraspContacts]
@@ -56,14 +56,14 @@ class SharedProblem(NamedTuple):
 
 
 class Linearization(NamedTuple):
-    """The problem about a point.
+    """The problem linearised at a point.
 
     Attributes:
         touches: the contacts there.
         rows: their residuals.
-        weights: of the contacts, shape (n,): 1 where one is what it claims to be, 0 where it counts for nothing.
-        grasp_weights: of the grasps alone, shape (g,).
-        cost: half the sum of all losses, of the prior and of what was measured directly.
+        weights: robust weights of the contacts, shape (n,), from 0 for outliers to 1 for inliers.
+        grasp_weights: robust weights of whole grasps, shape (g,).
+        cost: half the sum of all losses, of the prior and of the direct measurements.
     """
 
     touches: GraspContacts
@@ -74,15 +74,15 @@ class Linearization(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Where the iteration ended.
+    """The end of the iteration.
 
     Attributes:
         shared: the shared unknowns, shape (d,).
         X_PO: pose of the object in each grasp, shape (g, 3, 4).
         covariance: of the shared unknowns, shape (d, d).
-        leverage: how much of each contact's residuals its own noise explains away, shape (n, 4), 0 to 1.
-        at: the problem about the solution.
-        converged: whether the cost had stopped falling.
+        leverage: diagonal of the hat matrix, by contact and residual, shape (n, 4), 0 to 1.
+        at: the problem linearised at the solution.
+        converged: whether the cost had stopped decreasing.
     """
 
     shared: FloatArray
@@ -96,14 +96,14 @@ class Solution(NamedTuple):
 def solve_shared(
     problem: SharedProblem, shared: FloatArray, X_PO: FloatArray, noise: ContactSigmas, enough: float = ENOUGH
 ) -> Solution:
-    """Descends to the nearest minimum.
+    """Descends to a local minimum.
 
     Args:
-        problem: what is to be explained.
-        shared: where to begin, shape (d,).
-        X_PO: likewise of the poses, shape (g, 3, 4).
+        problem: the data to fit.
+        shared: start values of the shared unknowns, shape (d,).
+        X_PO: start poses, shape (g, 3, 4).
         noise: of the contacts.
-        enough: relative change of the cost, at which it ends.
+        enough: relative change of the cost at which it ends.
     """
     at, damping, converged = linearize(problem, shared, X_PO, noise), 1e-4, False
     for _ in range(_ITERATIONS):
@@ -130,7 +130,7 @@ def linearize(problem: SharedProblem, shared: FloatArray, X_PO: FloatArray, nois
     """The residuals, their weights and the cost."""
     touches = problem.touch(shared)
     rows = surface_rows(problem.grids, X_PO, touches, noise)
-    # A wrench that no contact explains costs as much as a contact that counts for nothing.
+    # A wrench that no contact explains costs as much as an outlier.
     square = np.where(touches.valid, np.sum(rows.residual**2, axis=1), 4.0 * CONTACT_LIMIT)
     count = len(problem.grids)
     of_grasp: FloatArray = np.asarray(
@@ -144,7 +144,7 @@ def linearize(problem: SharedProblem, shared: FloatArray, X_PO: FloatArray, nois
 
 
 def others(problem: SharedProblem, solution: Solution) -> list[Knowledge]:
-    """What all grasps but each one in turn say of the shared unknowns, as far as the problem is linear."""
+    """For each grasp, the estimate of the shared unknowns from all other grasps, as far as the problem is linear."""
     blocks, information = _Blocks(problem, solution.shared, solution.at), np.linalg.inv(solution.covariance)
     found = []
     for own, pull in zip(*blocks.by_grasp(), strict=True):
@@ -154,7 +154,7 @@ def others(problem: SharedProblem, solution: Solution) -> list[Knowledge]:
 
 
 class _Blocks:
-    """The normal equations, a block a grasp."""
+    """The normal equations, with a block for each grasp."""
 
     def __init__(self, problem: SharedProblem, shared: FloatArray, at: Linearization) -> None:
         count = len(problem.grids)
@@ -173,14 +173,14 @@ class _Blocks:
 
     @property
     def reduced(self) -> FloatArray:
-        """The information about the shared unknowns, the poses being unknown too."""
+        """The information about the shared unknowns with the poses eliminated."""
         information: FloatArray = self._shared - np.einsum(
             "gid,gie->de", self._cross, np.linalg.solve(self._own, self._cross)
         )
         return 0.5 * (information + information.T)
 
     def by_grasp(self) -> tuple[FloatArray, FloatArray]:
-        """Each grasp's information about what grasps share (g, d, d) and its pull on that (g, d), its pose unknown."""
+        """Each grasp's information (g, d, d) and gradient (g, d) for the shared unknowns, with its pose eliminated."""
         residual, _, by_shared, _ = self._at.rows
         w, grasp, count = self._at.weights, self._at.touches.grasp, len(self._own)
         whole = np.array([_information(by_shared[grasp == g], w[grasp == g]) for g in range(count)])
@@ -190,7 +190,7 @@ class _Blocks:
         return whole - left[:, :, :-1], pull - left[:, :, -1]
 
     def step(self, damping: float) -> tuple[FloatArray, FloatArray]:
-        """Of the shared unknowns (d,) and of the poses (g, 6)."""
+        """The step of the shared unknowns (d,) and of the poses (g, 6)."""
         own = self._own * (1.0 + damping * np.eye(6))
         reduced = self._shared + damping * np.diag(np.diag(self._shared))
         reduced = reduced - np.einsum("gid,gie->de", self._cross, np.linalg.solve(own, self._cross))
