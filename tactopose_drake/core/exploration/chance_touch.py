@@ -1,4 +1,4 @@
-"""The next touch by chance: what a choice by information is measured against."""
+"""A random next touch: the baseline for choices by information."""
 
 from collections.abc import Mapping
 
@@ -24,14 +24,15 @@ def choose_by_chance(
     others: Mapping[str, HandGeometry] | None = None,
     criterion: TouchCriterion = TouchCriterion(),
 ) -> NextTouch | None:
-    """Any motion that `choose_touch` allows and that meets the object at the most probable pose; None if none does.
+    """A random motion among those that `choose_touch` allows and that meet the object at the most probable pose, or
+    None.
 
     Args:
         model: the object.
         hold: the fingers that hold it.
         belief: of its pose.
-        moves: what each finger could do.
-        generator: decides.
+        moves: the possible motions of each finger.
+        generator: makes the choice.
         others: as for `choose_touch`.
         criterion: which modes are likely.
 

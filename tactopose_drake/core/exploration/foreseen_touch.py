@@ -1,11 +1,10 @@
-"""What the modes of a belief foresee of guarded motions, and how much the answers are expected to tell.
+"""Predictions of guarded motions by the modes of a belief, and the expected information of their outcomes.
 
-Each mode predicts what a guarded motion would feel: whether it meets the object, after which way, and with which
-normal. The prediction is spread as the mode is: the motion is made at the cubature points of the mode's Gaussian
-[AH09], and the sensor's noise is added. The information of a touch about the pose is the sum of two parts, by the chain
-rule: what it tells of which mode is true, bounded from below by how well the predictions can be told apart in pairs, by
-their Bhattacharyya coefficients [KT17]; and what it tells of where in each mode the pose is, by the Gaussian's update.
-No random numbers are needed.
+Each mode predicts the outcome of a guarded motion: whether it meets the object, after which distance, and with which
+normal. The prediction accounts for the mode's spread: the motion is evaluated at the cubature points of the mode's
+Gaussian [AH09], and the sensor's noise is added. By the chain rule, the information about the pose has two parts: that
+about which mode is true, bounded from below by the pairwise Bhattacharyya coefficients of the predictions [KT17]; and
+that about the pose within each mode, by the Gaussian's update. No random numbers are needed.
 
 Sources: [AH09] I. Arasaratnam and S. Haykin, Cubature Kalman filters, IEEE Trans. Automatic Control 54, 2009. [KT17] A.
 Kolchinsky and B. Tracey, Estimating mixture entropy with pairwise distances, Entropy 19, 2017.
@@ -25,18 +24,18 @@ from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
-_POINTS = 1 + 2 * 6  # of the cubature, the mode's mean among them
+_POINTS = 1 + 2 * 6  # number of cubature points, including the mode's mean
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TouchNoise:
-    """How exactly a touch is felt.
+    """The accuracy of a touch.
 
     Attributes:
         position: standard deviation of the contact along each axis, m.
-        normal: of a small rotation of the normal about each axis, rad; None where no normal is felt.
-        least_facing: cosine between normal and way, beyond which the way's error grows no further: surfaces that a
-            fingertip grazes are not felt exactly, but they are felt.
+        normal: standard deviation of a small rotation of the normal about each axis, rad; None if no normal is felt.
+        least_facing: cosine between normal and motion below which the distance's error grows no further: touches at
+            grazing incidence are inaccurate, but useful.
     """
 
     position: float = 0.0009
@@ -46,16 +45,16 @@ class TouchNoise:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Foreseen:
-    """What n modes foresee of m motions: the answer is the way and, where there is one, the normal; d numbers.
+    """Predictions of m motions by n modes: the outcome is the distance and, if felt, the normal; d numbers.
 
     Attributes:
-        hit: share of each mode's points where there is a touch, shape (n, m).
-        mean: of the answer of those, shape (n, m, d), m and 1.
-        covariance: with noise, shape (n, m, d, d).
+        hit: share of each mode's points with a touch, shape (n, m).
+        mean: of the outcome over these points, shape (n, m, d), m and 1.
+        covariance: of the outcome, including noise, shape (n, m, d, d).
         prior: covariance of each mode, shape (n, 6, 6), rad and m.
-        given_miss: that of its points without a touch, shape (n, m, 6, 6).
-        given_hit: that of its points with one, shape (n, m, 6, 6).
-        given_touch: that of those once the answer is known, shape (n, m, 6, 6).
+        given_miss: covariance of the mode's points without a touch, shape (n, m, 6, 6).
+        given_hit: covariance of its points with a touch, shape (n, m, 6, 6).
+        given_touch: covariance of the latter given the outcome, shape (n, m, 6, 6).
     """
 
     hit: FloatArray
@@ -68,13 +67,13 @@ class Foreseen:
 
     @property
     def chance(self) -> FloatArray:
-        """Probability of a touch, shape (n, m): what a mode does not foresee may happen all the same."""
+        """Probability of a touch, shape (n, m), smoothed: an outcome without such a point may still happen."""
         return (self.hit * _POINTS + 0.5) / (_POINTS + 1.0)
 
 
 def foresee(model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, noise: TouchNoise) -> Foreseen:
-    """What each mode foresees of each motion."""
-    # Rows; [AH09] eq. 23 without the mean, with which as many points have to be farther out for the same covariance.
+    """Predicts the outcome of each motion under each mode."""
+    # Rows; [AH09] eq. 23 with the mean added, so that the others lie farther out for the same covariance.
     spread = math.sqrt(0.5 * _POINTS) * np.swapaxes(belief.roots(), 1, 2)
     increments = np.concatenate([np.zeros((len(belief), 1, 6)), spread, -spread], axis=1)
     X_PO = retract(np.repeat(belief.X_PO, _POINTS, axis=0), increments.reshape(-1, 6))
@@ -89,7 +88,7 @@ def foresee(model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, no
     off = z - mean[:, None]
     covariance = np.einsum("nbm,nbmi,nbmj->nmij", share, off, off)
     covariance[..., 0, 0] += np.sum(share * np.square(noise.position / facing), axis=1)
-    # A mode without a touch foresees nothing; any numbers do.
+    # A mode without a touch predicts no outcome; any positive variance will do.
     covariance[..., 0, 0] += ~is_hit.any(axis=1)
     if noise.normal is not None:
         covariance[..., 1:, 1:] += noise.normal**2 * np.eye(3)
@@ -101,19 +100,19 @@ def foresee(model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, no
 
 
 def join(parts: Sequence[Foreseen]) -> Foreseen:
-    """What the modes of several beliefs foresee of the same motions, as those of one."""
+    """Concatenates the modes of several predictions of the same motions."""
     names = (field.name for field in dataclasses.fields(Foreseen))
     return Foreseen(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 def _shares(chosen: NDArray[np.bool_]) -> FloatArray:
-    """Equal weights of the points (n, b, m) that are chosen; zeros where none is."""
+    """Equal weights for the chosen ones of points (n, b, m); zeros if none is chosen."""
     share: FloatArray = chosen / np.maximum(chosen.sum(axis=1, keepdims=True), 1)
     return share
 
 
 def _scatter(increments: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Covariance (n, m, 6, 6) of points (n, b, 6) with weights (n, b, m), and the points about their mean."""
+    """Covariance (n, m, 6, 6) of points (n, b, 6) with weights (n, b, m), and the points minus their mean."""
     mean = np.einsum("nbm,nbi->nmi", share, increments)
     about = increments[:, :, None] - mean[:, None]
     covariance: FloatArray = np.einsum("nbm,nbmi,nbmj->nmij", share, about, about)
@@ -121,7 +120,7 @@ def _scatter(increments: FloatArray, share: FloatArray) -> tuple[FloatArray, Flo
 
 
 def told_of_mode(weights: FloatArray, foreseen: Foreseen) -> FloatArray:
-    """What the answers are expected to tell of which mode is true, at least, shape (m,), nats."""
+    """A lower bound on the expected information about which mode is true, shape (m,), nats."""
     overlap = _overlap(foreseen.mean, foreseen.covariance)  # (n, n, m)
     unknown = ~(foreseen.hit[:, None] * foreseen.hit[None] > 0.0)
     overlap = np.where(unknown, 1.0, overlap)
@@ -134,10 +133,10 @@ def told_of_mode(weights: FloatArray, foreseen: Foreseen) -> FloatArray:
 
 
 def told_within_modes(weights: FloatArray, foreseen: Foreseen, tolerance: Tolerance) -> FloatArray:
-    """What the answers are expected to tell of where in its mode the pose is, shape (m,), nats.
+    """The expected information about the pose within its mode, shape (m,), nats.
 
-    Whether there is a touch tells no more than its entropy; where it is, by how much the Gaussian shrinks. Of that
-    counts what is larger than the tolerance, as in `entropy`.
+    That of whether there is a touch is at most its entropy; that of the outcome is by how much the Gaussian shrinks.
+    Only uncertainty beyond the tolerance counts, as in `entropy`.
     """
     before = _resolved_entropy(foreseen.prior, tolerance)[:, None]
     miss, hit, touch = (
@@ -145,30 +144,30 @@ def told_within_modes(weights: FloatArray, foreseen: Foreseen, tolerance: Tolera
     )
     p = foreseen.chance
     by_hit = np.clip(before - p * hit - (1.0 - p) * miss, 0.0, -p * np.log(p) - (1.0 - p) * np.log(1.0 - p))
-    # All points agree: what is smoothed into the chance tells nothing.
+    # If all points agree, the smoothed probability must not create information.
     by_hit = np.where((foreseen.hit == 0.0) | (foreseen.hit == 1.0), 0.0, by_hit)
     told: FloatArray = weights @ (by_hit + foreseen.hit * np.maximum(hit - touch, 0.0))
     return told
 
 
 def entropy(belief: GaussianMixture, tolerance: Tolerance) -> float:
-    """What is still to be told of the pose, nats: which mode it is, and where in it.
+    """The entropy of the pose, nats, over the modes and within them, resolved to the tolerance.
 
-    Modes are taken to lie apart. A Gaussian's entropy is that of its sum with one as wide as the tolerance, beyond that
-    of the latter alone: about 0 where the mode is narrower.
+    Modes are assumed not to overlap. A Gaussian's entropy is that of its sum with one as wide as the tolerance, minus
+    that of the latter alone: about 0 if the mode is narrower.
     """
     return belief.entropy + float(belief.weights @ _resolved_entropy(belief.covariance, tolerance))
 
 
 def _resolved_entropy(covariance: FloatArray, tolerance: Tolerance) -> FloatArray:
-    """Of Gaussians (..., 6, 6), shape (...)."""
+    """Resolved entropy of Gaussians (..., 6, 6), shape (...)."""
     scaled = covariance / (tolerance.sigmas[:, None] * tolerance.sigmas)
     half: FloatArray = 0.5 * np.linalg.slogdet(np.eye(6) + scaled)[1]
     return half
 
 
 def _overlap(mean: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Bhattacharyya coefficients of Gaussians (n, m, d), (n, m, d, d) by pairs of modes, shape (n, n, m)."""
+    """Bhattacharyya coefficients of Gaussians (n, m, d), (n, m, d, d) for pairs of modes, shape (n, n, m)."""
     between = 0.5 * (covariance[:, None] + covariance[None])
     off = mean[:, None] - mean[None]
     square = np.einsum("abmi,abmi->abm", off, np.linalg.solve(between, off[..., None])[..., 0])

@@ -1,6 +1,6 @@
-"""The inner loops of guarded moves, in the style of `pose_kernels.py`: one loop over poses and motions.
+"""The compiled inner loops of guarded moves, over poses and motions.
 
-Poses are (B, 3, 4). A distance costs one gather of the first of the grid's four channels.
+Poses are (B, 3, 4). A distance reads only the first of the grid's four channels.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from tactopose_drake.core.kernels.grid_kernels import Grid, cell
 
 
 class Finger(NamedTuple):
-    """A finger along m motions of s places, in P; all arrays are read-only.
+    """A finger along m motions with s stops each, in P; all arrays are read-only.
 
     Attributes:
         tip: the fingertip's centre, shape (m, s, 3), m.
@@ -40,7 +40,7 @@ class Finger(NamedTuple):
 
 @kernel
 def _distance(grid: Grid, X: Floats2, p: Floats1) -> float:
-    """Of a point p (3,) in P from the object at pose X (3, 4); outside of the grid the way to it is added."""
+    """Distance of a point p (3,) in P from the object at pose X (3, 4); outside the grid, plus that from the grid."""
     values, origin, inverse_spacing = grid
     dx, dy, dz = p[0] - X[0, 3], p[1] - X[1, 3], p[2] - X[2, 3]
     x = X[0, 0] * dx + X[1, 0] * dy + X[2, 0] * dz
@@ -67,11 +67,11 @@ def first_hits(
     before: OutFloats2,
     after: OutFloats2,
 ) -> None:
-    """The first place of each motion's tip (m, s, 3) within a radius of the object, into place (B, m); else s.
+    """Finds the first stop of each motion's tip (m, s, 3) within a radius of the object: place (B, m), or s if none.
 
-    The gaps to the object there and at the place before it go to after and before (B, m), which stay as they are where
-    nothing is hit. The first place never counts: a motion that starts within the object and is still there at its
-    second place has hit at that.
+    The gaps to the object at that stop and at the one before are written to after and before (B, m), which are
+    unchanged if nothing is hit. The first stop never counts: a motion that starts inside the object and is still inside
+    at its second stop has its hit there.
     """
     places = tip.shape[1]
     for b in range(X.shape[0]):
@@ -92,10 +92,7 @@ def are_clear(
     X: Floats3,
     clear: OutFlags2,
 ) -> None:
-    """Whether the tip (m, s, 3) starts off the object, and no body sphere (m, s, b, 3) meets it before the tip does.
-
-    Goes to clear (B, m).
-    """
+    """Fills clear (B, m): the tip (m, s, 3) starts off the object, and no body sphere (m, s, b, 3) hits it first."""
     tip, tip_radius, body, body_radius = finger
     for b in range(X.shape[0]):
         for m in range(tip.shape[0]):
@@ -121,9 +118,9 @@ def stay_apart(
     end: Longs1,
     apart: OutFlags1,
 ) -> None:
-    """Whether each motion's spheres, tip (m, s, 3) and body (m, s, b, 3), keep off others, p (h, 3).
+    """Whether each motion's spheres, tip (m, s, 3) and body (m, s, b, 3), avoid other spheres p (h, 3).
 
-    Places after `end` (m,) do not count, nor do pairs that meet where the motion starts: they are joined there.
+    Stops after `end` (m,) do not count, nor do pairs that overlap where the motion starts, as these are joined.
     """
     tip, tip_radius, body, body_radius = finger
     spheres = body.shape[2]

@@ -1,4 +1,4 @@
-"""Motions of a fingertip that end where it meets the object, and what they would feel there."""
+"""Guarded motions of a fingertip, which end where it meets the object, and their outcomes."""
 
 import dataclasses
 from typing import NamedTuple, Self
@@ -18,10 +18,10 @@ from tactopose_drake.errors import InvalidInputError
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class GuardedMoves:
-    """Motions of one finger, m of them, in the palm frame, each as s places that it passes in turn.
+    """Guarded motions of one finger, m of them, in the palm frame, each as a sequence of s stops.
 
     Attributes:
-        tip: centres of the fingertip's round end, shape (m, s, 3), m; no farther apart than the object is thin.
+        tip: centres of the fingertip's round end, shape (m, s, 3), m; spaced less than the object's thickness.
         radius: of the round end, m; 0 for a needle.
         body: centres of spheres that fill the rest of the finger, shape (m, s, b, 3), m.
         body_radius: their radii, shape (b,), m.
@@ -50,7 +50,7 @@ class GuardedMoves:
 
     @property
     def _finger(self) -> guarded_kernels.Finger:
-        """The motions as kernels read them."""
+        """The motions in the form that kernels read."""
         return guarded_kernels.Finger(
             read_only(self.tip), self.radius, read_only(self.body), read_only(self.body_radius)
         )
@@ -62,11 +62,11 @@ class GuardedMoves:
         """Straight motions of a fingertip alone.
 
         Args:
-            start: where its centre starts, shape (m, 3), m.
+            start: start of its centre, shape (m, 3), m.
             direction: unit vectors, shape (m, 3).
-            length: of the way, m.
+            length: of the motion, m.
             radius: of the fingertip, m; 0 for a ray.
-            step: between the places along the way, m.
+            step: largest distance between stops, m.
         """
         start = finite_array("start", start, (None, 3))
         direction = unit_vectors("direction", direction, (len(start), 3))
@@ -76,13 +76,13 @@ class GuardedMoves:
 
     @classmethod
     def of_finger(cls, finger: FingerGeometry, q_start: FloatArray, q_goal: FloatArray, places: int = 40) -> Self:
-        """Motions of a finger, straight in its joints.
+        """Motions of a finger that are straight in joint space.
 
         Args:
             finger: the finger.
-            q_start: joint positions to start from, shape (n,) or (m, n), rad.
-            q_goal: joint positions to go to, shape (m, n), rad.
-            places: along each.
+            q_start: start joint positions, shape (n,) or (m, n), rad.
+            q_goal: goal joint positions, shape (m, n), rad.
+            places: number of stops of each.
         """
         share = np.linspace(0.0, 1.0, places)[:, None]
         q = np.broadcast_to(q_start, q_goal.shape)[:, None] * (1.0 - share) + share * q_goal[:, None]
@@ -96,11 +96,11 @@ class GuardedMoves:
         )
 
     def take(self, index: NDArray[np.intp]) -> Self:
-        """Some of them."""
+        """A subset of the motions."""
         return dataclasses.replace(self, tip=self.tip[index], body=self.body[index])
 
     def feel(self, model: ObjectModel, X_PO: FloatArray) -> "Felt":
-        """What each motion meets, for each of B poses (B, 3, 4) of the object."""
+        """The outcome of each motion for each of B poses (B, 3, 4) of the object."""
         grid, places = model.grid, self.tip.shape[1]
         place, before, after = np.empty((len(X_PO), len(self)), dtype=np.intp), *np.ones((2, len(X_PO), len(self)))
         guarded_kernels.first_hits(grid.nodes, self.tip, self.radius, X_PO, place, before, after)
@@ -123,9 +123,10 @@ class GuardedMoves:
         )
 
     def stay_apart(self, others: HandGeometry, model: ObjectModel, X_PO: FloatArray) -> NDArray[np.bool_]:
-        """Which motions keep the finger off the rest of the hand until they end, at the last of poses (B, 3, 4), (m,).
+        """Which motions keep the finger off the rest of the hand, shape (m,), up to the latest hit over poses (B, 3,
+        4).
 
-        Parts that overlap the rest of the hand where a motion starts are joined to it there.
+        Parts that overlap the rest of the hand where a motion starts are ignored, as they are joined to it.
         """
         grid, places = model.grid, self.tip.shape[1]
         place, gaps = np.empty((len(X_PO), len(self)), dtype=np.intp), np.empty((2, len(X_PO), len(self)))
@@ -135,9 +136,9 @@ class GuardedMoves:
         return apart
 
     def are_clear(self, model: ObjectModel, X_PO: FloatArray) -> NDArray[np.bool_]:
-        """Which motions start off the object and bring nothing but the fingertip to it, shape (B, m), at (B, 3, 4).
+        """Whether each motion starts off the object and meets it with the fingertip first, shape (B, m), at (B, 3, 4).
 
-        What comes after the fingertip's contact does not count: the motion has ended there.
+        What follows the fingertip's contact does not count, as the motion ends there.
         """
         grid, clear = model.grid, np.empty((len(X_PO), len(self)), dtype=np.bool_)
         guarded_kernels.are_clear(
@@ -150,14 +151,14 @@ class GuardedMoves:
 
 
 class Felt(NamedTuple):
-    """What m motions meet at B poses.
+    """The outcomes of m motions at B poses.
 
     Attributes:
-        is_hit: whether they meet the object, shape (B, m); the rest counts only then.
-        way: that the fingertip's centre has gone, shape (B, m), m.
+        is_hit: whether they meet the object, shape (B, m); the other fields are valid only then.
+        way: distance travelled by the fingertip's centre, shape (B, m), m.
         p_PC: the points of contact, shape (B, m, 3), m.
         n_PC: outward normals of the object there, shape (B, m, 3).
-        facing: cosine between the fingertip's heading and the inward normal, shape (B, m).
+        facing: cosine between the fingertip's direction of motion and the inward normal, shape (B, m).
     """
 
     is_hit: NDArray[np.bool_]

@@ -1,8 +1,8 @@
-"""Which touch to make next: the one that tells most about where the object is, or about which object it is.
+"""The choice of the next touch: the one with the most expected information about the object's pose, or its identity.
 
-Where it is: the expected information about the pose, of which mode is true and of where in it, beyond a tolerance (see
-`foreseen_touch.py`). One wide mode leaves as much to be told as several narrow ones. Which it is: the information about
-the object's name alone.
+For the pose, it is the information about which mode is true and about the pose within it, beyond a tolerance (see
+`foreseen_touch.py`); so one wide mode may leave as much uncertainty as several narrow ones. For the identity, it is the
+information about the object's name alone.
 
 Source: [B16] J. Bimbo, thesis, 2016, sections 6.2.1 and 6.3.
 """
@@ -36,13 +36,13 @@ from tactopose_drake.errors import InvalidInputError
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TouchCriterion:
-    """What a touch is chosen by.
+    """The criterion by which a touch is chosen.
 
     Attributes:
-        tolerance: within which poses are one and the same.
+        tolerance: within which poses count as the same.
         noise: of a touch.
-        likely: probability from which on a mode must be left stable and uncollided; where it is open which object is
-            held, that it is this object in this mode.
+        likely: probability from which on the grasp must stay stable and collision-free in a mode; if the object's
+            identity is uncertain, the joint probability of object and mode.
     """
 
     tolerance: Tolerance = Tolerance()
@@ -52,11 +52,11 @@ class TouchCriterion:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Hold:
-    """What holds the object.
+    """The grasp that holds the object.
 
     Attributes:
         contacts: k of them, in the palm frame.
-        fingers: the names of those that make them, k of them.
+        fingers: names of the fingers that make them, k of them.
         friction: coefficient of friction.
 
     Raises:
@@ -74,7 +74,7 @@ class Hold:
             )
 
     def is_stable_without(self, finger: str, model: ObjectModel, X_PO: FloatArray) -> bool:
-        """Whether the others keep force closure at each of the poses (n, 3, 4); a finger that holds nothing may go."""
+        """Whether the others keep force closure at each of the poses (n, 3, 4); true for a finger without contact."""
         kept = np.array([name != finger for name in self.fingers], dtype=np.bool_)
         rest = self.contacts[kept]
         return bool(kept.all()) or all(
@@ -84,15 +84,15 @@ class Hold:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class NextTouch:
-    """The best motion that is allowed.
+    """The best of the allowed motions.
 
     Attributes:
         finger: that makes it.
-        move: which of the finger's motions.
-        information: by how much it is expected to reduce the entropy, at least between modes, nats.
-        entropy: of what is asked before it, nats.
-        allowed: for each finger which motions keep the grasp and touch with the fingertip alone, shape (m,).
-        value: for each finger the information of each motion, shape (m,), nats.
+        move: index of the finger's motion.
+        information: expected reduction of the entropy, at least between modes, nats.
+        entropy: before the touch, nats.
+        allowed: for each finger, which motions keep the grasp and touch with the fingertip alone, shape (m,).
+        value: for each finger, the information of each motion, shape (m,), nats.
     """
 
     finger: str
@@ -104,7 +104,7 @@ class NextTouch:
 
     @property
     def expected_entropy(self) -> float:
-        """After the touch, nats."""
+        """The expected entropy after the touch, nats."""
         return self.entropy - self.information
 
 
@@ -114,8 +114,8 @@ class Candidate:
 
     Attributes:
         model: the object.
-        belief: of its pose, if it is this one.
-        probability: that it is.
+        belief: of its pose, given that it is this one.
+        probability: that it is this one.
     """
 
     model: ObjectModel
@@ -132,7 +132,7 @@ def choose_touch(
     others: Mapping[str, HandGeometry] | None = None,
     criterion: TouchCriterion = TouchCriterion(),
 ) -> NextTouch | None:
-    """The motion that tells most of the pose, of those that are allowed; None if none is.
+    """Chooses the allowed motion with the most information about the pose; None if no motion is allowed.
 
     A finger that holds the object may leave it only if the others keep force closure at every likely mode.
 
@@ -140,9 +140,9 @@ def choose_touch(
         model: the object.
         hold: the fingers that hold it.
         belief: of the object's pose; `PoseEstimate.modes`, or `PoseBelief.mixture`.
-        moves: what each finger could do.
-        others: for each finger the rest of the hand, which it must not meet; None to leave that to the caller.
-        criterion: what touches are chosen by.
+        moves: the possible motions of each finger.
+        others: for each finger the rest of the hand, which it must not hit; None to leave that to the caller.
+        criterion: how touches are chosen.
 
     Raises:
         InvalidInputError: a belief without a mode.
@@ -162,16 +162,16 @@ def choose_telling_touch(
     others: Mapping[str, HandGeometry] | None = None,
     criterion: TouchCriterion = TouchCriterion(),
 ) -> NextTouch | None:
-    """The motion that tells most of which object it is, of those that are allowed; None if none is.
+    """Chooses the allowed motion with the most information about which object it is; None if no motion is allowed.
 
-    It is allowed where it is at each likely mode of each candidate; entropy and information are the name's.
+    It must be allowed at each likely mode of each candidate; entropy and information are those of the name.
 
     Args:
         candidates: the objects that it may be; their probabilities need not sum to 1.
         hold: the fingers that hold it.
-        moves: what each finger could do.
+        moves: the possible motions of each finger.
         others: as for `choose_touch`.
-        criterion: what touches are chosen by.
+        criterion: how touches are chosen.
 
     Raises:
         InvalidInputError: no candidate, probabilities that are negative or all 0, or a belief without a mode.
@@ -226,7 +226,7 @@ def allowed_moves(
     others: Mapping[str, HandGeometry] | None,
     criterion: TouchCriterion,
 ) -> dict[str, NDArray[np.bool_]]:
-    """For each finger which of its motions are allowed, see `is_allowed`; arguments as of `choose_touch`."""
+    """For each finger, which of its motions are allowed, see `is_allowed`; for the arguments see `choose_touch`."""
     rest = dict.fromkeys(moves) if others is None else others
     return {
         finger: is_allowed(model, hold, belief, finger, options, others=rest[finger], likely=criterion.likely)
@@ -246,7 +246,7 @@ def is_allowed(
 ) -> NDArray[np.bool_]:
     """Which motions of a finger leave a stable grasp and touch with the fingertip alone, at all likely modes, (m,).
 
-    With the rest of the hand given, the finger must not meet `others` either before its motion ends.
+    If `others`, the rest of the hand, is given, the finger must not hit that before its motion ends either.
     """
     belief = checked_mixture("belief", belief)
     X_likely = belief.X_PO[belief.likely(likely)]
@@ -261,7 +261,7 @@ def is_allowed(
 def information(
     model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, criterion: TouchCriterion = TouchCriterion()
 ) -> FloatArray:
-    """By how much each motion is expected to reduce the entropy of the pose, shape (m,), nats."""
+    """Expected reduction of the pose's entropy by each motion, shape (m,), nats."""
     foreseen = foresee(model, belief, moves, criterion.noise)
     return told_of_mode(belief.weights, foreseen) + told_within_modes(belief.weights, foreseen, criterion.tolerance)
 
@@ -269,10 +269,10 @@ def information(
 def name_information(
     candidates: Sequence[Candidate], moves: GuardedMoves, criterion: TouchCriterion = TouchCriterion()
 ) -> FloatArray:
-    """By how much each motion is expected to reduce the entropy of which candidate it is, shape (m,), nats.
+    """Expected reduction by each motion of the entropy of which candidate it is, shape (m,), nats.
 
-    By the chain rule what the answer tells of candidate and mode, less what it tells of the mode of each candidate; of
-    bounds on these two the difference is no bound itself.
+    By the chain rule, this is the information about candidate and mode minus that about the mode given the candidate.
+    As a difference of two lower bounds it is itself no bound.
     """
     parts = [foresee(each.model, each.belief, moves, criterion.noise) for each in candidates]
     shares = [each.probability * each.belief.weights for each in candidates]

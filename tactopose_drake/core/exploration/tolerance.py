@@ -1,4 +1,4 @@
-"""Which poses are one and the same for a task, and how much of a belief lies about one of them."""
+"""When poses count as the same for a task, and how much of a belief lies about one of them."""
 
 import dataclasses
 import math
@@ -15,18 +15,18 @@ from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
-# Of a Gaussian in three dimensions 95 % lies within so many standard deviations: the root of chi-square's quantile.
+# A Gaussian in three dimensions lies within so many standard deviations with probability 95 % (root of chi-square).
 _SIGMAS = 2.795
-_LEAST_WEIGHT = 0.01  # of a mode that is left in, beside the likeliest
-_SAMPLES = 1000  # poses that stand for a belief
+_LEAST_WEIGHT = 0.01  # of a mode that is kept besides the likeliest
+_SAMPLES = 1000  # number of poses drawn from a belief
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Tolerance:
-    """How near to each other poses are one and the same.
+    """How close poses must be to count as the same.
 
     Attributes:
-        translation: between the objects' origins, m; between their middles, where these are far from the origins.
+        translation: between the objects' origins, m; between their middles, if these are far from the origins.
         rotation: between their orientations, rad.
 
     Raises:
@@ -41,17 +41,17 @@ class Tolerance:
 
     @property
     def sigmas(self) -> FloatArray:
-        """Standard deviations of the increments (w, v) of a pose that is within it at 95 %, shape (6,), rad and m."""
+        """Standard deviations of increments (w, v) of which 95 % are within it, shape (6,), rad and m."""
         return np.repeat([self.rotation, self.translation], 3) / _SIGMAS
 
 
 class Twins(NamedTuple):
-    """Of n poses the ones that look as they do and are nearest to a reference.
+    """For n poses, their symmetric images nearest to a reference.
 
     Attributes:
         X_PO: shape (n, 3, 4).
         increments: from the reference to them, shape (n, 6), rad and m.
-        same: whether they are one with the reference, within a tolerance, shape (n,).
+        same: whether they equal the reference within a tolerance, shape (n,).
     """
 
     X_PO: FloatArray
@@ -60,7 +60,7 @@ class Twins(NamedTuple):
 
 
 def nearest_twins(model: ObjectModel, X_PO: FloatArray, X_reference: FloatArray, tolerance: Tolerance) -> Twins:
-    """Of poses (n, 3, 4) the symmetric twins that are nearest to another one (3, 4)."""
+    """For each pose (n, 3, 4), the symmetric image nearest to another pose (3, 4)."""
     if has_far_origin(model):
         p_OC = model.middle
         X_PC, X_near = move_origin(X_PO, p_OC), move_origin(X_reference, p_OC)
@@ -78,12 +78,12 @@ def nearest_twins(model: ObjectModel, X_PO: FloatArray, X_reference: FloatArray,
 
 
 def merged_modes(model: ObjectModel, belief: GaussianMixture, tolerance: Tolerance = Tolerance()) -> GaussianMixture:
-    """The belief with modes that are one and the same made one, by falling weight, without those of next to none.
+    """Merges modes that are the same within a tolerance, sorts them by weight, and drops negligible ones.
 
     Args:
-        model: the object, whose symmetric twins are the same.
+        model: the object, whose symmetric images are the same.
         belief: of its pose.
-        tolerance: how near to each other poses are the same.
+        tolerance: how close poses must be to count as the same.
 
     Raises:
         InvalidInputError: a belief without a mode.
@@ -111,14 +111,14 @@ def merged_modes(model: ObjectModel, belief: GaussianMixture, tolerance: Toleran
 
 
 def resolved_share(model: ObjectModel, belief: GaussianMixture, tolerance: Tolerance = Tolerance()) -> float:
-    """The probability that the object is within the tolerance of the pose that most of the belief lies about.
+    """The probability that the object is within the tolerance of the pose about which most of the belief lies.
 
-    Unlike the largest mode's weight, it is small where that mode is wide. It is that of poses drawn from the belief.
+    Unlike the largest mode's weight, it is small if that mode is wide. It is computed from poses drawn from the belief.
 
     Args:
-        model: the object, whose symmetric twins are the same.
+        model: the object, whose symmetric images are the same.
         belief: of its pose.
-        tolerance: how near.
+        tolerance: how close poses must be.
 
     Raises:
         InvalidInputError: a belief without a mode.
