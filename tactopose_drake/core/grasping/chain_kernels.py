@@ -1,4 +1,4 @@
-"""The inner loops of forward kinematics: one loop over joint positions, joint by joint, and sphere by sphere."""
+"""The compiled inner loops of forward kinematics, over joint positions, joints and spheres."""
 
 from typing import NamedTuple
 
@@ -11,13 +11,13 @@ from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
 
 
 class Joints(NamedTuple):
-    """What is fixed of k joints in a row; all arrays are read-only.
+    """The constants of k joints in a row; all arrays are read-only.
 
     Attributes:
         X_parent: pose of each joint's frame in the body before it, shape (k, 3, 4), m.
         axis: unit axis of each in its frame, shape (k, 3).
         X_child: pose of the body behind each in the frame that it moves, shape (k, 3, 4), m.
-        slides: 1 for a joint that slides along its axis, 0 for one that turns about it, shape (k,).
+        slides: 1 for a prismatic joint, 0 for a revolute one, shape (k,).
     """
 
     X_parent: Floats3
@@ -28,7 +28,7 @@ class Joints(NamedTuple):
 
 @kernel
 def sweep(joints: Joints, positions: Floats2, X_PB: OutFloats4, axis_P: OutFloats3, p_PJ: OutFloats3) -> None:
-    """For positions (B, k) the bodies' poses (B, k, 3, 4), and the joints' axes and origins (B, k, 3), all in P."""
+    """Fills, for positions (B, k), the bodies' poses (B, k, 3, 4), and the joints' axes and origins (B, k, 3), in P."""
     joint, moved, increment = np.empty((3, 4)), np.empty((3, 4)), np.empty(6)
     for b in range(positions.shape[0]):
         for i in range(positions.shape[1]):
@@ -50,7 +50,7 @@ def sweep(joints: Joints, positions: Floats2, X_PB: OutFloats4, axis_P: OutFloat
 
 @kernel
 def place_points(X_PB: Floats4, body: Longs1, p_BH: Floats2, p_PH: OutFloats3) -> None:
-    """Points (s, 3), each fixed on one of k bodies at poses (B, k, 3, 4), in P, shape (B, s, 3)."""
+    """Transforms points (s, 3), each fixed on one of k bodies at poses (B, k, 3, 4), to P, shape (B, s, 3)."""
     for b in range(X_PB.shape[0]):
         for s in range(len(body)):
             X, x, y, z = X_PB[b, body[s]], p_BH[s, 0], p_BH[s, 1], p_BH[s, 2]

@@ -1,4 +1,4 @@
-"""What grasp planning knows of one finger: its kinematics, and its shape as spheres with a round end."""
+"""A finger as grasp planning sees it: its kinematics, and its shape as spheres with a round end."""
 
 from dataclasses import dataclass, field
 
@@ -20,13 +20,13 @@ class FingerGeometry:
         chain: kinematics from palm to sensor.
         p_ST: centre of the fingertip's round end in the sensor's frame, shape (3,), m.
         tip_radius: m.
-        body: which body of the chain each sphere is fixed on, shape (s,).
+        body: index of the body of the chain that each sphere is fixed on, shape (s,).
         p_BH: centres of spheres that fill the finger without its tip, in their bodies, shape (s, 3), m.
         radius: their radii, shape (s,), m.
-        p_SR: root of the fingertip's axis, which ends in p_ST, in the sensor's frame, shape (3,), m; p_ST itself where
-            the fingertip has no axis and may touch with any of its sides.
-        p_SL: where in the sensor's frame the fingertip's straight part begins, which is as thick as the round end and
-            leads to it, shape (3,), m; None where the fingertip is its round end alone.
+        p_SR: root of the fingertip's axis, which ends in p_ST, in the sensor's frame, shape (3,), m; p_ST itself if the
+            fingertip has no axis and may touch on any side.
+        p_SL: start of the fingertip's straight part in the sensor's frame, which is as thick as the round end and leads
+            to it, shape (3,), m; None if the fingertip is its round end alone.
     """
 
     chain: SerialChain
@@ -54,7 +54,7 @@ class FingerGeometry:
         return self._spheres_on(self.chain.body_poses(q))
 
     def axis(self, q: FloatArray) -> FloatArray:
-        """Points in P on the finger's axis from its last two joints to the round end's centre, (B, 4, 3) or less."""
+        """Points in P on the finger's axis from its last two joints to the round end's centre, at most (B, 4, 3)."""
         X_PB, X_PS = self.chain.all_poses(q)
         ends = [self._on_axis(X_PS, height)[:, None] for height in (0.0, 1.0)]
         return np.concatenate([X_PB[:, -2:, :, 3], *ends], axis=1)
@@ -64,20 +64,20 @@ class FingerGeometry:
         return self._on_axis(self.chain.sensor_poses(q), height)
 
     def along_straight_part(self, places: int) -> FloatArray:
-        """Points in S on the axis of the straight part, its beginning first, the round end left out, shape (p, 3)."""
+        """Points in S on the axis of the straight part, from its start to before the round end, shape (p, 3)."""
         if self.p_SL is None:
             return np.zeros((0, 3))
         share = np.linspace(0.0, 1.0, places, endpoint=False)[:, None]
         return self.p_SL + share * (self.p_ST - self.p_SL)
 
     def fixed_points(self, q: FloatArray, p_SQ: FloatArray) -> FloatArray:
-        """Points p_SQ (p, 3) in P for positions q (B, m), shape (B, p, 3), m."""
+        """Transforms points p_SQ (p, 3) to P for positions q (B, m), shape (B, p, 3), m."""
         X_PS = self.chain.sensor_poses(q)
         points: FloatArray = np.einsum("bij,pj->bpi", X_PS[..., :3], p_SQ) + X_PS[:, None, :, 3]
         return points
 
     def all_spheres(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Centres (B, s, 3) in P and radii (s,) of the finger with its tip, from the root of its axis on, m."""
+        """Centres (B, s, 3) in P and radii (s,), m, of the finger with its tip, from the root of its axis on."""
         X_PB, X_PS = self.chain.all_poses(q)
         ends = [self._on_axis(X_PS, height)[:, None] for height in (0.0, 1.0)]
         return np.concatenate([self._spheres_on(X_PB), *ends], axis=1), np.append(self.radius, [self.tip_radius] * 2)
@@ -89,6 +89,6 @@ class FingerGeometry:
         return centres
 
     def _on_axis(self, X_PS: FloatArray, height: float) -> FloatArray:
-        """As `tip`, of sensors at poses (B, 3, 4)."""
+        """The same as `tip`, for sensors at poses (B, 3, 4)."""
         p_SQ = self.p_SR + height * (self.p_ST - self.p_SR)
         return poses.transform_points(X_PS, p_SQ[None])[:, 0]

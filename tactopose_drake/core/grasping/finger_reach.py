@@ -1,4 +1,4 @@
-"""Where one finger can touch an object that is in a given pose in the palm."""
+"""Where a finger can touch an object at a given pose in the palm."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -15,34 +15,36 @@ from tactopose_drake.core.poses import axes_across
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
-# The cosine between a finger's axis and the direction to the contact that is best: at the fingertip's shoulder.
+# The best cosine between a finger's axis and the direction to the contact: at the fingertip's shoulder.
 _BEST_FACING = 0.6
-_PLACES = 3  # along a fingertip's straight part at which it may touch
-_WAITING = 300  # samples of the workspace that are looked at for where a finger may wait
+_PLACES = 3  # number of places along a fingertip's straight part at which it may touch
+_WAITING = 300  # number of samples of the workspace that are candidates for waiting
 _BEHIND = 0.1  # cosine by which a touch of the straight part may face backwards
-_DEEPER = 0.0004  # by which the rest of a fingertip may be deeper than where it is planned to touch, m
+_DEEPER = 0.0004  # by which the rest of a fingertip may be deeper in the object than its planned contact, m
 
 
 @dataclass(kw_only=True, slots=True)
 class ReachParams:
     """What counts as a clean touch."""
 
-    stiffness: float = 5.0  # of each joint under the grasp controller, N m/rad; a radian is 5 cm of a sliding joint
+    stiffness: float = 5.0  # of each joint under the grasp controller, N m/rad; 1 rad is 5 cm of a sliding joint
     lift: float = 0.015  # distance of the open fingertip from the object, m
     clearance: float = 0.002  # least distance of the rest of the finger from the object, m
-    least_alignment: float = 0.75  # cosine between the normal and the way the closing fingertip goes
+    least_alignment: float = 0.75  # cosine between the normal and the motion of the closing fingertip
     least_facing: float = 0.12  # cosine between the finger's axis and the direction to the contact: 0 at its side
     most_facing: float = 0.97  # 1 at its very end
-    limit_margin: float = 0.03  # distance from the joint limits in contact, rad; a radian is 5 cm of a sliding joint
-    steps: int = 4  # of the search for exact contact
+    limit_margin: float = 0.03  # distance from the joint limits in contact, rad; 1 rad is 5 cm of a sliding joint
+    steps: int = 4  # Newton steps of the search for exact contact
     contact_tolerance: float = 1e-4  # distance of the fingertip from the surface after them, m
-    approach_stops: int = 3  # on the way from closed to open, both included, at which the finger must be clear
-    # What a touch's surroundings must be like: a little further out, m, the distance grows by so much of the way.
+    approach_stops: int = 3  # between closed and open, both included, at which the finger must be clear
+    # The surroundings of a touch: at `outwards`, m, along the normal, the distance grows by `least_openness` of that;
+    # by less if the fingertip sits in a corner and touches two places.
     outwards: float = 0.003
-    least_openness: float = 0.8  # share of the way: less is where the fingertip sits in a corner and touches two places
-    # A little to the side, the normal turns less than this: it turns more on an edge rounded by less than 4 mm.
-    sideways: float = 0.002  # m
-    most_turn: float = 0.5  # rad
+    least_openness: float = 0.8
+    # At `sideways`, m, across the normal, the normal turns less than `most_turn`, rad; more on an edge rounded by less
+    # than 4 mm.
+    sideways: float = 0.002
+    most_turn: float = 0.5
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is not positive."""
@@ -56,8 +58,8 @@ class _Place:
     Attributes:
         p_SK: its centre in the sensor's frame, shape (3,), m.
         p_PK: the centre for each sample of the workspace, shape (n, 3), m.
-        compliance: how far it gives way to forces there, shape (n, 3, 3), m/N.
-        is_end: whether it is the round end, and not on the straight part.
+        compliance: of the centre, shape (n, 3, 3), m/N.
+        is_end: whether it is the round end, rather than on the straight part.
     """
 
     p_SK: FloatArray
@@ -67,7 +69,7 @@ class _Place:
 
 
 class FingerReach:
-    """Samples of a finger's workspace, made once; asked for touches on any object in any pose."""
+    """Samples of a finger's workspace, made once, from which touches on any object in any pose are found."""
 
     def __init__(
         self, geometry: FingerGeometry, params: ReachParams, generator: np.random.Generator, samples: int = 3000
@@ -76,9 +78,9 @@ class FingerReach:
 
         Args:
             geometry: the finger.
-            params: see there.
+            params: what counts as a clean touch.
             generator: source of the samples.
-            samples: how many joint positions.
+            samples: number of joint positions.
         """
         chain = geometry.chain
         self.geometry, self._params, self._arms = geometry, params, chain.arms
@@ -90,17 +92,17 @@ class FingerReach:
 
     @property
     def reached(self) -> FloatArray:
-        """Samples of where the fingertip's round end can be, in P, shape (samples, 3), m."""
+        """Samples of the position of the fingertip's round end in P, shape (samples, 3), m."""
         return self._end.p_PK
 
     @property
     def compliance(self) -> FloatArray:
-        """How far the round end gives way to forces at each of these samples, shape (samples, 3, 3), m/N."""
+        """Compliance of the round end at each of these samples, shape (samples, 3, 3), m/N."""
         return self._end.compliance
 
     @property
     def axis(self) -> FloatArray | None:
-        """The fingertip's axis at each of these samples, shape (samples, 3); None where it has none."""
+        """The fingertip's axis at each of these samples, shape (samples, 3); None if it has none."""
         return self._axis if self.geometry.has_axis else None
 
     @cached_property
@@ -121,15 +123,15 @@ class FingerReach:
         *,
         with_sides: bool = False,
     ) -> FingerTouches:
-        """Up to `count` touches, by rising cost.
+        """Finds up to `count` touches, in ascending order of cost.
 
         Args:
             grid: the object's signed distance.
             X_PO: the object's pose, shape (3, 4).
             generator: chooses among the samples near the surface.
             count: the largest number wanted.
-            refused: what is wrong with the touches that are not taken is counted there.
-            with_sides: whether the fingertip may also touch with its straight part, not with its round end alone.
+            refused: counts the reasons for which touches were rejected.
+            with_sides: whether the fingertip may also touch with its straight part, besides its round end.
         """
         places = [self._end, *self._straight_part] if with_sides else [self._end]
         found = [self._touches_at(place, grid, X_PO, generator, 6 * count, refused) for place in places]
@@ -137,7 +139,7 @@ class FingerReach:
         return touches.take(np.argsort(touches.cost, kind="stable")[:count])
 
     def waiting(self, grid: DistanceGrid, X_PO: FloatArray, clearance: float) -> FloatArray:
-        """Joint positions at which all of the finger is off the object, farthest first, shape (n, m), rad or m.
+        """Joint positions at which the whole finger is off the object, farthest first, shape (n, m), rad or m.
 
         Args:
             grid: the object's signed distance.
@@ -160,7 +162,7 @@ class FingerReach:
         most: int,
         refused: Counter[str] | None,
     ) -> FingerTouches:
-        """Touches with one place of the fingertip, of so many samples at the most."""
+        """Touches with one place of the fingertip, from at most `most` samples."""
         params, radius = self._params, self.geometry.tip_radius
         reaches = np.abs(_gap(grid, X_PO, place.p_PK) - radius) < 0.006
         near = _that_pass({"the fingertip does not reach the surface": reaches}, refused)
@@ -176,13 +178,13 @@ class FingerReach:
         return self._refine(place, grid, X_PO, self._q[index], refused)
 
     def _compliances(self, J: FloatArray) -> FloatArray:
-        """How far the fingertip gives way to forces, shape (n, 3, 3), m/N, from its Jacobians (n, 3, m)."""
+        """Compliances of the fingertip, shape (n, 3, 3), m/N, from its Jacobians (n, 3, m)."""
         weighted = J * self._arms
         compliance: FloatArray = weighted @ np.swapaxes(weighted, 1, 2) / self._params.stiffness
         return compliance
 
     def _onto_surface(self, place: _Place, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray) -> FloatArray:
-        """The joint positions (n, m), moved so that the place is on the surface where it can be."""
+        """Newton steps of joint positions (n, m) that put the place on the surface, within the joint limits."""
         geometry = self.geometry
         for _ in range(self._params.steps):
             p_PT, J = geometry.chain.point_jacobians(q, place.p_SK)
@@ -195,7 +197,7 @@ class FingerReach:
     def _refine(
         self, place: _Place, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray, refused: Counter[str] | None
     ) -> FingerTouches:
-        """Moves the place onto the surface, and keeps what is clean."""
+        """Puts the place on the surface, and keeps clean touches."""
         geometry, params, chain = self.geometry, self._params, self.geometry.chain
         q = self._onto_surface(place, grid, X_PO, q)
         p_PT, J = chain.point_jacobians(q, place.p_SK)
@@ -223,7 +225,7 @@ class FingerReach:
             "the finger cannot open so far": opened > geometry.tip_radius + 0.4 * params.lift,
             "the finger behind the fingertip would touch": self._is_clear(place, grid, X_PO, q, q_open),
         }
-        # A fingertip meets best with its shoulder, not with its very end or its side.
+        # A fingertip touches best with its shoulder, rather than with its very end or its side.
         cost = 6.0 * (1.0 - aligned) + 2.0 * np.abs(facing - _BEST_FACING)
         touches = FingerTouches(q, closing, q_open, p_PC, normal, cost)
         return touches.take(_that_pass(clean, refused))
@@ -231,7 +233,7 @@ class FingerReach:
     def _is_clear(
         self, place: _Place, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray, q_open: FloatArray
     ) -> NDArray[np.bool_]:
-        """Whether the finger beside the place is off the object, closed at q and on its way to q_open, (n,)."""
+        """Whether the finger beside the place is off the object, closed at q and on its way to q_open, shape (n,)."""
         geometry, params = self.geometry, self._params
         clear = np.ones(len(q), dtype=np.bool_)
         if not place.is_end:
@@ -249,7 +251,7 @@ class FingerReach:
         return clear
 
     def _is_open(self, grid: DistanceGrid, X_PO: FloatArray, p_PT: FloatArray, normal: FloatArray) -> NDArray[np.bool_]:
-        """Whether fingertips about p_PT touch one place only, shape (n,)."""
+        """Whether fingertips at p_PT touch a single place, shape (n,)."""
         params = self._params
         outside = _gap(grid, X_PO, p_PT + params.outwards * normal)
         return np.asarray(outside > self.geometry.tip_radius + params.least_openness * params.outwards)
@@ -265,7 +267,7 @@ class FingerReach:
 
 
 def _that_pass(wanted: Mapping[str, NDArray[np.bool_]], refused: Counter[str] | None) -> NDArray[np.intp]:
-    """Which of n touches are all that is wanted; of the others, what is wanting first is counted."""
+    """Indices of those of n touches that fulfil all conditions; for the others, the first one violated is counted."""
     passed = np.ones(len(next(iter(wanted.values()))), dtype=np.bool_)
     for reason, good in wanted.items():
         if refused is not None:
@@ -287,7 +289,7 @@ def _gap(grid: DistanceGrid, X_PO: FloatArray, p_PQ: FloatArray) -> FloatArray:
 
 
 def alignment(compliance: FloatArray, normal: FloatArray) -> FloatArray:
-    """Cosine between the normal and the motion that a push along it causes, shape (n,); 0 where it causes none."""
+    """Cosine between the normal and the motion that a push along it causes, shape (n,); 0 if it causes none."""
     motion = np.einsum("nij,nj->ni", compliance, normal)
     moved = np.maximum(np.linalg.norm(motion, axis=1), 1e-12)
     cosine: FloatArray = np.einsum("ni,ni->n", motion, normal) / moved

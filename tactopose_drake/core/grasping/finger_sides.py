@@ -1,4 +1,4 @@
-"""Whether the fingers of a grasp are beside each other, or in each other."""
+"""Tests whether the fingers of a grasp collide with each other."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -10,21 +10,21 @@ from scipy.spatial.distance import cdist
 from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
 from tactopose_drake.core.validation import FloatArray
 
-_SLIM = 1.2  # half width of a slim finger about its joints, in radii of its fingertip
+_SLIM = 1.2  # largest half width of a slim finger about its joints, in radii of its fingertip
 
-_SMALL = 0.001  # radius of spheres that stand for mere corners, m
-_PLACES = 3  # along a fingertip's straight part at which a sphere stands for it
+_SMALL = 0.001  # radius up to which spheres only mark corners, m
+_PLACES = 3  # number of spheres along a fingertip's straight part
 
-Spheres = tuple[FloatArray, FloatArray]  # centres in P in some postures (B, s, 3) and radii (s,), m
+Spheres = tuple[FloatArray, FloatArray]  # centres in P in B postures (B, s, 3) and radii (s,), m
 
 
 @dataclass(frozen=True, eq=False)
 class FingerShape:
-    """A finger in some postures, B of them, as spheres.
+    """A finger in B postures, as spheres.
 
     Attributes:
         sides: its last two links and its tip.
-        whole: all its links and its tip; of a slim finger its sides, for those of such are what meets.
+        whole: all its links and its tip; for a slim finger the same as `sides`, which are what collides.
     """
 
     sides: Spheres
@@ -38,13 +38,13 @@ class FingerShape:
 
     @classmethod
     def of_axis(cls, geometry: FingerGeometry, q: FloatArray, width: float) -> Self:
-        """A slim finger about whose joints a width is given, m."""
+        """A slim finger with a given half width about its joints, m."""
         axis = geometry.axis(q)
         near = axis, np.full(axis.shape[1], width)
         return cls(near, near)
 
     def apart(self, other: Self, least: float) -> NDArray[np.bool_]:
-        """Which postures of two fingers leave so much between the sides of either and the other, m, (B, B of other)."""
+        """Which pairs of postures leave `least`, m, between the sides of each finger and the other, (B, B of other)."""
         free = are_apart(self.sides, other.whole, least)
         if self.whole is not self.sides or other.whole is not other.sides:
             free &= are_apart(self.whole, other.sides, least)
@@ -52,7 +52,7 @@ class FingerShape:
 
 
 def half_width(geometry: FingerGeometry) -> float:
-    """How far a finger's last two links and its tip reach from the line through its joints, m."""
+    """Largest distance of a finger's last two links and tip from the line through its joints, m."""
     chain, last = geometry.chain, geometry.on_last_links
     middle = 0.5 * (chain.lower + chain.upper)[None]
     reach = _distance_to_polyline(geometry.spheres(middle)[0, last], geometry.axis(middle)[0]) + geometry.radius[last]
@@ -60,9 +60,9 @@ def half_width(geometry: FingerGeometry) -> float:
 
 
 def sides(geometry: FingerGeometry, q: FloatArray) -> Spheres:
-    """Spheres that stand for a finger's last two links and tip: centres in P (B, s, 3) and radii (s,), m.
+    """Spheres that represent a finger's last two links and tip: centres in P (B, s, 3) and radii (s,), m.
 
-    Of a slim finger they are as wide as the finger, about its joints; of another, those that fill it.
+    For a slim finger they lie on its joints and are as wide as the finger; for any other, they are those that fill it.
     """
     if _is_slim(geometry):
         axis = geometry.axis(q)
@@ -75,7 +75,7 @@ def _is_slim(geometry: FingerGeometry) -> bool:
 
 
 def _filling(geometry: FingerGeometry, q: FloatArray, some: NDArray[np.bool_]) -> Spheres:
-    """Some of the spheres that fill a finger's links (s,), and its tip, mere corners left out."""
+    """Some (s,) of the spheres that fill a finger's links, without mere corners, and its tip."""
     chosen = some & (geometry.radius > _SMALL)
     tip = np.concatenate([geometry.along_straight_part(_PLACES), geometry.p_ST[None]])
     centres = np.concatenate([geometry.spheres(q)[:, chosen], geometry.fixed_points(q, tip)], axis=1)
@@ -83,7 +83,7 @@ def _filling(geometry: FingerGeometry, q: FloatArray, some: NDArray[np.bool_]) -
 
 
 def are_apart(a: Spheres, b: Spheres, least: float) -> NDArray[np.bool_]:
-    """Which postures of two fingers leave so much between these spheres of each, m, shape (B of a, B of b)."""
+    """Which pairs of postures keep a gap of at least `least`, m, between these spheres, shape (B of a, B of b)."""
     (p_a, r_a), (p_b, r_b) = a, b
     reach = r_a[:, None] + r_b
     apart = np.empty((len(p_a), len(p_b)), dtype=np.bool_)

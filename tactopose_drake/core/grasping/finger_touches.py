@@ -16,11 +16,11 @@ class FingerTouches:
 
     Attributes:
         q: joint positions in contact, shape (n, m), rad.
-        closing: change of joint command that presses with 1 N along the object's normal, shape (n, m), rad/N.
+        closing: change of the joint command that presses with 1 N along the object's normal, shape (n, m), rad/N.
         q_open: joint positions with the finger lifted off, shape (n, m), rad.
         p_PC: contact points, shape (n, 3), m.
         n_PC: the object's outward normals, shape (n, 3).
-        cost: how far each is from a clean touch, shape (n,); 0 is best.
+        cost: deviation from a clean touch, shape (n,); 0 is best.
     """
 
     q: FloatArray
@@ -34,10 +34,10 @@ class FingerTouches:
         return len(self.q)
 
     def take(self, index: NDArray[np.intp]) -> Self:
-        """Some of them."""
+        """A subset of the touches."""
         return type(self)(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
     @classmethod
     def joined(cls, some: Sequence[Self]) -> Self:
-        """All of them, in their order."""
+        """Concatenates touches."""
         return cls(*(np.concatenate([getattr(part, name) for part in some]) for name in cls.__dataclass_fields__))

@@ -1,7 +1,7 @@
-"""The law by which fingers close on an object until each carries its set force, and then hold.
+"""The control law by which fingers close on an object until each carries its set force, and then hold.
 
-Each finger has one number, its push, N. Below zero the commanded joint positions lie between the open posture and the
-posture of first touch; above, they go on past it, so that the joints' springs press the fingertip with about `push` N
+Each finger has one control variable, its push, N. Below zero the commanded joint positions lie between the open posture
+and that of first touch; above zero they go beyond, so that the joints' springs press the fingertip with about `push` N
 against whatever is there. The push grows until the measured force reaches the set force.
 """
 
@@ -17,9 +17,9 @@ class ClosingMotion:
     """How one finger closes.
 
     Attributes:
-        q_open: joint positions before, shape (m,), rad.
-        q_touch: about where it meets the object, shape (m,), rad.
-        closing: change of the commanded positions for one newton more, shape (m,), rad/N.
+        q_open: joint positions before closing, shape (m,), rad.
+        q_touch: joint positions at about first touch, shape (m,), rad.
+        closing: change of the commanded positions per newton of push, shape (m,), rad/N.
         set_force: force that the fingertip is to carry, N.
     """
 
@@ -33,11 +33,11 @@ class ClosingMotion:
 class GraspLaw:
     """Gains of the law."""
 
-    approach_push: float = 4.0  # push from open to touch, N
-    push_rate: float = 8.0  # largest change of push, N/s
-    carry_share: float = 0.1  # a finger carries its set force when within this share of it
-    slack_share: float = 0.7  # when holding, a finger that has less than this share presses on
-    most_push_share: float = 3.0  # a finger stops when its push is this many times the set force
+    approach_push: float = 4.0  # push between open and touch, N
+    push_rate: float = 8.0  # largest rate of change of the push, N/s
+    carry_share: float = 0.1  # relative tolerance within which a finger carries its set force
+    slack_share: float = 0.7  # when holding, a finger with less than this share presses on
+    most_push_share: float = 3.0  # largest push over the set force
 
 
 def commanded_positions(motion: ClosingMotion, push: float, law: GraspLaw) -> FloatArray:
@@ -53,19 +53,19 @@ def update_push(push: float, force: float, set_force: float, holding: bool, peri
 
     Args:
         push: now, N.
-        force: measured magnitude of the fingertip's force, N; NaN where there is no reading, which counts as no force
-            while the fingers close, and leaves the push as it is when holding.
+        force: measured magnitude of the fingertip's force, N; NaN without a reading, which counts as no force while the
+            fingers close, and leaves the push unchanged when holding.
         set_force: N.
-        holding: whether all fingers have closed; the grasp is then left alone, but for fingers that go slack. Driving
-            each force on to its set value would push the released object about, since the sum of the measured forces
-            never balances exactly.
+        holding: whether all fingers have closed; the grasp is then left alone, except for fingers that go slack.
+            Controlling each force to its set value would push the released object about, as the measured forces never
+            balance exactly.
         period: s.
         law: gains.
     """
     lack = (set_force - (0.0 if np.isnan(force) else force)) / set_force
     if holding and (np.isnan(force) or lack < 1.0 - law.slack_share):
         return push
-    # The last half of it is approached ever more slowly, so that the measured force does not overshoot.
+    # The rate decreases over the last half of the set force, so that the measured force does not overshoot.
     rate = law.push_rate * float(np.clip(2.0 * lack, -1.0, 1.0))
     return max(-law.approach_push, min(push + period * rate, law.most_push_share * set_force))
 
@@ -73,6 +73,6 @@ def update_push(push: float, force: float, set_force: float, holding: bool, peri
 def joint_torques(
     q: FloatArray, v: FloatArray, q_commanded: FloatArray, stiffness: FloatArray, damping: FloatArray
 ) -> FloatArray:
-    """Joint torques of springs and dampers, shape (n,), N m, all per joint."""
+    """Joint torques of a spring and a damper per joint, shape (n,), N m."""
     torques: FloatArray = stiffness * (q_commanded - q) - damping * v
     return torques

@@ -1,4 +1,4 @@
-"""A planned grasp: where the object is in the palm, and what each finger does."""
+"""A planned grasp: the object's pose in the palm, and the motion of each finger."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -22,10 +22,10 @@ class GraspPlan:
 
     Attributes:
         X_PO: shape (3, 4).
-        fingers: by name; fingers that take no part are absent.
+        fingers: by name; idle fingers are absent.
         score: larger is better.
-        waiting: actuated joint positions, shape (m,), rad or m, of the fingers that take no part and would be in the
-            object's way where they usually wait, by name.
+        waiting: by name, actuated joint positions, shape (m,), rad or m, of idle fingers that must make way for the
+            object.
     """
 
     X_PO: FloatArray

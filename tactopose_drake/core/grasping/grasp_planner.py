@@ -1,6 +1,6 @@
 """Chooses where in the hand a simulated object is held, and where each fingertip touches it.
 
-This is the simulation's choice of a scene, made with the object's true geometry; estimation never sees it.
+The simulation sets up its scene with this, from the object's true geometry; estimation never sees it.
 """
 
 import itertools
@@ -22,10 +22,10 @@ from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, known_name, whole_number
 
-_GAP = 0.0005  # between the sides of two fingers, m
+_GAP = 0.0005  # least gap between the sides of two fingers, m
 _IN_THE_PALM = "the object would be in the palm"
 _IN_ITS_WAY = "a finger that takes no part is in its way"
-_IMBALANCE_OF_TWO = 0.05  # the most of what two fingers hold, N
+_IMBALANCE_OF_TWO = 0.05  # largest imbalance of a grasp by two fingers, N
 
 Spheres = tuple[FloatArray, FloatArray]  # centres in P (n, 3) and radii (n,), m
 TouchesItself = Callable[[Mapping[str, FloatArray]], bool]
@@ -33,23 +33,23 @@ TouchesItself = Callable[[Mapping[str, FloatArray]], bool]
 
 @dataclass(kw_only=True, slots=True)
 class PlannerParams:
-    """How many grasps are looked for, and what they must keep."""
+    """How many grasps are searched for, and their constraints."""
 
-    grasps: int = 8  # to find before the best is taken
-    most_poses: int = 250  # object poses to look at for them
-    touches: int = 14  # touches a finger and pose
+    grasps: int = 8  # number found before the best is taken
+    most_poses: int = 250  # object poses that are tried for them
+    touches: int = 14  # per finger and pose
     normal_force: float = 3.0  # wanted of each finger, N
     least_force: float = 1.8  # N
     most_force: float = 7.0  # N
-    friction: float = 0.5  # of the planned grasp, below the true one for the sake of a margin
+    friction: float = 0.5  # of the planned grasp, below the true one for a margin
     # Least distance between the axes of two fingers, m; null: their widths decide.
     finger_distance: float | None = None
     palm_clearance: float = 0.004  # m
     tilt_deg: float = 25.0  # largest angle between the object's z axis and up, deg
     least_fingers: int = 4  # that take part; of a hand with fewer, all
-    fingers: list[str] = field(default_factory=list)  # of which these; empty: any
-    restarts: int = 2  # of the choice of one touch a finger, each from another order of the fingers
-    rounds: int = 2  # of each, in which every finger's touch is chosen anew
+    fingers: list[str] = field(default_factory=list)  # that may take part; empty: any
+    restarts: int = 2  # of the choice of one touch per finger, each with another order of the fingers
+    rounds: int = 2  # of each restart, in which every finger's touch is chosen anew
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
@@ -59,12 +59,12 @@ class PlannerParams:
 
 @dataclass(frozen=True, eq=False)
 class HandReach:
-    """What the planner knows of a hand.
+    """A hand as the planner sees it.
 
     Attributes:
         fingers: by name.
         palm_spheres: the parts of the hand that do not move.
-        rest_spheres: each finger where it waits if it takes no part, by name.
+        rest_spheres: by name, each finger in its idle posture.
         grip_low: lower corner of the region where the hand holds things, shape (3,), m, in P.
         grip_high: its upper corner.
     """
@@ -85,21 +85,21 @@ def plan_grasps(
     refusals: Refusals | None = None,
     touches_itself: TouchesItself = lambda positions: False,
 ) -> list[GraspPlan]:
-    """Grasps by falling score; fewer than asked for, or none, where the hand can hardly hold the object.
+    """Plans grasps, in descending order of score; fewer than wanted, or none, if the hand can hardly hold the object.
 
-    The fingertips touch with their round ends, where a touch tells most of where it is, and fingers that take no part
-    wait where they usually do. Only where no grasp is found so, the straight parts of fingertips may touch too, idle
-    fingers make way, and objects that would be in the palm are held farther out.
+    Fingertips touch with their round ends, where a touch locates the contact best, and idle fingers stay in their usual
+    posture. Only if there is no such grasp, the straight parts of fingertips may touch too, idle fingers make way, and
+    objects that would be in the palm are held farther out.
 
     Args:
         model: the object.
         hand: the hand.
         load_P: the object's weight, shape (3,), N, in P.
-        params: see there.
+        params: constraints, and effort.
         generator: source of all random choices.
-        refusals: why poses are not taken is counted there.
-        touches_itself: whether the hand's links are in each other where actuated joints of some fingers, by name, are
-            at positions of shape (m,), rad or m, and the others wait where they usually do.
+        refusals: counts the reasons for which poses were rejected.
+        touches_itself: whether the hand's links collide, given actuated joint positions of some fingers, by name, shape
+            (m,), rad or m, with the others in their usual idle posture.
     """
     params.validate()
     for name in params.fingers:
@@ -125,10 +125,10 @@ def plan_grasps(
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What a search for grasps goes by.
+    """A search for grasps.
 
-    `is_free` says that straight parts of fingertips may touch, that idle fingers may wait anywhere, and that the object
-    may be farther out than the grip region.
+    `is_free` means that straight parts of fingertips may touch, that idle fingers may wait anywhere, and that the
+    object may be farther out than the grip region.
     """
 
     model: ObjectModel
@@ -146,7 +146,7 @@ class _Search:
 
     @cached_property
     def scoring(self) -> ScoreParams:
-        # Two fingers hold no torque about the line between them.
+        # Two fingers cannot resist a torque about the line between them.
         usual = ScoreParams.most_imbalance
         return ScoreParams(
             friction=self.params.friction,
@@ -158,7 +158,7 @@ class _Search:
         )
 
     def plan_at(self, X_PO: FloatArray) -> GraspPlan | None:
-        """The best grasp of the object in a pose; None where there is none, and why is counted."""
+        """The best grasp of the object at a pose; None if there is none, with the reason counted."""
         clearance = self.params.palm_clearance
         if least_distance(self.model, X_PO, self.hand.palm_spheres) < clearance:
             return self._refused(_IN_THE_PALM)
@@ -198,15 +198,15 @@ class _Search:
         return GraspPlan(X_PO, fingers, score.value, waiting)
 
     def _is_in_the_way(self, name: str, X_PO: FloatArray) -> bool:
-        """Whether an idle finger is too near the object where it usually waits."""
+        """Whether an idle finger in its usual posture is too close to the object."""
         return least_distance(self.model, X_PO, self.hand.rest_spheres[name]) < self.params.palm_clearance
 
     def _ways_out(self, name: str, X_PO: FloatArray) -> FloatArray:
-        """Where else an idle finger may wait, as far as the object is concerned: joint positions, shape (n, m)."""
+        """Other postures in which an idle finger is off the object: joint positions, shape (n, m)."""
         return self.hand.fingers[name].waiting(self.model.grid, X_PO, self.params.palm_clearance)
 
     def _making_way(self, X_PO: FloatArray, taken: Mapping[str, FingerTouches]) -> dict[str, FloatArray] | None:
-        """Where those idle fingers wait that are in the way, beside all other fingers; None: one has no place."""
+        """Postures of idle fingers that must make way, clear of all other fingers; None if one has no place."""
         placed = [self._shape(name, np.concatenate([touch.q, touch.q_open])) for name, touch in taken.items()]
         leaving, resting = [], list[Spheres]()
         for name in (name for name in self.hand.fingers if name not in taken):
@@ -240,7 +240,7 @@ class _Search:
     def _combine(
         self, touches: Mapping[str, FingerTouches], p_PG: FloatArray
     ) -> tuple[dict[str, int], GraspScore] | None:
-        """The best choice found of one touch a finger, by changing one finger at a time."""
+        """The best choice found of one touch per finger, by coordinate ascent over the fingers."""
         placed = {name: self._shape(name, touch.q) for name, touch in touches.items()}
         apart = {(a, b): placed[a].apart(placed[b], _GAP) for a, b in itertools.combinations(touches, 2)}
         apart |= {(b, a): free.T for (a, b), free in apart.items()}
@@ -272,7 +272,7 @@ class _Search:
         return best
 
     def _shape(self, finger: str, q: FloatArray) -> FingerShape:
-        """A finger in some postures, to keep fingers apart."""
+        """A finger in some postures, for collision tests between fingers."""
         geometry, distance = self.hand.fingers[finger].geometry, self.params.finger_distance
         if distance is None:
             return FingerShape.of(geometry, q)
@@ -280,5 +280,5 @@ class _Search:
 
 
 def _oppose(touches: Mapping[str, FingerTouches]) -> bool:
-    """Whether some touches of two fingers press against each other, without which no forces are in balance."""
+    """Whether any touches of two fingers press against each other, without which forces cannot balance."""
     return any(float((a.n_PC @ b.n_PC.T).min()) < 0.0 for a, b in itertools.combinations(touches.values(), 2))

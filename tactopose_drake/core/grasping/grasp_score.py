@@ -1,4 +1,4 @@
-"""How good a choice of contacts is: how much it tells of the object's pose, and how well it carries the object."""
+"""The score of a choice of contacts: the information about the object's pose, and how well they carry the object."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from tactopose_drake.core.validation import FloatArray
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreParams:
-    """What the fingers are to carry, and what counts how much."""
+    """What the fingers are to carry, and the weights of the score."""
 
     friction: float
     normal_force: float  # wanted of each finger, N
     least_force: float  # N
     most_force: float  # N
-    least_contacts: int = 3  # of a grasp that may be balanced
-    cone_edges: int = 6  # of the pyramid that stands for a friction cone
-    arm: float = 0.04  # lever that turns torques into forces, m: about an object's half width
-    balance_weight: float = 10.0  # of the balance of forces against their being near the wanted one
+    least_contacts: int = 3  # of a balanced grasp
+    cone_edges: int = 6  # of the pyramid that approximates a friction cone
+    arm: float = 0.04  # lever arm that converts torques to forces, m: about an object's half width
+    balance_weight: float = 10.0  # of the balance of forces, against their deviation from the wanted one
     most_imbalance: float = 0.4  # of a balanced grasp, N
-    least_share: float = 0.5  # of the least force, which forces of a balanced grasp exceed: they are clipped
-    imbalance_cost: float = 4.0  # of the score, for each newton
-    clipping_cost: float = 3.0  # likewise, for what forces are out of their range
-    touch_position: float = 0.0009  # standard deviation of a touch along each axis, as it is simulated, m
+    least_share: float = 0.5  # of the least force that all forces of a balanced grasp exceed, before they are clipped
+    imbalance_cost: float = 4.0  # of the score, per newton of imbalance
+    clipping_cost: float = 3.0  # of the score, per newton by which forces are out of their range
+    touch_position: float = 0.0009  # simulated standard deviation of a touch along each axis, m
     touch_normal: float = math.radians(5.0)  # of a small rotation of its normal about each axis, rad
-    prior_translation: float = 0.033  # of what vision knows of the pose, m
-    prior_rotation: float = math.radians(16.0)  # likewise, rad
+    prior_translation: float = 0.033  # standard deviation of the pose from vision, m
+    prior_rotation: float = math.radians(16.0)  # the same for its rotation, rad
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class GraspScore:
     Attributes:
         value: larger is better.
         force: normal force of each finger that balances the load, shape (k,), N.
-        balanced: whether those forces do balance it, each within its range.
+        balanced: whether these forces balance it, each within its range.
     """
 
     value: float
@@ -53,13 +53,13 @@ class GraspScore:
 
 
 class ContactTerms(NamedTuple):
-    """What each of k contacts brings to a grasp, whichever others there are.
+    """The contribution of each of k contacts to a grasp, independent of the others.
 
     Attributes:
-        wrench: of the edges of its friction cone, each with a normal part of one, torques over the arm and then forces,
-            shape (k, e, 6), N.
-        distance: derivative of its distance by a pose increment, over the standard deviation, shape (k, 6).
-        normal: likewise of its normal, shape (k, 3, 6).
+        wrench: edges of its friction cone with a normal force of 1 N, torques over the arm and then forces, shape
+            (k, e, 6), N.
+        distance: whitened derivative of its distance by a pose increment, shape (k, 6).
+        normal: whitened derivative of its normal, shape (k, 3, 6).
     """
 
     wrench: FloatArray
@@ -68,12 +68,12 @@ class ContactTerms(NamedTuple):
 
     @classmethod
     def of(cls, p_GC: FloatArray, n: FloatArray, params: ScoreParams) -> ContactTerms:
-        """Those of contacts.
+        """Computes the terms of contacts.
 
         Args:
             p_GC: contact points relative to the object's centre of mass, in the palm's axes, shape (k, 3), m.
             n: the object's outward normals, shape (k, 3).
-            params: friction, and how well a touch is known.
+            params: friction, and the accuracy of a touch.
         """
         wrench = cone_wrenches(p_GC, n, params.friction, params.cone_edges, params.arm)
         distance = np.concatenate([np.cross(p_GC, n), n], axis=1) / params.touch_position
@@ -82,19 +82,19 @@ class ContactTerms(NamedTuple):
 
     @classmethod
     def one_of_each(cls, terms: Sequence[ContactTerms], rows: Sequence[int]) -> ContactTerms:
-        """Of each of some contacts' terms one row."""
+        """Selects one row of each contact's terms."""
         chosen = [(each.wrench[i], each.distance[i], each.normal[i]) for each, i in zip(terms, rows, strict=True)]
         return cls(*(np.array(column) for column in zip(*chosen, strict=True)))
 
 
 def score_grasp(contacts: ContactTerms, cost: float, load: FloatArray, params: ScoreParams) -> GraspScore:
-    """Judges k contacts.
+    """Scores k contacts.
 
     Args:
-        contacts: by what each of them brings.
-        cost: of the touches by themselves.
+        contacts: their terms.
+        cost: sum of the touches' own costs.
         load: the object's weight, shape (3,), N.
-        params: see there.
+        params: forces and weights.
     """
     count = len(contacts.distance)
     value = 0.5 * _information(contacts, params) + count - cost
@@ -108,15 +108,15 @@ def score_grasp(contacts: ContactTerms, cost: float, load: FloatArray, params: S
 
 
 def balance(contacts: ContactTerms, load: FloatArray, params: ScoreParams) -> tuple[FloatArray, float]:
-    """Normal forces that, with friction, balance a load and are near a wanted force.
+    """Normal forces that, with friction, balance a load and are close to a wanted force.
 
     Args:
-        contacts: about the load's point of attack.
+        contacts: about the point at which the load acts.
         load: shape (3,), N.
         params: wanted force, and weights.
 
     Returns:
-        Normal forces, shape (k,), N, and the imbalance that is left, N (torques over the arm).
+        Normal forces, shape (k,), N, and the remaining imbalance, N (torques over the arm).
     """
     count = len(contacts.wrench)
     wrench = contacts.wrench.reshape(-1, 6).T
@@ -129,7 +129,7 @@ def balance(contacts: ContactTerms, load: FloatArray, params: ScoreParams) -> tu
 
 
 def _information(contacts: ContactTerms, params: ScoreParams) -> float:
-    """Half the log determinant of the information on a pose increment that touch and vision give together."""
+    """Half the log determinant of the joint information of touch and vision on a pose increment."""
     rows = np.concatenate([contacts.distance, contacts.normal.reshape(-1, 6)])
     prior = np.diag([params.prior_rotation**-2] * 3 + [params.prior_translation**-2] * 3)
     return float(0.5 * np.linalg.slogdet(rows.T @ rows + prior)[1])

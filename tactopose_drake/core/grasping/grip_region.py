@@ -1,4 +1,4 @@
-"""Where in a hand things can be held: where its fingertips press on one place from all sides."""
+"""The region of a hand in which things can be held: where its fingertips press on one place from all sides."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,30 +10,30 @@ from tactopose_drake.core.grasping.finger_reach import FingerReach, ReachParams,
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
-_NEAR, _FAR = 0.012, 0.04  # from the middle of what a fingertip holds to its own, m
-_CLEAR = 0.025  # of the palm from there, m
-_STEP = 0.015  # of the grid of places that are tried, m
+_NEAR, _FAR = 0.012, 0.04  # range of distances from the centre of a held thing to that of a fingertip, m
+_CLEAR = 0.025  # least distance of such a centre from the palm, m
+_STEP = 0.015  # spacing of the grid of places, m
 _BEHIND = 0.3  # cosine by which a fingertip that presses may face backwards
-_EVENLY = 0.33  # power of how often a fingertip presses there: several that do so at times are better than one
+_EVENLY = 0.33  # power of how often a fingertip presses there: several that do so sometimes are better than one
 _MOST_ONESIDED = 0.8  # length of the mean direction of two fingertips, seen from between them
-_SHARPNESS = 8  # power of a place's value, by which it weighs
-_SAMPLES = 1500  # of each fingertip's places that are looked at
+_SHARPNESS = 8  # power of a place's value that gives its weight
+_SAMPLES = 1500  # most samples of each fingertip's workspace
 _LEAST_SIDE = 0.01  # of the box, m
-_SHARE = 0.25  # of the weight along each axis that is left out at either end
+_SHARE = 0.25  # quantile of the weight along each axis that is cut off at either end
 
 
 def find_grip_region(
     fingers: Mapping[str, FingerReach], palm: tuple[FloatArray, FloatArray], params: ReachParams
 ) -> tuple[FloatArray, FloatArray]:
-    """A box in P where as many fingertips as possible can press on one place, from all sides, clear of the palm.
+    """Finds a box in P where as many fingertips as possible can press on one place, from all sides, clear of the palm.
 
     Args:
-        fingers: where each finger's tip can be, by finger.
+        fingers: workspace of each finger's tip, by finger.
         palm: centres (h, 3) and radii (h,) of spheres that fill the palm, m.
         params: what counts as a clean touch.
 
     Returns:
-        Its lower and upper corners, shape (3,), m.
+        The box's lower and upper corners, shape (3,), m.
 
     Raises:
         InvalidInputError: if no place is between two fingertips.
@@ -47,7 +47,7 @@ def find_grip_region(
     value, least = np.zeros(clear.shape), 2.0 * (1.0 - _MOST_ONESIDED)
     value[clear] = _togetherness(places[clear], tips, params)
     if value.max(initial=0.0) < least:
-        # Where a sensor is elsewhere, the axis from there does not tell how the fingertip faces.
+        # If sensors are elsewhere on the finger, the axis from there does not tell how the fingertip faces.
         value[clear] = _togetherness(places[clear], [replace(each, axis=None) for each in tips], params)
     if value.max(initial=0.0) < least:
         raise InvalidInputError(
@@ -61,7 +61,7 @@ def find_grip_region(
 
 @dataclass(frozen=True, eq=False)
 class _Tips:
-    """Samples of where a finger's tip can be, (n, 3), with its compliances (n, 3, 3) and axis (n, 3), if it has one."""
+    """Samples of a fingertip's position (n, 3), with its compliance (n, 3, 3) and axis (n, 3), if it has one."""
 
     p_PT: FloatArray
     compliance: FloatArray
@@ -73,7 +73,7 @@ class _Tips:
         return cls(finger.reached[some], finger.compliance[some], None if axis is None else axis[some])
 
     def pressing(self, place: FloatArray, params: ReachParams) -> tuple[float, FloatArray]:
-        """How often, by its samples, it presses on a small thing at a place, and from which direction, shape (3,)."""
+        """Share of samples that press on a small thing at a place, and their mean direction from there, shape (3,)."""
         offset = self.p_PT - place
         distance = np.linalg.norm(offset, axis=1)
         near = np.flatnonzero((distance > _NEAR) & (distance < _FAR))
@@ -86,13 +86,13 @@ class _Tips:
 
 
 def _grid(points: FloatArray) -> list[FloatArray]:
-    """Coordinates along each axis about points (n, 3): multiples of the step, so that they are even about P."""
+    """Grid coordinates along each axis that cover points (n, 3): multiples of the step, so that P is on the grid."""
     ends = zip(np.floor(points.min(axis=0) / _STEP), np.ceil(points.max(axis=0) / _STEP), strict=True)
     return [_STEP * np.arange(low, high + 1.0) for low, high in ends]
 
 
 def _togetherness(places: FloatArray, tips: list[_Tips], params: ReachParams) -> FloatArray:
-    """How many fingertips press on places (n, 3), times how little they do so from the same side, shape (n,)."""
+    """Number of fingertips that press on places (n, 3), minus how one-sided their directions are, shape (n,)."""
     often, direction = np.empty((len(places), len(tips))), np.empty((len(places), len(tips), 3))
     for i, place in enumerate(places):
         for j, each in enumerate(tips):
@@ -104,7 +104,7 @@ def _togetherness(places: FloatArray, tips: list[_Tips], params: ReachParams) ->
 
 
 def _middle(axis: FloatArray, weight: FloatArray, along: int) -> tuple[float, float]:
-    """Between which coordinates the weight of a grid (n, m, k) lies along an axis, but for a share at either end."""
+    """Quantiles of the weight of a grid (n, m, k) along an axis, at `_SHARE` from either end."""
     others = tuple(other for other in range(3) if other != along)
     below = np.append(0.0, np.cumsum(weight.sum(axis=others)))
     edges = np.append(axis - 0.5 * _STEP, axis[-1] + 0.5 * _STEP)

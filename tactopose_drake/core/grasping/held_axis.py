@@ -1,4 +1,4 @@
-"""Where the axis of a held object is, as far as the hypotheses of its pose say so."""
+"""The axis of a held object, from the hypotheses of its pose."""
 
 from dataclasses import dataclass
 
@@ -10,16 +10,16 @@ from tactopose_drake.core.validation import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class HeldAxis:
-    """The axis of a held object in the palm, and how far the object reaches along it.
+    """The axis of a held object in the palm, and how far the object extends along it.
 
-    Its spin about the axis is left out, and a rod that two hypotheses hold end for end has one axis.
+    The object's spin about the axis does not matter, and a rod that two hypotheses hold end for end has one axis.
 
     Attributes:
-        p_PQ: the axis' point that is nearest to the grip, shape (3,), m.
+        p_PQ: the axis' point nearest to the grip, shape (3,), m.
         direction: unit vector along it, shape (3,).
-        end: how far from `p_PQ` the object reaches in that direction, m.
-        sigma: standard deviation, across the axis, of where it ends, m: the spread of the hypotheses and the covariance
-            of each.
+        end: how far from `p_PQ` the object extends in that direction, m.
+        sigma: standard deviation of its end across the axis, m, from the spread of the hypotheses and the covariance of
+            each.
         sigma_end: standard deviation of `end`, m.
         same_way: probability that the object's own axis points along `direction`, rather than against it.
     """
@@ -55,14 +55,14 @@ def find_held_axis(
         covariance: of their increments, shape (n, 6, 6), rad and m.
         probability: shape (n,); need not add up to 1.
         axis: unit vector of the object's axis in O, shape (3,).
-        middle: the point of the axis in O that is as far from one end as from the other, shape (3,), m.
+        middle: the point of the axis in O halfway between its ends, shape (3,), m.
         half_length: of the object along the axis, m.
         towards: direction in P into which the most probable axis is to point, shape (3,).
-        p_PG: middle of the grip, shape (3,), m.
+        p_PG: centre of the grip, shape (3,), m.
     """
     weight = probability / probability.sum()
     direction = X_PO[:, :, :3] @ axis
-    # By the most probable one: of axes across `towards`, each would point there by a hair, or not, whichever it is.
+    # All follow the most probable one: for axes nearly across `towards`, each one's own sign would be arbitrary.
     likeliest = direction[np.argmax(weight)]
     against = direction @ (likeliest if likeliest @ towards >= 0.0 else -likeliest) < 0.0
     direction *= np.where(against, -1.0, 1.0)[:, None]
@@ -76,7 +76,7 @@ def find_held_axis(
     p_PQ, p_PE = weight @ near, weight @ end
 
     spread = _spread(X_PO, covariance, end)
-    # Seen from the point nearest to the grip, the end moves along the axis as the object does where the grip is.
+    # Relative to the point nearest to the grip, the end moves along the axis as the object does at the grip.
     at_grip = _spread(X_PO, covariance, np.broadcast_to(p_PG, end.shape))
     variance_end = np.einsum("ni,nij,nj->n", direction, at_grip, direction) + (ends - distance) ** 2
     across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
@@ -93,7 +93,7 @@ def find_held_axis(
 
 
 def _spread(X_PO: FloatArray, covariance: FloatArray, p_PE: FloatArray) -> FloatArray:
-    """Covariances (n, 3, 3) of where the objects' points that are at p_PE (n, 3) are, m^2."""
+    """Covariances (n, 3, 3) of the objects' points that are at p_PE (n, 3), m^2."""
     # A point E of the object moves by dE = -R [p_OE]x w + v under an increment (w, v).
     R_PO = X_PO[:, :, :3]
     p_OE = np.einsum("nji,nj->ni", R_PO, p_PE - X_PO[:, :, 3])

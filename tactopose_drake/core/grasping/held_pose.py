@@ -1,4 +1,4 @@
-"""Where in a hand an object may be held."""
+"""Poses in which an object may be held in a hand."""
 
 import math
 
@@ -8,7 +8,7 @@ from tactopose_drake.core import poses
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
-_STEPS, _BEYOND = 6, 0.0005  # in which an object is shifted off, and how much farther than it must be, m
+_STEPS, _BEYOND = 6, 0.0005  # most steps by which an object is shifted off, and the margin of each, m
 
 
 def sample_held_pose(
@@ -23,8 +23,8 @@ def sample_held_pose(
     Args:
         model: the object.
         grip: lower and upper corner of the grip region, shape (3,), m, in P.
-        up_P: what the object's z axis leans from, shape (3,).
-        tilt_deg: by how much at the most, deg.
+        up_P: direction from which the object's z axis is tilted, shape (3,).
+        tilt_deg: largest tilt, deg.
         generator: source of the choice.
     """
     up = up_P / np.linalg.norm(up_P)
@@ -44,9 +44,9 @@ def sample_held_pose(
 def shifted_off(
     model: ObjectModel, X_PO: FloatArray, spheres: tuple[FloatArray, FloatArray], clearance: float
 ) -> FloatArray:
-    """The pose (3, 4), shifted in a few steps so far that the object keeps off spheres, if that is far enough.
+    """Shifts the pose (3, 4) in a few steps until the object keeps off spheres, if that is possible.
 
-    Each step leads off the sphere that is deepest in the object.
+    Each step moves the object off the sphere that is deepest in it.
 
     Args:
         model: the object.
@@ -66,6 +66,6 @@ def shifted_off(
 
 
 def least_distance(model: ObjectModel, X_PO: FloatArray, spheres: tuple[FloatArray, FloatArray]) -> float:
-    """How near to the object at a pose (3, 4) the nearest of spheres, centres in P (n, 3) and radii (n,), comes, m."""
+    """Least distance of the object at a pose (3, 4) from spheres, centres in P (n, 3) and radii (n,), m."""
     centres, radius = spheres
     return float((model.grid.distance((centres - X_PO[:, 3]) @ X_PO[:, :3]) - radius).min())

@@ -1,7 +1,7 @@
-"""Where a finger should move to hold the object better: the grasp's quality after a move, for points of the surface.
+"""Where a finger should move to hold the object better: the grasp's quality after a move to points of the surface.
 
-The other fingers stay; of the moved one only the friction cone counts. Where the finger can get to is another question,
-answered by its workspace. Source: [B16] J. Bimbo, thesis, 2016, section 6.2.2 and figure 6.3.
+The other fingers stay; of the moved one only the friction cone matters. Whether the finger can get there is another
+question, answered by its workspace. Source: [B16] J. Bimbo, thesis, 2016, section 6.2.2 and figure 6.3.
 """
 
 import dataclasses
@@ -29,7 +29,7 @@ from tactopose_drake.errors import InvalidInputError
 class ReachabilityParams:
     """What counts as reachable."""
 
-    touches: int = 2000  # of a finger that are looked for, at the most
+    touches: int = 2000  # most touches of a finger that are searched for
     least_alignment: float = 0.5  # cosine of the angle between normals on one side of a wall
 
 
@@ -38,7 +38,7 @@ class ImprovementMap:
     """The quality of a grasp after one finger has moved; n points.
 
     Attributes:
-        current: radius of the wrench space as the fingers are, N.
+        current: radius of the wrench space before the move, N.
         p_OQ: points of the surface that the finger may move to, shape (n, 3), m.
         n_OQ: outward normals there, shape (n, 3).
         radius: of the wrench space after the move, shape (n,), N.
@@ -51,7 +51,7 @@ class ImprovementMap:
 
     @property
     def level(self) -> FloatArray:
-        """From -1, where the grasp would no longer hold, over 0, as good as it is, to 1 at the best, shape (n,)."""
+        """The change of quality, from -1 (no longer holds) over 0 (as good as now) to 1 (the best), shape (n,)."""
         gain = self.radius - self.current
         best, worst = max(gain.max(initial=0.0), 1e-12), max(self.current, 1e-12)
         level: FloatArray = np.where(gain > 0.0, gain / best, gain / worst)
@@ -68,21 +68,21 @@ def improvement_map(
     edges: int = 8,
     points: int = 1000,
 ) -> ImprovementMap:
-    """Moves one finger to every point of a sampled surface and judges the grasp there.
+    """Evaluates the grasp with one finger moved to each of sampled points of the surface.
 
-    Each point takes the hull of its wrench space, some milliseconds on one core; all cores are used.
+    Each point takes the convex hull of its wrench space, some milliseconds on one core; all cores are used.
 
     Args:
         model: the object.
         contacts: in the palm frame.
         X_PO: the object's pose in the palm, a RigidTransform or its matrix.
-        finger: which of the contacts moves.
+        finger: index of the contact that moves.
         friction: coefficient of friction.
-        edges: of the pyramid that stands for a friction cone.
-        points: of the surface; no more than the model has samples.
+        edges: of the pyramid that approximates a friction cone.
+        points: number of points of the surface; no more than the model has samples.
 
     Raises:
-        InvalidInputError: a finger that is none of the contacts, no point, or what `grasp_quality` refuses.
+        InvalidInputError: a finger that is none of the contacts, no point, or what `grasp_quality` rejects.
     """
     if not 0 <= finger < len(contacts):
         raise InvalidInputError(f"finger: is {finger}; allowed are numbers from 0 to {len(contacts) - 1}.")
@@ -97,7 +97,7 @@ def improvement_map(
     def radius(wrenches: FloatArray) -> float:
         return WrenchSpace(np.concatenate([others, wrenches[None]])).radius
 
-    with ThreadPoolExecutor(os.cpu_count()) as executor:  # Qhull lets other threads run.
+    with ThreadPoolExecutor(os.cpu_count()) as executor:  # Qhull releases the interpreter lock.
         found = np.fromiter(executor.map(radius, moved), np.float64, points)
     return ImprovementMap(now.radius, p_OQ, n_OQ, found)
 
@@ -115,8 +115,8 @@ def reachable_points(
 ) -> NDArray[np.bool_]:
     """Which points of the surface a finger can touch with its tip.
 
-    The finger's touches are found by its inverse kinematics from samples of its workspace; a point is reachable when
-    there is a touch nearer than the points are to each other, on the same side of the wall.
+    The finger's touches are found by inverse kinematics from samples of its workspace; a point is reachable if there is
+    a touch nearer than the points' spacing, on the same side of the wall.
 
     Args:
         finger: the finger.
@@ -129,7 +129,7 @@ def reachable_points(
         params: what counts as reachable.
 
     Returns:
-        Shape (n,).
+        Whether each point is reachable, shape (n,).
     """
     X = pose_matrix("X_PO", X_PO)
     touches = finger.touches(model.grid, X, generator, params.touches)
@@ -148,7 +148,7 @@ def reachable_points(
 def finger_clearance(finger: FingerReach, q: FloatArray, others: HandGeometry) -> FloatArray:
     """The least distance of a finger's last two links at joint positions (B, m) from other spheres, shape (B,), m.
 
-    The links before them hardly leave the place where they are fixed to the hand, and may touch it there.
+    Earlier links hardly move from where they are fixed to the hand, and may touch it there.
     """
     geometry = finger.geometry
     last = geometry.on_last_links

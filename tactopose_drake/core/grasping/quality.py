@@ -1,11 +1,11 @@
-"""How well a grasp holds an object: which wrenches its contacts resist, and how sure that is.
+"""The quality of a grasp: which wrenches its contacts can resist, and with which certainty.
 
-The contacts' forces act on the object where its surface is: each measured point is moved to the nearest point of the
-model's surface at the given pose, and the friction cone stands on the model's normal there, not on the measured one. So
-contacts without normals count too, noise does not tilt the cones, and another pose gives another quality, which is what
-the probability over a belief is made of. A measured normal says on which side of a thin wall the finger is: of a card,
-or of a glass, noise may have brought the point nearer to the other side. How far the points were moved is part of the
-result: contacts that are millimetres off the surface are not contacts with the object in that pose.
+The contacts' forces act on the object's surface: each measured point is moved to the nearest point of the model's
+surface at the given pose, and the friction cone is about the model's normal there, not the measured one. So contacts
+without normals count too, noise does not tilt the cones, and the quality depends on the pose, which gives its
+probability over a belief. A measured normal tells on which side of a thin wall the finger is: noise may have moved the
+point nearer to the other side of a card or a glass. How far the points were moved is part of the result: contacts that
+are millimetres off the surface are not contacts with the object at that pose.
 
 Sources: [B16] J. Bimbo, thesis, 2016, sections 2.1 and 6.2.2. [FC92] C. Ferrari and J. Canny, Planning optimal grasps,
 ICRA 1992. [P94] N. Pollard, Parallel methods for synthesizing whole-hand grasps from generalized prototypes, 1994
@@ -36,16 +36,16 @@ from tactopose_drake.core.validation import (
 )
 from tactopose_drake.errors import InvalidInputError
 
-# More edges, or poses, say nothing more, and take all memory and time there is.
+# More edges or samples add no accuracy, and exhaust memory and time.
 _MOST_EDGES, _MOST_SAMPLES = 64, 10**6
-_MOST_TASK = 1e9  # N m and N; what is allowed
-# Times that a point is moved along the normal by its distance: the first leaves what the grid rounds and the surface
-# bends.
+_MOST_TASK = 1e9  # largest component of a task wrench, N m and N
+# How many times a point is moved along the normal by its distance: the first leaves an error from the grid and the
+# surface's curvature.
 _PROJECTIONS = 3
-# A point that is nearer to the other side of a wall is sought up to so far along its normal, in steps, m.
+# Steps along a measured normal in which a point nearer to the other side of a wall is moved to its own side, m.
 _STEPS_OUT = np.linspace(0.0, 0.005, 11)[1:]
-_OPPOSED = -0.5  # cosine between two normals, below which they are of two sides
-_PUSHED = 400  # points of the surface, about so many; time goes by their number
+_OPPOSED = -0.5  # cosine between two normals below which they belong to two sides
+_PUSHED = 400  # approximate number of points of the surface that are pushed, which determines the time
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -55,14 +55,14 @@ class GraspQuality:
     Its arrays are read-only.
 
     Attributes:
-        force_closure: whether any wrench is resisted if only the fingers press hard enough. It takes three contacts:
-            points cannot resist a torque about the line through two of them.
+        force_closure: whether any wrench can be resisted if the fingers press hard enough. This takes three contacts:
+            point contacts cannot resist a torque about the line through two of them.
         radius: of the largest ball in the wrench space: the wrench that is resisted whatever its direction, N for each
             N of normal force; 0 without force closure. [FC92]
         task_scale: the largest multiple of the task's wrenches that is resisted; None without a task.
         space: the wrench space.
-        length: that torques were divided by, m.
-        p_OC: the contacts' places on the surface, shape (k, 3), m.
+        length: by which torques are divided, m.
+        p_OC: the contacts moved to the surface, shape (k, 3), m.
         n_OC: outward unit normals there, shape (k, 3).
         distance: of the measured points from the surface, negative inside, shape (k,), m.
     """
@@ -85,7 +85,7 @@ class GraspQuality:
 
     @property
     def volume(self) -> float:
-        """Content of the wrench space, N^6; for the norm "Linf" see `WrenchSpace.volume`, which says how long."""
+        """Volume of the wrench space, N^6; for the time it takes with the norm "Linf" see `WrenchSpace.volume`."""
         return self.space.volume
 
 
@@ -100,23 +100,23 @@ def grasp_quality(
     length: float | None = None,
     task: ArrayLike | Literal["object"] | None = None,
 ) -> GraspQuality:
-    """Judges the contacts as a grasp.
+    """Evaluates the contacts as a grasp.
 
     Args:
         model: the object.
-        contacts: in the palm frame; their points count, and their normals, where known, for the side of a wall.
+        contacts: in the palm frame; their points are used, and their normals, if known, for the side of a wall.
         X_PO: the object's pose in the palm, a RigidTransform or its matrix.
         friction: coefficient of friction.
-        norm: what the forces are bounded by: "L1", the sum of the normal forces is 1 N; "Linf", each is.
-        edges: of the pyramid that stands for a friction cone; it lies within the cone.
-        length: what torques are divided by, m; by default `lever`, the farthest point of the object from its centre of
-            mass.
+        norm: how forces are bounded: "L1", the sum of the normal forces is 1 N; "Linf", each of them is.
+        edges: of the pyramid inscribed into a friction cone.
+        length: by which torques are divided, m; by default `lever`, the distance of the object's farthest point from
+            its centre of mass.
         task: wrenches that disturb the object, about the centre of mass in the axes of P, shape (t, 6), torque first,
             N m and N; or "object": pushes of 1 N with this friction anywhere on its surface [P94].
 
     Raises:
         InvalidInputError: a friction below 0, fewer than 3 edges or more than 64, a length that is not positive, an
-            X_PO that is no pose or farther away than 10 m, a task of another shape or of nothing but 0, or a value of
+            X_PO that is invalid or farther away than 10 m, a task of another shape or of zeros only, or a value of
             another type.
         UnknownNameError: a norm that does not exist.
     """
@@ -143,11 +143,11 @@ def grasp_quality(
 
 
 class ClosureProbability(NamedTuple):
-    """How sure it is that a grasp is force closure.
+    """The probability that a grasp has force closure.
 
     Attributes:
         value: share of the sampled poses with force closure.
-        standard_error: of the value, from the number of samples.
+        standard_error: of the value, due to the number of samples.
     """
 
     value: float
@@ -164,16 +164,16 @@ def force_closure_probability(
     samples: int = 500,
     seed: int = 0,
 ) -> ClosureProbability:
-    """The probability that the grasp is force closure, over what is believed of the object's pose.
+    """The probability that the grasp has force closure, over the belief about the object's pose.
 
     Args:
         model: the object.
         contacts: in the palm frame.
         belief: of the pose; `PoseEstimate.modes`, or `PoseBelief.mixture`.
         friction: coefficient of friction.
-        edges: of the pyramid that stands for a friction cone.
-        samples: poses that are drawn from the belief.
-        seed: of the draws.
+        edges: of the pyramid inscribed into a friction cone.
+        samples: number of poses drawn from the belief.
+        seed: of the random numbers.
 
     Raises:
         InvalidInputError: a friction or a seed below 0, fewer than 3 edges or more than 64, no sample or more than
@@ -195,12 +195,12 @@ def force_closure_probability(
 def on_surface(
     model: ObjectModel, p_OQ: FloatArray, n_OQ: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The surface's points nearest to given ones, on the sides that normals show.
+    """The surface points nearest to given points, on the sides that normals show.
 
     Args:
         model: the object.
         p_OQ: points in O, shape (..., 3), m.
-        n_OQ: measured outward unit normals, shape (..., 3); None where they are not known.
+        n_OQ: measured outward unit normals, shape (..., 3), or None.
 
     Returns:
         Points (..., 3), m; outward normals there (..., 3); signed distances of the given points (...), m.
@@ -213,7 +213,7 @@ def on_surface(
     for _ in range(_PROJECTIONS):
         p_OC = p_OC - off[..., None] * normal
         off, found = model.grid.distance_and_normal(p_OC)
-        # In a wall thinner than the grid's spacing the field's normals are of either side.
+        # In a wall thinner than the grid's spacing the field's normals may belong to either side.
         normal = np.where(np.sum(found * normal, axis=-1, keepdims=True) > 0.0, found, normal)
     return p_OC, normal, np.where(is_moved, np.sum((p_OQ - p_OC) * normal, axis=-1), distance)
 
@@ -221,7 +221,7 @@ def on_surface(
 def _on_felt_side(
     model: ObjectModel, p_OQ: FloatArray, n_OQ: FloatArray, distance: FloatArray, normal: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Points, their distances and normals; those nearest to the side opposite to a normal moved out along it."""
+    """Points, distances and normals; points nearer to the side opposite to their normal are moved out along it."""
     opposed = np.sum(n_OQ * normal, axis=-1) < _OPPOSED
     if not opposed.any():
         return p_OQ, distance, normal
@@ -237,7 +237,7 @@ def _on_felt_side(
 
 
 def lever(model: ObjectModel) -> float:
-    """The distance of the object's farthest point from its centre of mass, m: no force has a longer lever."""
+    """The distance of the object's farthest point from its centre of mass, m: the longest lever arm of any force."""
     return float(np.linalg.norm(model.vertices - model.center_of_mass, axis=1).max())
 
 
@@ -247,8 +247,8 @@ def object_wrenches(model: ObjectModel, friction: float, edges: int, length: flo
     Args:
         model: the object.
         friction: coefficient of friction.
-        edges: of the pyramid that stands for a friction cone.
-        length: what torques are divided by, m.
+        edges: of the pyramid inscribed into a friction cone.
+        length: by which torques are divided, m.
     """
     some = slice(None, None, max(1, len(model.samples) // _PUSHED))
     p_OQ, n_OQ = model.samples.points[some], model.samples.normals[some]
@@ -258,7 +258,7 @@ def object_wrenches(model: ObjectModel, friction: float, edges: int, length: flo
 def _check(
     model: ObjectModel, contacts: Contacts, friction: float, edges: int, length: float | None, norm: str
 ) -> tuple[float, float]:
-    """The friction and the length, if all is allowed."""
+    """Checks all arguments; returns the friction and the length."""
     instance_of("model", model, ObjectModel)
     instance_of("contacts", contacts, Contacts)
     known_name("norm", norm, get_args(Norm))

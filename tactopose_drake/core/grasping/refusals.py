@@ -1,25 +1,25 @@
-"""Why no grasp was found: what was wrong with the poses that were looked at, counted."""
+"""Reasons for which no grasp was found: counts of what was wrong with the poses that were tried."""
 
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 
-_MOST_REASONS = 3  # that a sentence tells of a finger
+_MOST_REASONS = 3  # that a sentence lists for a finger
 
 
 @dataclass(frozen=True, eq=False)
 class Refusals:
-    """What a search for grasps has refused.
+    """Counts of what a search for grasps has rejected.
 
     Attributes:
-        poses: how many of the object's poses were refused, by the reason.
-        touches: likewise of each finger's touches, by the finger.
+        poses: number of the object's poses that were rejected, by the reason.
+        touches: the same for each finger's touches, by the finger.
     """
 
     poses: Counter[str] = field(default_factory=Counter)
     touches: defaultdict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
 
     def explanation(self) -> str:
-        """The counts as sentences; of touches the most frequent reasons, which are what was wrong with them first."""
+        """The counts as sentences; for touches, only the most frequent reasons, each the first that applied."""
         parts = [f"of {self.poses.total()} poses: " + _listed(self.poses.most_common())]
         for finger, reasons in self.touches.items():
             most = [(reason, count) for reason, count in reasons.most_common(_MOST_REASONS) if count]

@@ -1,4 +1,4 @@
-"""Into which direction a rod has to lie in a hand so that its fingers close on it from opposite sides."""
+"""The direction in which a rod must lie in a hand so that its fingers close on it from opposite sides."""
 
 import itertools
 from collections.abc import Mapping
@@ -9,14 +9,14 @@ from tactopose_drake.core.grasping.finger_reach import FingerReach, alignment
 from tactopose_drake.core.validation import FloatArray
 
 _RADII = (0.012, 0.02, 0.03)  # of the rods that are tried, m
-_HALF = 0.04  # of their length, m
-_NEAR = 0.006  # of a rod, where a fingertip counts as touching it, m
-_CLEAR = 0.004  # of the palm, m
-_LEAST_ALIGNMENT = 0.75  # cosine between the normal and the way that pressing moves a fingertip
+_HALF = 0.04  # half of their length, m
+_NEAR = 0.006  # distance from a rod within which a fingertip counts as touching it, m
+_CLEAR = 0.004  # least distance from the palm, m
+_LEAST_ALIGNMENT = 0.75  # cosine between the normal and the motion of a fingertip that presses
 _LEAST_OPPOSITION = 0.8  # negative cosine between the normals of two fingers that oppose each other
-_SAMPLES = 600  # of each fingertip's places that are looked at
+_SAMPLES = 600  # most samples of each fingertip's workspace
 _PLACES = 3  # along each side of the grip region
-_LEAST_SHARE = 0.5  # of what the best direction is worth, for which the first stays
+_LEAST_SHARE = 0.5  # share of the best direction's value with which the first one is kept
 _DIRECTIONS = np.array([d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3) if d > (0.0, 0.0, 0.0)])
 
 
@@ -30,10 +30,10 @@ def rod_direction(
     """A direction in P in which the hand holds rods, shape (3,): the first, unless another is far better.
 
     Args:
-        first: the direction that is expected, unit length, shape (3,).
+        first: the expected direction, unit length, shape (3,).
         fingers: by name.
         palm: centres (h, 3) and radii (h,) of spheres that fill the palm, m.
-        grip_low: lower corner of where things are held, shape (3,), m.
+        grip_low: lower corner of the grip region, shape (3,), m.
         grip_high: its upper corner.
     """
     axes = [np.linspace(low, high, _PLACES) for low, high in zip(grip_low, grip_high, strict=True)]
@@ -56,7 +56,7 @@ def _closing(
     fingers: Mapping[str, FingerReach],
     palm: tuple[FloatArray, FloatArray],
 ) -> int:
-    """How many fingers can press on a rod through a place; 0 where no two oppose each other or the palm is there."""
+    """How many fingers can press on a rod through a place; 0 if no two oppose each other or the palm is in the way."""
     across, along = _from_axis(palm[0] - place, direction)
     along = along - np.clip(along, -_HALF, _HALF)
     if np.min(np.hypot(np.linalg.norm(across, axis=1), along) - palm[1], initial=np.inf) < radius + _CLEAR:
@@ -76,6 +76,6 @@ def _closing(
 
 
 def _from_axis(offset: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The parts of offsets (n, 3) across a direction, (n, 3), and along it, (n,)."""
+    """Components of offsets (n, 3) across a direction, (n, 3), and along it, (n,)."""
     along = offset @ direction
     return offset - along[:, None] * direction, along

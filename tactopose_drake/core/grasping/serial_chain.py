@@ -1,4 +1,4 @@
-"""Forward kinematics of one finger for whole batches of joint positions."""
+"""Forward kinematics of a finger for batches of joint positions."""
 
 import functools
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from tactopose_drake.core.grasping import chain_kernels
 from tactopose_drake.core.validation import FloatArray
 
 SLIDING_ARM = 0.05
-"""The arm at which a sliding joint moves what it carries as a turning one would, m: about a finger's length."""
+"""Arm at which a revolute joint moves its load as a prismatic one does, m: about a finger's length."""
 
 
 @dataclass(frozen=True, eq=False)
 class SerialChain:
-    """Joints in a row from the palm P to a sensor frame S; some may follow others.
+    """Joints in series from the palm P to a sensor frame S; some may be coupled to others.
 
-    The chain's own positions q, shape (m,), are those of its actuated joints; all k joints turn or slide by
+    The chain's positions q, shape (m,), are those of its actuated joints; the positions of all k joints are
     `coupling @ q + offset`.
 
     Attributes:
@@ -30,8 +30,8 @@ class SerialChain:
         lower: least actuated positions, shape (m,), rad or m.
         upper: largest actuated positions, shape (m,), rad or m.
         bodies: names of the k bodies behind the joints.
-        sliding: which of the k joints slide along their axis; the others turn about it.
-        offset: positions of the joints where all q are zero, shape (k,), rad or m.
+        sliding: indices of the prismatic joints among the k; the others are revolute.
+        offset: positions of the joints if all q are zero, shape (k,), rad or m.
     """
 
     X_parent: FloatArray
@@ -47,7 +47,7 @@ class SerialChain:
 
     @property
     def arms(self) -> FloatArray:
-        """What motion of each actuated joint counts as a radian, shape (m,): 1, or `SLIDING_ARM` where it slides."""
+        """The motion of each actuated joint that counts as 1 rad, shape (m,): 1, or `SLIDING_ARM` if it slides."""
         slides = [any(self.coupling[i, k] for i in self.sliding) for k in range(self.coupling.shape[1])]
         return np.where(slides, SLIDING_ARM, 1.0)
 
@@ -60,12 +60,12 @@ class SerialChain:
         return self.all_poses(q)[1]
 
     def all_poses(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Both: X_PB and X_PS."""
+        """X_PB and X_PS, as of `body_poses` and `sensor_poses`."""
         X_PB = self.body_poses(q)
         return X_PB, poses.compose(X_PB[:, -1], self.X_last_sensor)
 
     def point_jacobians(self, q: FloatArray, p_SQ: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """A point fixed in S, in P, and how it moves with the joints.
+        """The position in P of a point fixed in S, and its Jacobian.
 
         Args:
             q: positions, shape (B, m), rad or m.
@@ -91,6 +91,6 @@ class SerialChain:
 
     @functools.cached_property
     def _joints(self) -> chain_kernels.Joints:
-        """What the kernel reads."""
+        """The joints in the form that the kernel reads."""
         slides = np.isin(np.arange(len(self.axis)), list(self.sliding)).astype(np.float64)
         return chain_kernels.Joints(*map(read_only, (self.X_parent, self.axis, self.X_child, slides)))

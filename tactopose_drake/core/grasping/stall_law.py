@@ -1,4 +1,4 @@
-"""The law of motors that close until they stall and then hold without power, as worm drives do."""
+"""The control law of motors that close until they stall and then hold without power, as worm drives do."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +17,15 @@ def close_until_stalled(
     """One step of the commanded positions.
 
     Args:
-        commanded: positions, shape (k,), rad, or m of joints that slide.
-        measured: positions, shape (k,), likewise.
-        stalled: which motors have stalled before, shape (k,); they hold their command whatever comes.
-        step: how far a command moves on, a number or shape (k,); below 0 where closing makes positions smaller.
-        reach: how far ahead of its joint a command is when the motor stalls: stall torque over stiffness; likewise.
+        commanded: positions, shape (k,), rad, or m for sliding joints.
+        measured: positions, shape (k,), rad or m.
+        stalled: which motors have stalled before, shape (k,); they hold their command from then on.
+        step: increment of a command, a number or shape (k,), rad or m; negative if closing decreases the position.
+        reach: how far a command is ahead of its joint when the motor stalls: stall torque over stiffness, a number or
+            shape (k,), rad or m.
 
     Returns:
-        The new commands and which motors have stalled now.
+        The new commands, and which motors have stalled by now.
     """
     stalled = stalled | (np.sign(step) * (commanded - measured) >= reach)
     return np.where(stalled, commanded, commanded + step), stalled

@@ -1,15 +1,16 @@
 """The wrenches that frictional contacts can exert on an object, as a convex polytope around the origin.
 
-A wrench is a torque about the object's centre of mass, over a length that makes it a force, and a force: (torque /
-length, force), N. Each friction cone is linearised by a pyramid whose edges lie on it, so what comes out is contained
-in what round cones would give. How hard the fingers may press is bounded in one of two ways [FC92]:
+A wrench is a torque about the object's centre of mass, divided by a length to make it a force, and a force: (torque /
+length, force), N. Each friction cone is linearised by an inscribed pyramid, so the result is contained in that of round
+cones. How hard the fingers may press is bounded in one of two ways [FC92]:
 
 - "L1": the normal forces together are at most 1 N; the space is the convex hull of all the cones' edges.
 - "Linf": each normal force is at most 1 N; the space is the Minkowski sum of the contacts' own hulls.
 
-The largest set that fits into the space touches one of its facets. All facets of a hull of some forty points are found
-at once; a Minkowski sum has a hundred thousand. Of those only the ones near the fitting set are made: a hull of some of
-the sum's points is grown at its critical facets until these are facets of the sum itself, which is the exact answer.
+The largest scaled set that fits into the space touches one of its facets. All facets of a hull of some forty points are
+computed at once; a Minkowski sum has a hundred thousand. Of those only the ones near the fitted set are computed: a
+hull of some of the sum's points is grown at its critical facets until these are facets of the sum itself, which makes
+the answer exact.
 
 Sources: [FC92] C. Ferrari and J. Canny, Planning optimal grasps, ICRA 1992. [B99] C. Borst et al., A fast and robust
 grasp planner for arbitrary 3D objects, ICRA 1999.
@@ -30,22 +31,22 @@ from tactopose_drake.core.validation import FloatArray
 
 Norm = Literal["L1", "Linf"]
 
-# What is smaller than this, relative to wrenches of about 1 N, is rounding.
+# Relative rounding error for wrenches of about 1 N.
 _FLAT = 1e-7
-# How exactly the critical facet is found, N: some digits above the hulls' own rounding.
+# Accuracy of the critical facet, N: some digits above the hulls' own rounding errors.
 _EXACT = 1e-9
-# A demand along a direction that is less is none; what is divided by it is still finite.
+# Floor of the demand along a direction, so that the division by it stays finite.
 _NO_DEMAND = 1e-300
-# Products with so many directions are made at once, which bounds the memory.
+# Number of directions in one product, which bounds the memory.
 _DIRECTIONS_A_BATCH = 1024
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class HullGrowthParams:
-    """How a hull of some points of a Minkowski sum grows; what comes out is the same, sooner or later."""
+    """How fast a hull of some points of a Minkowski sum grows, which does not affect the result."""
 
-    first_facets: int = 64  # that the first hull has support points for
-    facets_per_round: int = 32  # that are pushed out in one round
+    first_facets: int = 64  # number of facets for which the first hull has support points
+    facets_per_round: int = 32  # number of facets pushed out in one round
 
 
 class Hull(NamedTuple):
@@ -56,7 +57,7 @@ class Hull(NamedTuple):
         offsets: their distances from the origin along the normals, shape (f,).
         vertices: shape (v, d).
         simplices: the facets' corners, rows of `vertices`, anticlockwise seen from outside in three dimensions, (f, d).
-        volume: of d-dimensional content.
+        volume: the d-dimensional volume.
     """
 
     normals: FloatArray
@@ -67,10 +68,10 @@ class Hull(NamedTuple):
 
 
 def convex_hull(points: FloatArray) -> Hull | None:
-    """The convex hull of points (n, d); None where they lie in a hyperplane, up to rounding.
+    """The convex hull of points (n, d); None if they lie in a hyperplane, up to rounding.
 
-    The points are joggled by about 1e-10 of their size: the edges of a friction pyramid are coplanar, which leaves
-    Qhull with facets that it cannot tell apart, and sometimes cannot merge either.
+    The points are joggled by about 1e-10 of their size: the edges of a friction pyramid are coplanar, and Qhull may
+    neither separate nor merge the resulting facets.
     """
     spread = points - points.mean(axis=0)
     values = np.linalg.svd(spread, compute_uv=False)
@@ -107,23 +108,23 @@ class WrenchSpace:
         rows = self.primitives.reshape(-1, 6)
         if not len(rows) or np.linalg.matrix_rank(rows, tol=_FLAT * np.abs(rows).max()) < 6:
             return False
-        # All have a share of at least one in a sum that vanishes.
+        # Equivalently, a combination of all primitives with coefficients of at least one vanishes.
         _, residual = nnls(rows.T, -rows.sum(axis=0))
         return bool(residual <= _FLAT * len(rows))
 
     @cached_property
     def radius(self) -> float:
-        """Of the largest ball about the origin that fits, N; 0 without force closure. [FC92]
+        """Radius of the largest ball about the origin in the space, N; 0 without force closure. [FC92]
 
-        Five contacts of eight edges take about 7 ms for "L1". For "Linf" they take some 0.2 s, and up to 7 s where the
-        fingers stand so regularly that many facets are equally near.
+        Five contacts of eight edges take about 7 ms with "L1". With "Linf" they take some 0.2 s, and up to 7 s if the
+        fingers are placed so regularly that many facets are equally near.
         """
         return self.fit(lambda normals: np.ones(len(normals)))
 
     def scale(self, wrenches: FloatArray) -> float:
-        """The largest multiple of a set of disturbing wrenches (t, 6), N, that the contacts resist, each one at a time.
+        """The largest multiple of disturbing wrenches (t, 6), N, that the contacts resist, each one at a time.
 
-        They are as the module says, (torque / length, force). Those of length 0 demand nothing; the scale of a set of
+        Wrenches are (torque / length, force) as in the module. Zero wrenches demand nothing; the scale of a set of
         nothing else is infinite, unless there is no force closure.
         """
         if not np.any(wrenches):
@@ -132,9 +133,9 @@ class WrenchSpace:
 
     @cached_property
     def volume(self) -> float:
-        """Content of the space, N^6; 0 where it is flat.
+        """Volume of the space, N^6; 0 if it is flat.
 
-        For "Linf" all facets of the Minkowski sum are needed, which took one core 1.4 s for three contacts of eight
+        With "Linf" all facets of the Minkowski sum are needed, which took one core 1.4 s for three contacts of eight
         edges and 30 s for four.
         """
         hull = convex_hull(self.vertices)
@@ -142,15 +143,15 @@ class WrenchSpace:
 
     @cached_property
     def vertices(self) -> FloatArray:
-        """Points that the space is the convex hull of, the origin among them, shape (v, 6); see `volume`."""
+        """Points whose convex hull is the space, including the origin, shape (v, 6); see `volume`."""
         return self._points(slice(0, 6))
 
     def projection(self, part: Literal["torque", "force"]) -> Hull | None:
-        """The torques, or the forces, of the wrenches in the space, in three dimensions; None where they are flat."""
+        """The torques, or the forces, of the wrenches in the space, in three dimensions; None if they are flat."""
         return convex_hull(self._points(slice(0, 3) if part == "torque" else slice(3, 6)))
 
     def _points(self, columns: slice) -> FloatArray:
-        """Points whose hull is that of some components of the wrenches, the origin among them."""
+        """Points, including the origin, whose hull is the projection of the space on some components."""
         primitives = self.primitives[..., columns]
         points = np.zeros((1, primitives.shape[2]))
         if self.norm == "L1":
@@ -165,7 +166,7 @@ class WrenchSpace:
         """How far a convex set about the origin can be scaled until it touches the space's surface.
 
         Args:
-            demand: the set's support function: of unit directions (m, 6), shape (m,).
+            demand: the set's support function, from unit directions (m, 6) to shape (m,).
 
         Returns:
             The scale; 0 without force closure.
@@ -182,7 +183,7 @@ class WrenchSpace:
             scales = hull.offsets / wanted
             nearest = np.argsort(scales, kind="stable")[: self.growth.facets_per_round]
             supports, found = self.support(hull.normals[nearest])
-            # A facet of the hull is within the space; the plane that supports the space there is not.
+            # A facet of the hull bounds the scale from below, the support plane of the space along it from above.
             least = min(least, float((supports / wanted[nearest]).min()))
             beyond = supports > hull.offsets[nearest] + _EXACT
             if not beyond.any() or least - scales[nearest[0]] <= _EXACT * max(1.0, least):
@@ -203,7 +204,7 @@ class WrenchSpace:
         return np.sum(best * pressing, axis=1), np.sum(wrench * pressing[..., None], axis=1)
 
     def _first_points(self) -> FloatArray:
-        """Points of the space whose hull is a start: all the vertices there are for "L1"."""
+        """Points of the space whose hull is the first one; for "L1" these are all its vertices."""
         points = np.concatenate([np.zeros((1, 6)), self.primitives.reshape(-1, 6)])
         if self.norm == "L1":
             return points
@@ -219,10 +220,10 @@ def cone_wrenches(p_GC: FloatArray, n: FloatArray, friction: float, edges: int, 
 
     Args:
         p_GC: contact points from the centre of mass, shape (..., 3), m.
-        n: the object's outward unit normals there, shape (..., 3): fingers press against them.
+        n: the object's outward unit normals there, shape (..., 3); fingers press against them.
         friction: coefficient.
-        edges: of a pyramid; without friction there is but one, the normal force.
-        length: what torques are divided by, m.
+        edges: of a pyramid; without friction there is only one, the normal force.
+        length: by which torques are divided, m.
 
     Returns:
         Shape (..., edges, 6), torque first, in the axes of the arguments.
@@ -244,6 +245,6 @@ def _support(directions: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def _distinct(points: FloatArray) -> FloatArray:
-    """The points (n, 6) without those that differ by rounding alone."""
+    """The points (n, 6) without duplicates up to rounding."""
     _, first = np.unique(points.round(10), axis=0, return_index=True)
     return points[first]
