@@ -1,4 +1,4 @@
-"""Cells one by one, for arrays that have no pattern."""
+"""Cells given one by one, for arrays without a regular pattern."""
 
 import dataclasses
 
@@ -9,18 +9,18 @@ from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidInputError
 
-_MAX_CELLS = 10_000  # of an array; the finest ones have some hundreds
-_SAME = 1e-6  # distance of corners that are one, m
+_MAX_CELLS = 10_000  # of an array; the finest real ones have some hundreds
+_SAME = 1e-6  # distance up to which corners are the same, m
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class CornerPattern:
-    """Quadrilateral cells by their corners, `!CornerPattern` in YAML; numbered as they stand there.
+    """Quadrilateral cells given by their corners, `!CornerPattern` in YAML; numbered in this order.
 
     Neighbours that share corners share the wall between them.
     """
 
-    # Of each cell four corners, counterclockwise for who looks at the pad from outside, m.
+    # Four corners of each cell, counterclockwise as seen from outside, m.
     cells: list[list[list[float]]] = dataclasses.field(default_factory=list)
 
     def make(self) -> TactileLayout:
@@ -42,11 +42,11 @@ class CornerPattern:
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class PointPattern:
-    """Square cells by their middles, `!PointPattern` in YAML; numbered as they stand there."""
+    """Square cells given by their centres, `!PointPattern` in YAML; numbered in this order."""
 
-    points: list[list[float]] = dataclasses.field(default_factory=list)  # the cells' middles, m
+    points: list[list[float]] = dataclasses.field(default_factory=list)  # the cells' centres, m
     normals: list[list[float]] = dataclasses.field(default_factory=list)  # out of the pad, unit vectors; one for all
-    along: list[float] = dataclasses.field(default_factory=lambda: [1.0, 0.0, 0.0])  # that two edges are nearest to
+    along: list[float] = dataclasses.field(default_factory=lambda: [1.0, 0.0, 0.0])  # direction of two of the edges
     cell: float = 0.001  # edge of a cell, m
 
     def make(self) -> TactileLayout:
@@ -71,7 +71,7 @@ class PointPattern:
 
 
 def _edges(normals: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors along the edges of cells with these normals (m, 3), the first as near to `along` as can be."""
+    """Unit vectors along the edges of cells with these normals (m, 3), the first as close to `along` as possible."""
     first = along - (normals @ along)[:, None] * normals
     length = np.linalg.norm(first, axis=1, keepdims=True)
     if not np.all(length > 1e-3):

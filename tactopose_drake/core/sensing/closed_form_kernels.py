@@ -1,4 +1,4 @@
-"""The contact that explains a wrench in closed form, compiled: on rods and ellipsoids, and where it faces the force.
+"""Intrinsic contacts in closed form, on rods and ellipsoids, and starting points for the iteration, compiled.
 
 Everything is in the surface's frame F, for a wrench divided by its force: f is a unit vector and the moment m a length.
 `surface_kernels.py` says what a surface is, `intrinsic_contact.py` explains the equations.
@@ -10,7 +10,7 @@ from tactopose_drake.core.compilation import part
 from tactopose_drake.core.kernel_types import Floats1, OutFloats1, Triple
 from tactopose_drake.core.surfaces.surface_kernels import ROD, SMOOTH, project
 
-EDGE = 1e-9  # rounding error allowed at the edge of the admissible part, relative to the extent
+EDGE = 1e-9  # tolerance at the edge of the admissible part, relative to the extent
 
 
 @part
@@ -49,7 +49,7 @@ def _ellipsoid_contact(a: float, b: float, c: float, m: Triple, f: Triple, q: Ou
 
 @part
 def rod_contact(shape: Floats1, m: Triple, f: Triple, q: OutFloats1) -> bool:
-    """The compressive contact q on a cylinder (endless where lo or hi is infinite) with hemispheres at lo and hi.
+    """The compressive contact q on a cylinder (infinite if lo or hi is) with hemispheres at lo and hi.
 
     On the side n_z = 0, so m_z = R (n x f)_z gives n, and m along z x n gives the height.
     """
@@ -76,7 +76,7 @@ def rod_contact(shape: Floats1, m: Triple, f: Triple, q: OutFloats1) -> bool:
 
 @part
 def facing_point(kind: int, shape: Floats1, f: Triple, q: OutFloats1) -> bool:
-    """A start for the iteration: a point of the surface that faces the force squarely; False if there is none."""
+    """A starting point for the iteration: where the surface squarely faces the force; False if there is none."""
     if kind == SMOOTH:
         for i in range(3):
             q[i] = -shape[i] * shape[i] * f[i]

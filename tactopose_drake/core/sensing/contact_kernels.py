@@ -1,6 +1,6 @@
-"""The compiled loop of the intrinsic contact solver: the contact of each wrench, and what is wrong where there is none.
+"""The compiled loop of the intrinsic contact solver: the contact of each wrench, or the reason why there is none.
 
-The solution lives in the surface's frame F, for a wrench divided by its force: f is a unit vector and the moment m a
+The solution is in the surface's frame F, for a wrench divided by its force: f is a unit vector and the moment m a
 length. `surface_kernels.py` says what a surface is, `intrinsic_contact.py` explains the equations.
 """
 
@@ -19,17 +19,17 @@ from tactopose_drake.core.surfaces.surface_kernels import ROD, SMOOTH, project
 VALID, NOT_FINITE, TOO_WEAK, MISSES, TENSION, OUTSIDE, FRICTION, TORQUE, LAYER, TOO_STRONG = range(10)
 RESULT_SIZE = 18  # p, n, normal force, friction force, local torque (three each), residual, deformation, iterations
 
-# The way on which a contact is followed does not change where it ends; these say how it goes, and when it is given up.
-_MIN_STRIDE = 4e-3  # of the way from the closed form to the surface, below which following it gives up
-_EXTRA = 0.2  # lever arm of the moment that keeps f.m off zero on that way, relative to the extent
-# Friction over normal force (84 degrees) at which a wrench counts as passing the surface by: the equations also have a
-# contact for a line far off, one that would hang on almost nothing but friction and local torque. It is the coefficient
-# that `solve_contact` says it takes without one; who wants a lower bound gives that.
+# Parameters of the continuation, which do not affect its result: how it proceeds, and when it is given up.
+_MIN_STRIDE = 4e-3  # least step, as a share of the path from the closed form to the surface
+_EXTRA = 0.2  # lever arm of the moment that keeps f.m off zero on that path, relative to the extent
+# Ratio of friction to normal force (84 degrees) at which a wrench counts as missing the surface: the equations also
+# have a contact for a distant line, held by almost nothing but friction and local torque. `solve_contact` documents
+# this as its bound on the coefficient if none is given; users who want a lower bound give one.
 _GRAZING = 10.0
 
 
 class Points(NamedTuple):
-    """Scratch: the contact q (3,), where a search for it starts (3,), and a shape on the way to the surface's own."""
+    """Scratch: the contact q (3,), the start of a search for it (3,), and a shape between ellipsoid and surface."""
 
     q: OutFloats1
     start: OutFloats1
@@ -44,12 +44,12 @@ class Scratch(NamedTuple):
 
 
 class Conditions(NamedTuple):
-    """What holds for all wrenches.
+    """The conditions common to all wrenches.
 
     Attributes:
-        limits: least force, N; friction coefficient (infinite: unknown); the layer's compliance, m/N, and thickness, m;
-            largest force, N; shape (5,), read-only.
-        iterate: whether Newton's method is used even where there is a closed form.
+        limits: least force, N; friction coefficient (infinite if unknown); the layer's compliance, m/N, and thickness,
+            m; largest force, N; shape (5,), read-only.
+        iterate: whether Newton's method is used even if there is a closed form.
     """
 
     limits: Floats1
@@ -132,10 +132,10 @@ def _solve(
 
 @part
 def _why_none(kind: int, shape: Floats1, line: Line, count: int, q: OutFloats1, work: NewtonScratch) -> int:
-    """The code of a line of action that has no contact which pushes (a count below 0), or one beyond the surface's end.
+    """The code for a line of action without a pushing contact (a count below 0), or with one beyond the surface's end.
 
-    A pull is a push of the opposite wrench. Off the edge both may explain this one: the pull is named if it needs far
-    less friction. On a closed surface there is always a push.
+    A pull is a push of the opposite wrench. Beyond the edge both may explain the wrench: the pull is named if it needs
+    far less friction. On a closed surface there is always a push.
     """
     push = 0.0
     if count >= 0:
@@ -152,12 +152,12 @@ def _why_none(kind: int, shape: Floats1, line: Line, count: int, q: OutFloats1, 
 
 @part
 def _locate(kind: int, shape: Floats1, line: Line, iterate: bool, points: Points, work: NewtonScratch) -> int:
-    """The contact q that pushes, in closed form where there is one; iterations, negative if there is no contact.
+    """Finds the pushing contact q, in closed form if possible; returns iterations, negative if there is no contact.
 
-    Where Newton's method fails from the point that faces the force, it follows the contact from the closed form, while
-    exponents go from 1, and compliance from 0, to their values. The one pushing contact moves continuously with the
-    shape as long as f.m != 0, so short enough strides never lose it; a moment along f that fades away on the way keeps
-    f.m off zero.
+    If Newton's method fails from the point that faces the force, a continuation follows the contact from the closed
+    form, while exponents go from 1, and compliance from 0, to their values. The one pushing contact moves continuously
+    with the shape as long as f.m != 0, so short enough steps never lose it; an additional moment along f that vanishes
+    on the way keeps f.m off zero.
     """
     m, f, compliance = line
     q, start, between = points

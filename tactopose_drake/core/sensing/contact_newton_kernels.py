@@ -14,10 +14,10 @@ from tactopose_drake.core.kernel_types import Floats1, OutFloats1, OutFloats2, T
 from tactopose_drake.core.kernels.sorting_kernels import copy_vector
 from tactopose_drake.core.surfaces.surface_kernels import evaluate_one, project
 
-# Where a search that does not converge ends. One that does ends at rounding, whatever these are: so they are no choice
-# of exactness against time, and fixed.
+# Limits at which a search that does not converge is given up. They do not affect the result of one that does, which
+# ends at rounding error, and are therefore no parameters.
 MAX_ITERATIONS = 60
-_MIN_FRACTION = 1e-4  # of a Newton step, below which the line search gives up
+_MIN_FRACTION = 1e-4  # of a Newton step, below which the line search is given up
 
 
 class Line(NamedTuple):
@@ -99,8 +99,8 @@ def linearize(
 def newton(kind: int, shape: Floats1, line: Line, q: OutFloats1, work: NewtonScratch) -> int:
     """Newton's method on the surface with a line search, from q, which it moves; iterations, negative if it stalls.
 
-    det J = (f.n)^2 + torque^2 det W > 0 on a rigid convex surface, so the squared residual has no other local minimum
-    than the contact: a step of Newton always descends. Steps stay where the force pushes.
+    det J = (f.n)^2 + torque^2 det W > 0 on a rigid convex surface, so the squared residual has no local minimum other
+    than the contact: a Newton step is always a descent direction. Steps are limited to where the force pushes.
     """
     m = line.m
     g, H, here, there, trial = work
@@ -129,6 +129,6 @@ def newton(kind: int, shape: Floats1, line: Line, q: OutFloats1, work: NewtonScr
         for i in range(3):
             trial[i] = q[i] + fraction * (step1 * here[11 + i] + step2 * here[14 + i])
         project(kind, shape, trial)
-    # At the limit of rounding, or on a crease, where the normal turns within it, no step descends: the point is found
-    # if the next step is too short to matter.
+    # At the limit of rounding, or on a crease where the normal turns within it, no step descends: the iteration has
+    # converged if the next step is negligibly short.
     return iterations if length < 1e-9 * shape[7] else -1

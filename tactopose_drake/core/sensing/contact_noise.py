@@ -1,9 +1,9 @@
-"""How far the wrench's noise moves an intrinsic contact: first-order covariances of its point and normal.
+"""Propagation of the wrench's noise to an intrinsic contact: first-order covariances of its point and normal.
 
 With white noise of the moment and the force, the point's error across the force is about that of the moment, plus the
 force's noise times the distance from the sensor's origin, over the force: 45 um rms for a push of 1 N on a sphere of
 9 mm about a Nano17's origin, and more the longer the lever arm. The contact is an exact function of the wrench, so this
-is also the Cramer-Rao bound: no other unbiased estimator from one wrench does better.
+is also the Cramer-Rao bound of an unbiased estimator from one wrench.
 
 Source: [B16] J. Bimbo, thesis, 2016, eqs. 2.2 to 2.4, differentiated.
 """
@@ -27,9 +27,9 @@ class ContactCovariance(NamedTuple):
     """Covariances of contacts, in S.
 
     Attributes:
-        p: of the contact point, shape (B, 3, 3) or (3, 3), m^2. On a rigid surface it has no part along the normal.
-        n: of the unit normal, same shape; none of it is along the normal.
-        pn: of the point (rows) with the normal, same shape, m: on a round surface both move together.
+        p: of the contact point, shape (B, 3, 3) or (3, 3), m^2; on a rigid surface, zero along the normal.
+        n: of the unit normal, same shape; zero along the normal.
+        pn: of the point (rows) and the normal, same shape, m: on a curved surface both move together.
     """
 
     p: FloatArray
@@ -45,12 +45,12 @@ def contact_covariance(
     sigma_moment: float = NANO17_SIGMA_MOMENT,
     sigma_force: float = NANO17_SIGMA_FORCE,
 ) -> ContactCovariance:
-    """Covariances of the points and normals that `solve_contact(s)` found; NaN where a contact is not valid.
+    """Covariances of the points and normals that `solve_contact(s)` found; NaN for contacts that are not valid.
 
     Args:
         contacts: solution(s) found on `surface` with `layer`.
         surface: the fingertip's surface.
-        layer: soft layer on it, if there is one.
+        layer: soft layer on it, if any.
         sigma_moment: standard deviation of each component of m, N m, >= 0.
         sigma_force: standard deviation of each component of f, N, >= 0.
 

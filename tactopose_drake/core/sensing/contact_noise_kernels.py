@@ -1,4 +1,4 @@
-"""Covariances of intrinsic contacts, compiled; `contact_noise.py` says what they are."""
+"""Covariances of intrinsic contacts, compiled; see `contact_noise.py`."""
 
 from typing import NamedTuple
 
@@ -11,8 +11,8 @@ from tactopose_drake.core.surfaces.surface_kernels import evaluate_one
 
 
 class Found(NamedTuple):
-    """Contacts in S, of B wrenches: points, normals, normal and friction forces and local torques (B, 3), deformations
-    (B,), and which are valid (B,); read-only.
+    """Contacts in S of B wrenches: points, normals, normal and friction forces and local torques (B, 3), deformations
+    (B,), and validity (B,); read-only.
     """
 
     p: Floats2
@@ -33,7 +33,7 @@ class WrenchNoise(NamedTuple):
 
 
 class Covariances(NamedTuple):
-    """Of the points (B, 3, 3), of the normals, and of the points (rows) with the normals; written."""
+    """Output: covariances of the points (B, 3, 3), of the normals, and of the points (rows) with the normals."""
 
     point: OutFloats3
     normal: OutFloats3
@@ -41,8 +41,8 @@ class Covariances(NamedTuple):
 
 
 class SensedContact(NamedTuple):
-    """A contact's point and the fingertip's normal there, in S, shape (3,), and by the noise of its sensor the
-    covariances of the point, of the normal, and of the point (rows) with the normal, shape (3, 3).
+    """A contact's point and the fingertip's normal there, in S, shape (3,), and the covariances due to its sensor's
+    noise: of the point, of the normal, and of the point (rows) with the normal, shape (3, 3).
     """
 
     p: Floats1
@@ -53,8 +53,8 @@ class SensedContact(NamedTuple):
 
 
 class HandVariances(NamedTuple):
-    """Variances of where a fingertip is along each axis, m^2, of how it is turned about each, rad^2, and of how thick
-    it is, m^2.
+    """Variances of a fingertip's position along each axis, m^2, of its rotation about each axis, rad^2, and of its
+    radius, m^2.
     """
 
     place: float
@@ -63,7 +63,7 @@ class HandVariances(NamedTuple):
 
 
 class _Work(NamedTuple):
-    """Matrices (3, 3) and vectors (3,) to work with."""
+    """Scratch vectors (3,) and matrices (3, 3)."""
 
     g: OutFloats1
     A: OutFloats2
@@ -111,9 +111,9 @@ def fill_covariances(
             push += f[i] * n[i]
             torque += found.torque[b, i] * n[i]
             bent[i] = W[i, 0] * f_t[0] + W[i, 1] * f_t[1] + W[i, 2] * f_t[2]
-        _cross(n, f, across)  # What the normal force adds to it vanishes.
-        # The Jacobian of the residual to a step t on the surface, as in `contact_newton_kernels.linearize`, here as a
-        # matrix of the tangent plane; n n^T makes it invertible and drops out again in `step`.
+        _cross(n, f, across)  # The normal force's part of the product vanishes.
+        # The Jacobian of the residual by a step t on the surface, as in `contact_newton_kernels.linearize`, here as a
+        # matrix of the tangent plane; n n^T makes it invertible and cancels in `step`.
         J = work.A
         for k in range(3):
             for i in range(3):
@@ -122,12 +122,12 @@ def fill_covariances(
             for i in range(3):
                 J[i, k] = push * work.g[i] - torque * W[i, k] - noise.compliance * across[i] * bent[k] + n[i] * n[k]
         _invert_plane(J, n, step)
-        # What noise (dm, df) adds to the residual, dm + by_force df; and to the point at a fixed step.
+        # The derivative of the residual by noise (dm, df) is dm + by_force df; then that of the point at a fixed step.
         _fill_lever(p, across, n, noise.compliance, by_force)
         for i in range(3):
             for k in range(3):
                 work.B[i, k] += noise.compliance * n[i] * bent[k]
-        # What moment and force move the point and the normal by; the force moves the point along the normal, too.
+        # The derivatives of the point and the normal by moment and force; the force moves the point along n, too.
         multiply(work.B, step, work.of_point)
         multiply(work.of_point, by_force, work.of_point_by_force)
         for i in range(3):
@@ -144,14 +144,15 @@ def fill_covariances(
 def fill_hand_covariance(
     X: Floats2, contact: SensedContact, by_joints: Floats2, errors: HandVariances, out: OutFloats2
 ) -> None:
-    """Fills the covariance (6, 6) of a contact's point and of a small turn of its normal, in P.
+    """Fills the covariance (6, 6) of a contact's point and of a small rotation of its normal, in P.
 
     Args:
         X: X_PS, shape (3, 4).
-        contact: what the sensor has found.
-        by_joints: by how much a standard deviation of each joint's offset turns and moves the contact, shape (6, k).
-        errors: what the fingertip's place and size may be off.
-        out: to fill.
+        contact: the contact from the sensor.
+        by_joints: rotation and displacement of the contact by one standard deviation of each joint's offset, shape
+            (6, k).
+        errors: variances of the fingertip's pose and size.
+        out: output.
     """
     p, n, by_point, by_normal, by_both = contact
     R, turned, rotation = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
@@ -167,7 +168,7 @@ def fill_hand_covariance(
             out[i, k] = 0.0
             for c in range(by_joints.shape[1]):
                 out[i, k] += by_joints[(i + 3) % 6, c] * by_joints[(k + 3) % 6, c]
-    # A turn w of the fingertip moves the point, which is at a from S, by w x a.
+    # A rotation w of the fingertip moves the point, at a from S, by w x a.
     square = a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
     for i in range(3):
         out[i, i] += errors.place + errors.turn * square
@@ -180,7 +181,7 @@ def fill_hand_covariance(
     for i in range(3):
         for k in range(i + 1):
             out[i, k] += rotation[i, k]
-    # A normal that moves by dn has turned by n x dn.
+    # A change dn of the normal is a rotation by n x dn.
     for c in range(3):
         _cross(m, R[:, c], a)
         for i in range(3):
@@ -201,7 +202,7 @@ def fill_hand_covariance(
 
 @part
 def _bend(kind: int, shape: Floats1, X: Floats2, p: Floats1, n: Floats1, depth: float, work: _Work) -> None:
-    """W, 1/m, with dn = W t for steps t on the surface at the contact, which lies deeper; X (3, 4) is X_SF."""
+    """W, 1/m, with dn = W t for steps t on the undeformed surface at the contact; X (3, 4) is X_SF."""
     g, A, B, W = work.g, work.A, work.B, work.W
     for i in range(3):
         g[i] = p[i] + depth * n[i] - X[i, 3]
@@ -210,7 +211,7 @@ def _bend(kind: int, shape: Floats1, X: Floats2, p: Floats1, n: Floats1, depth: 
     z = X[0, 2] * g[0] + X[1, 2] * g[1] + X[2, 2] * g[2]
     evaluate_one(kind, shape, x, y, z, g, A)
     length = np.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
-    # (1 - n n^T) R, by which the Hessian in F becomes W in S.
+    # (1 - n n^T) R, which transforms the Hessian in F to W in S.
     for k in range(3):
         along = n[0] * X[0, k] + n[1] * X[1, k] + n[2] * X[2, k]
         for i in range(3):
@@ -223,7 +224,7 @@ def _bend(kind: int, shape: Floats1, X: Floats2, p: Floats1, n: Floats1, depth: 
 
 @inlined
 def _invert_plane(J, n, step):
-    """step = -J^-1 (1 - n n^T), by J's cofactors."""
+    """step = -J^-1 (1 - n n^T), from J's cofactors."""
     for i in range(3):
         a, b = (i + 1) % 3, (i + 2) % 3
         for k in range(3):
@@ -251,7 +252,7 @@ def _fill_lever(p, across, n, compliance, out):
 def _add_noise(
     moment: Floats2, force: Floats2, other_moment: Floats2, other_force: Floats2, noise: WrenchNoise, out: OutFloats2
 ) -> None:
-    """The covariance of what moment and force move by these gains with what they move by others."""
+    """The covariance of two quantities with these gains for the noise of moment and force."""
     for i in range(3):
         for k in range(3):
             by_moment, by_force = 0.0, 0.0

@@ -1,8 +1,8 @@
 """The measurement of a six-axis force-torque sensor: load, noise, bias, drift, range and quantisation.
 
 A load is a wrench F_S = [m_x, m_y, m_z, f_x, f_y, f_z] on the fingertip, about the origin of the sensor's frame S,
-expressed in S. The order of the steps is the instrument's: its strain gauges carry the fingertip's weight too, so range
-and quantisation apply to the sum, and the weight is subtracted afterwards.
+expressed in S. The order of the steps is that of a real instrument: its strain gauges carry the fingertip's weight too,
+so range and quantisation apply to the sum, and the weight is subtracted afterwards.
 """
 
 import dataclasses
@@ -21,7 +21,7 @@ GRAVITY_W = np.array([0.0, 0.0, -9.81])
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class ForceTorqueModel:
-    """What limits a force-torque sensor. Lists of six are in the order m_x, m_y, m_z, f_x, f_y, f_z.
+    """The limits of a force-torque sensor. Lists of six are in the order m_x, m_y, m_z, f_x, f_y, f_z.
 
     The defaults are an ideal sensor.
     """
@@ -71,21 +71,21 @@ class Measurement:
 
 
 def measure(F_S: FloatArray, normal_noise: FloatArray, model: ForceTorqueModel, time: float = 0.0) -> Measurement:
-    """What the sensor reads under the load F_S.
+    """The sensor's reading under the load F_S.
 
     Args:
         F_S: load, shape (6,), N m and N.
         normal_noise: standard normal numbers, shape (6,).
         model: the sensor's limits, valid.
-        time: that its bias has drifted, s.
+        time: over which its bias has drifted, s.
     """
     reading, saturated = [], []
     each = F_S.tolist(), normal_noise.tolist(), model.noise, model.bias, model.drift, model.range, model.resolution
-    for load, normal, sigma, bias, drift, largest, step in zip(*each, strict=True):  # Six numbers: no work for numpy.
+    for load, normal, sigma, bias, drift, largest, step in zip(*each, strict=True):  # Six numbers: faster than numpy.
         signal = load + bias + time * drift + sigma * normal
         is_rounded = step > 0.0 and math.isfinite(signal)
         rounded = step * round(signal / step) if is_rounded else signal
-        # The range need not be a whole number of steps; an axis at its end reads it all the same.
+        # The range need not be a multiple of the resolution; an axis at its end reads the range itself.
         is_at_end = abs(signal) >= largest
         reading.append(math.copysign(largest, signal) if is_at_end else min(max(rounded, -largest), largest))
         saturated.append(is_at_end)
@@ -93,7 +93,7 @@ def measure(F_S: FloatArray, normal_noise: FloatArray, model: ForceTorqueModel, 
 
 
 def weight_matrix(mass: float, p_SScm: FloatArray) -> FloatArray:
-    """What makes of the acceleration of gravity in S, m/s^2, the weight of a body as a wrench about S's origin.
+    """The matrix that maps the acceleration of gravity in S, m/s^2, to a body's weight as a wrench about S's origin.
 
     Args:
         mass: kg.
@@ -106,7 +106,7 @@ def weight_matrix(mass: float, p_SScm: FloatArray) -> FloatArray:
 
 
 def shift_matrix(X_SJ: FloatArray) -> FloatArray:
-    """What makes of a wrench [m, f] about the origin of J, in J, the same wrench about the origin of S, in S.
+    """The matrix that maps a wrench [m, f] about the origin of J, in J, to the same wrench about the origin of S, in S.
 
     Args:
         X_SJ: pose of J in S, shape (3, 4).

@@ -1,8 +1,8 @@
-"""Height maps of camera-based tactile sensors (GelSight, DIGIT), as patches of a few cells.
+"""Height maps of camera-based tactile sensors (GelSight, DIGIT), reduced to patches of a few cells.
 
-Such a sensor tells for each of many thousands of pixels how deep its gel is pressed in. Neighbouring pixels tell nearly
-the same, with errors in common, so that their means over square blocks hold what there is to know: as many blocks as a
-search can afford where the gel is touched, all blocks around, and some of the rest, which say where the object is not.
+Such a sensor measures at many thousands of pixels how deep its gel is pressed in. Neighbouring pixels have nearly the
+same value, with common errors, so their means over square blocks retain the information: as many blocks as a search can
+afford where the gel is touched, all blocks around, and some of the rest, which tell where the object is not.
 """
 
 import dataclasses
@@ -18,23 +18,23 @@ from tactopose_drake.core.validation import FloatArray, number_array, positive_n
 from tactopose_drake.errors import InvalidInputError
 
 _MOST_PIXELS = 10**8
-_LEAST_ALPHA = 1e-13  # m/Pa: with less, what makes a depth would be more than any pressure that a patch takes
+_LEAST_ALPHA = 1e-13  # m/Pa: with less, a depth would correspond to more pressure than a patch accepts
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class HeightMapSensor:
-    """What the height maps of a flat pad mean.
+    """The interpretation of height maps of a flat pad.
 
-    Frame T: its origin is where the middle of the image is on the gel's surface at rest; x along a row of the image, y
-    along a column, and z out of the finger, which is right-handed as the camera behind the gel sees it.
+    Frame T: its origin is at the centre of the image on the undeformed gel's surface; x along a row of the image, y
+    along a column, and z out of the finger; right-handed as seen by the camera behind the gel.
 
     Attributes:
-        pixel: the gel's width for each pixel along a row, and its height for each along a column, m; or one number.
-        least_depth: a block that is less pressed in, on average, is not touched, m; well above the map's noise.
-        most_depth: where the gel gives way no more, m; a block as deep may be deeper.
-        alpha: depth over pressure of the gel, m/Pa: by it the patch's pressures are what would make the depths. It
-            scales what is drawn, and nothing that is estimated.
-        most_cells: of the blocks that are touched, about; of those that are not, about twice as many may be kept.
+        pixel: size of a pixel on the gel along a row and along a column, m; or one number for both.
+        least_depth: mean depth below which a block is not touched, m; well above the map's noise.
+        most_depth: largest depth that the gel can show, m; a block at this depth may be deeper.
+        alpha: depth over pressure of the gel, m/Pa, which converts depths to the patch's pressures. It affects how they
+            are drawn, but no estimate.
+        most_cells: approximate number of touched blocks that are kept; of the others, up to about twice as many.
 
     Raises:
         InvalidInputError: a number out of its range.
@@ -65,24 +65,24 @@ class HeightMapSensor:
 
     @property
     def pixel_size(self) -> tuple[float, float]:
-        """Along a row and along a column, m."""
+        """Size along a row and along a column, m."""
         if isinstance(self.pixel, list | tuple):
             along_rows, along_columns = self.pixel
             return along_rows, along_columns
         return self.pixel, self.pixel
 
     def patch(self, depth: ArrayLike, X_PT: object, mask: ArrayLike | None = None) -> Patch:
-        """What a height map says of the object's surface, as `estimate_pose(patches=...)` takes it.
+        """Converts a height map to a patch, as `estimate_pose(patches=...)` takes it.
 
         Args:
-            depth: how deep the gel is pressed in at each pixel, shape (rows, columns), m; NaN where that is not known.
+            depth: how deep the gel is pressed in at each pixel, shape (rows, columns), m; NaN if unknown.
             X_PT: the pad's pose in the palm, a RigidTransform or shape (3, 4).
-            mask: where the object touches, shape (rows, columns), of booleans; depths elsewhere count as 0. Without,
-                all depths count.
+            mask: where the object touches, booleans of shape (rows, columns); depths elsewhere count as 0. Without a
+                mask all depths count.
 
         Raises:
-            InvalidInputError: shapes that do not fit, a map without a known pixel or with hardly one, depths that are
-                infinite or evidently not in metres, or a pose that is none.
+            InvalidInputError: shapes that do not fit, a map with no or hardly any known pixel, depths that are infinite
+                or evidently not in metres, or an invalid pose.
         """
         depth = _checked(depth, mask)
         X_PT = pose_matrix("X_PT", X_PT)
@@ -110,7 +110,7 @@ class HeightMapSensor:
 
 
 def _checked(depth: ArrayLike, mask: ArrayLike | None) -> FloatArray:
-    """Depths (rows, columns), none negative, 0 where the mask says that nothing touches."""
+    """Depths (rows, columns), clipped at 0, and 0 outside the mask."""
     values = number_array("depth", depth, (None, None))
     if not 0 < values.size <= _MOST_PIXELS:
         raise InvalidInputError(f"depth: has {values.size} pixels; allowed are 1 to {_MOST_PIXELS:g}.")
@@ -130,13 +130,13 @@ def _checked(depth: ArrayLike, mask: ArrayLike | None) -> FloatArray:
 
 
 def _middles(length: int, width: int) -> FloatArray:
-    """Where the middles of the blocks are along one side of a map, from the map's middle on, in pixels."""
+    """Positions of the blocks' centres along one side of a map, relative to the map's centre, in pixels."""
     count, first = length // width, (length % width) // 2
     return np.asarray(first + width * (np.arange(count) + 0.5) - 0.5 * length, dtype=np.float64)
 
 
 def _block_means(depth: FloatArray, width: int) -> FloatArray:
-    """Means over blocks of so many pixels each way, as `_middles` has them; NaN where most pixels are."""
+    """Means over blocks of `width` pixels each way, as in `_middles`; NaN if most of their pixels are."""
     rows, columns = (length // width for length in depth.shape)
     top, left = ((length % width) // 2 for length in depth.shape)
     inner = depth[top : top + rows * width, left : left + columns * width]
@@ -149,9 +149,9 @@ def _block_means(depth: FloatArray, width: int) -> FloatArray:
 
 
 def _worth_keeping(touched: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
-    """The blocks that are touched, those around them, and of the others each so many-th, about `most`.
+    """The blocks that are touched, those around them, and a regular subset of about `most` of the others.
 
-    Where few are touched the others are fewer than they: how far the cells of a patch reach is told by most of them.
+    If few are touched, fewer of the others are kept, because `Patch.half_pitch` is a median over all cells.
     """
     padded = np.pad(touched, 1)
     rows, columns = touched.shape

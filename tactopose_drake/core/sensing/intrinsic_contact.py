@@ -8,7 +8,7 @@ four equations for p and the torque. Split along n and across it, they are two e
 m - p x f in the tangent plane is zero. Their Jacobian has the determinant (f.n)^2 + torque^2 K, with K >= 0 the
 surface's Gaussian curvature, so every solution counts +1 in the index of that field. On a closed convex surface the
 indices add up to 2: there is one solution that pushes (f.n < 0) and one that pulls, and only the first is a contact.
-So no choice among solutions is ever needed, and a damped Newton iteration on the surface finds the one.
+So the solution is unique, and a damped Newton iteration on the surface finds it.
 
 Six measured numbers determine the six unknowns (two of p, three of f, the torque), so the exact solution is also the
 weighted least-squares and maximum-likelihood estimate, whatever the covariances of m and f: weights change nothing.
@@ -41,7 +41,7 @@ from tactopose_drake.core.validation import (
     positive_number,
 )
 
-# Below this force (N) a Nano17's noise moves the point on a 9 mm fingertip by 0.9 mm rms: no better than a guess.
+# Below this force (N) a Nano17's noise moves the point on a 9 mm fingertip by 0.9 mm rms: not informative.
 MIN_FORCE: Final = 0.05
 
 Method = Literal["auto", "newton"]
@@ -63,7 +63,7 @@ _REASON_TABLE: Final = np.array([_REASONS[code] for code in range(len(_REASONS))
 
 @dataclasses.dataclass(frozen=True, eq=False, slots=True)
 class ContactSolution:
-    """One contact of a fingertip, in the sensor frame S. NaN throughout where it is not valid.
+    """One contact of a fingertip, in the sensor frame S. All numbers are NaN if it is not valid.
 
     Attributes:
         p_SC: contact point, shape (3,), m.
@@ -71,11 +71,11 @@ class ContactSolution:
         normal_force: shape (3,), N. [B16] eq. 2.5
         friction_force: shape (3,), N. [B16] eq. 2.6
         local_torque: torque about the normal, shape (3,), N m.
-        residual: length of what the contact leaves unexplained of the moment, N m: rounding error.
+        residual: magnitude of the moment that the contact does not explain, N m: rounding error.
         deformation: how far the soft layer is pressed in, m.
         iterations: of Newton's method; 0 in closed form.
-        valid: whether one contact explains the wrench.
-        reason: why not; empty where valid.
+        valid: whether a single contact explains the wrench.
+        reason: why it is not valid; empty if it is.
     """
 
     p_SC: FloatArray
@@ -97,7 +97,7 @@ class ContactSolution:
 
 @dataclasses.dataclass(frozen=True, eq=False, slots=True)
 class ContactSolutions:
-    """Contacts of a batch of wrenches on one fingertip: as `ContactSolution`, with a leading axis (B,).
+    """Contacts of a batch of wrenches on one fingertip: like `ContactSolution`, with a leading axis (B,).
 
     Attributes:
         p_SC, n_S, normal_force, friction_force, local_torque: shape (B, 3).
@@ -148,12 +148,12 @@ def solve_contact(
     Args:
         F_S: wrench [m, f] that the environment exerts on the fingertip, about S's origin, in S, shape (6,), N m and N.
         surface: the fingertip's surface; `X_SF` places it in S.
-        layer: soft layer on the fingertip; rigid without.
+        layer: soft layer on the fingertip; None for a rigid one.
         min_force: force below which no contact is reported, N, >= 0.
-        friction_coefficient: the largest that can occur, > 0; leave a margin for the sensor's noise. It bounds the
+        friction_coefficient: upper bound of the coefficient, > 0; leave a margin for the sensor's noise. It bounds the
             friction force, and the local torque by that of a contact patch as large as the fingertip. Without it, the
             bounds are those of a coefficient of 10.
-        method: "auto" solves in closed form where there is one, "newton" always iterates.
+        method: "auto" uses the closed form if there is one, "newton" always iterates.
 
     A pull on a closed surface, or on a cylinder's side, is the same wrench as a push on its far side, and is returned
     as that.
@@ -176,18 +176,18 @@ def solve_contacts(
     friction_coefficient: float | None = None,
     method: Method = "auto",
 ) -> ContactSolutions:
-    """Finds the contacts that explain wrenches on one fingertip, each on its own; as `solve_contact`.
+    """Finds the contacts that explain wrenches on one fingertip, each independently; see `solve_contact`.
 
     A wrench with a NaN or infinite number is not an error here but a row that is not valid, as is one beyond 1000 N.
 
     Args:
         F_S: wrenches on the fingertip about S's origin, shape (B, 6), N m and N.
         surface: the fingertip's surface.
-        layer: its soft layer; rigid without.
+        layer: its soft layer; None for a rigid fingertip.
         min_force: force below which there is no contact, N.
-        friction_coefficient: the largest that can occur; a wrench that needs more is not valid. Without it, the bounds
-            are those of a coefficient of 10, as of `solve_contact`.
-        method: as of `solve_contact`.
+        friction_coefficient: upper bound of the coefficient; a wrench that needs more is not valid. Without it, the
+            bounds are those of a coefficient of 10, as in `solve_contact`.
+        method: as in `solve_contact`.
 
     Raises:
         InvalidInputError: wrenches of another shape, an option out of its range, or a layer as thick as the fingertip.
@@ -196,16 +196,16 @@ def solve_contacts(
     return FingertipSolver(surface, layer, min_force, friction_coefficient, method).solve_all(F_S)
 
 
-# N; what rounding adds when the force is turned into the palm stays allowed.
+# N; with a tolerance for rounding when the force is rotated into the palm frame.
 _STRONGEST = (1.0 - 1e-9) * MOST_MEASURED_FORCE
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FingertipSolver:
-    """The solver of one fingertip's contacts, for a loop: what does not change is checked once.
+    """A solver for the contacts of one fingertip, for use in a loop: its options are checked once.
 
     Attributes:
-        surface, layer, min_force, friction_coefficient, method: as of `solve_contacts`.
+        surface, layer, min_force, friction_coefficient, method: as in `solve_contacts`.
 
     Raises:
         InvalidInputError: an option out of its range, or a layer as thick as the fingertip.
@@ -234,7 +234,7 @@ class FingertipSolver:
         object.__setattr__(self, "_conditions", contact_kernels.Conditions(limits, self.method == "newton"))
 
     def solve(self, F_S: FloatArray) -> ContactSolution:
-        """The contact of one wrench, shape (6,), N m and N; not valid where a number is not finite."""
+        """The contact of one wrench, shape (6,), N m and N; not valid if a number is not finite."""
         out, codes = self._run(F_S[None])
         row, code = out[0], int(codes[0])
         return ContactSolution(

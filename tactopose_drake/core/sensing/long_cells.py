@@ -1,4 +1,4 @@
-"""Which way the cells of a tactile pad are longer than wide, as far as their places say so."""
+"""The direction in which the cells of a tactile pad are longer than wide, inferred from their positions."""
 
 import math
 
@@ -7,27 +7,28 @@ import scipy
 
 from tactopose_drake.core.validation import FloatArray
 
-_NEIGHBOURS = 13  # looked at of each cell: of cells four times as long as wide, those beside it and the next row
-# Cells are longer than wide where the next row is so many pitches away; rows farther apart are strips of their own.
+_NEIGHBOURS = 13  # evaluated for each cell: for cells four times as long as wide, those beside it and the next row
+# Ratios of the distance to the next row over the pitch at which cells are longer than wide; rows farther apart are
+# separate strips.
 _LEAST_RATIO, _MOST_RATIO = 1.5, 4.0
-_MOST_RISE = 0.5  # of a step from cell to cell over the pad, as a sine
-_LEAST_AGREEMENT = 0.5  # length of the mean of the cells' longer sides that have a direction in common
+_MOST_RISE = 0.5  # sine of the slope of a step from cell to cell over the pad
+_LEAST_AGREEMENT = 0.5  # least length of the mean of the cells' long directions
 
 
 def find_stretch(p_PT: FloatArray, n_PT: FloatArray) -> FloatArray:
-    """How much longer than wide the usual cell is, and which way, shape (3,).
+    """How much longer than wide the typical cell is, and in which direction, shape (3,).
 
-    The cells are at the places p_PT (n, 3), m, have the normals n_PT (n, 3), and fill the pad without gaps. The stretch
-    has the length sqrt(r^2 - 1), where r is the length over the width, so that a cell of half the width h reaches
-    h sqrt(1 + (stretch . e)^2) along the unit vector e in the pad. It is zero where cells are about square, or lie in
-    one row, which does not tell.
+    The cells are at positions p_PT (n, 3), m, with normals n_PT (n, 3), and fill the pad without gaps. The stretch has
+    the length sqrt(r^2 - 1), where r is the length over the width, so that a cell of half the width h extends by
+    h sqrt(1 + (stretch . e)^2) along the unit vector e in the pad. It is zero if cells are nearly square, or lie in one
+    row, which leaves it undetermined.
     """
     if len(p_PT) < 3:
         return np.zeros(3)
     near = np.asarray(scipy.spatial.cKDTree(p_PT).query(p_PT, k=min(_NEIGHBOURS, len(p_PT)))[1])
     steps = p_PT[near] - p_PT[:, None]
     pitch = float(np.median(np.linalg.norm(steps[:, 1], axis=1)))
-    narrow = np.linalg.eigh(steps[:, 1].T @ steps[:, 1])[1][:, -1]  # the first of the steps are to the cells themselves
+    narrow = np.linalg.eigh(steps[:, 1].T @ steps[:, 1])[1][:, -1]  # column 0 holds the steps to the cells themselves
     long = np.cross(n_PT, narrow)
     aside = np.abs(np.einsum("nki,ni->nk", steps, long))
     rise = np.abs(np.einsum("nki,ni->nk", steps, n_PT))

@@ -1,4 +1,4 @@
-"""What may be said of a pad: its cells, their pressures, and where it is, each checked with one clear error."""
+"""Validation of a pad's data: its cells, their pressures, and its misplacement."""
 
 import math
 
@@ -10,16 +10,16 @@ from tactopose_drake.core.validation import FloatArray, limited, number_array, p
 from tactopose_drake.errors import InvalidInputError
 
 DEEPEST = 0.1
-"""No pad gives way so far, m: what is said to be pressed in further is in another unit."""
+"""Largest depth that a pad may be pressed in, m; a larger one must be in another unit."""
 
-_LARGEST = 1.0  # extent of a pad, m: one that is larger must be in millimetres
+_LARGEST = 1.0  # extent of a pad, m: a larger one must be in millimetres
 _MOST_PRESSURE = 1e12  # Pa
-_MOST_MISPLACEMENT = 1e2  # of where a pad is, m^2 and rad^2
-_ROUNDING = 1e-9  # of a covariance's largest entry, and of the deepest press
+_MOST_MISPLACEMENT = 1e2  # m^2 and rad^2
+_ROUNDING = 1e-9  # relative to a covariance's largest entry, and to the largest depth
 
 
 def checked_cells(value: ArrayLike) -> FloatArray:
-    """Checked cells (n, 3), m."""
+    """Checks cells (n, 3), m."""
     p_PT = points_near("p_PT", value, (None, 3))
     if len(p_PT) == 0:
         raise InvalidInputError("p_PT: has no cells; a pad has at least 1.")
@@ -33,7 +33,7 @@ def checked_cells(value: ArrayLike) -> FloatArray:
 
 
 def check_depths(alpha: float, pressure: FloatArray, threshold: float) -> None:
-    """Raises InvalidInputError if a live cell, or the threshold, is deeper than any pad."""
+    """Raises InvalidInputError if a live cell's depth, or the threshold's, exceeds `DEEPEST`."""
     if alpha * threshold > (1.0 + _ROUNDING) * DEEPEST:
         raise InvalidInputError(
             f"threshold: {threshold:g} Pa at alpha = {alpha:g} m/Pa are {alpha * threshold:g} m; allowed are depths up "
@@ -48,7 +48,7 @@ def check_depths(alpha: float, pressure: FloatArray, threshold: float) -> None:
 
 
 def checked_range(threshold: float, saturation: float | None) -> tuple[float, float]:
-    """From which pressure, Pa, a cell is active, and the highest that it can tell, checked."""
+    """Checks the pressure above which a cell is active, Pa, and the highest that it can read."""
     least = positive_number("threshold", threshold, allow_zero=True)
     limited("threshold", least, (), most=_MOST_PRESSURE)
     most = math.inf if saturation is None else positive_number("saturation", saturation)
@@ -58,7 +58,7 @@ def checked_range(threshold: float, saturation: float | None) -> tuple[float, fl
 
 
 def checked_pressures(value: ArrayLike, count: int) -> FloatArray:
-    """Checked pressures (n,), NaN where dead."""
+    """Checks pressures (n,), NaN for dead cells."""
     pressure = number_array("pressure", value, (count,))
     dead = np.isnan(pressure)
     limited("pressure", np.where(dead, 0.0, pressure), (count,), most=_MOST_PRESSURE)
@@ -71,7 +71,7 @@ def checked_pressures(value: ArrayLike, count: int) -> FloatArray:
 
 
 def checked_covariance(value: ArrayLike) -> FloatArray:
-    """A checked covariance (6, 6)."""
+    """Checks a covariance (6, 6)."""
     covariance = limited("misplacement", value, (6, 6), most=_MOST_MISPLACEMENT)
     rounding = _ROUNDING * np.abs(covariance).max()
     if np.abs(covariance - covariance.T).max() > rounding or np.linalg.eigvalsh(covariance)[0] < -rounding:

@@ -1,7 +1,7 @@
-"""The patch that a tactile array feels, in a few numbers: where it is, how it lies, how far it reaches each way.
+"""The patch that a tactile array feels, in a few numbers: its centroid, principal axes and extents.
 
-Each pressed cell says where the object's surface is: as deep in the pad's soft layer as its pressure tells. The patch
-is the principal components of those points.
+Each pressed cell gives a point of the object's surface, as deep in the pad's soft layer as its pressure says. The patch
+consists of the principal components of these points.
 
 Source: [B16] J. Bimbo, thesis, 2016, sections 5.2.1 to 5.2.3.
 """
@@ -31,20 +31,20 @@ from tactopose_drake.errors import InvalidInputError
 _Array = TypeVar("_Array", bound="np.ndarray[Any, Any]")
 PatchStatus = Literal["area", "narrow", "row", "point", "no_contact"]
 
-_LEAST_AGREEMENT = 0.1  # length of the mean of normals that have a direction in common
-_LEAST_EXTENT = 1e-9  # m; cells nearer to each other than that are at one place
+_LEAST_AGREEMENT = 0.1  # least length of the mean of normals that have a direction in common
+_LEAST_EXTENT = 1e-9  # m; cells within this distance are at one place
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PatchParams:
-    """What is flat, and what is across."""
+    """Thresholds on the shape of pads and patches."""
 
-    # A pad is flat, and active cells are in a row, when they reach less than this share of their length across it.
+    # A pad is flat, and active cells are in a row, if their extent across is less than this share of their length.
     flat_share: float = 0.03
-    # Without normals, a flat pad's side is told by the z axis; it must stand at least so far out of the pad's plane, as
-    # a sine.
+    # Without normals, the z axis determines a flat pad's side; the sine of its angle to the pad's plane must be at
+    # least this.
     least_rise: float = 0.1
-    # The third eigenvector is the surface's normal when the angle to the pad's has at least this cosine: 45 degrees.
+    # The third eigenvector is the surface's normal if its angle to the pad's has at least this cosine: 45 degrees.
     least_alignment: float = math.sqrt(0.5)
 
 
@@ -52,32 +52,32 @@ class PatchParams:
 class Patch:
     """What one pad feels at one instant, in the palm frame P (or any frame that its cells are given in).
 
-    What is not known is NaN. `status` says how much is known:
+    Unknown numbers are NaN. `status` tells how much is known:
 
     - "area": everything. The third eigenvector is the outward normal of the object's surface.
     - "narrow": the principal components, but the third is more than 45 degrees from the pad's normal: the depths
       differ by more than the patch is wide, so none of the components can be taken for the surface's normal.
-    - "row": the active cells are two, or lie in one line. The first eigenvector and eigenvalue are known; how the
-      surface is tilted about that line is not.
+    - "row": there are two active cells, or they lie in one line. The first eigenvector and eigenvalue are known; the
+      surface's tilt about that line is not.
     - "point": one active cell, or several at one place. The centroid is known.
-    - "no_contact": no active cell, but each live cell says that the object is not there.
+    - "no_contact": no active cell; each live cell tells that the object is not there.
 
     Attributes:
         p_PT: the pad's cells, on the undeformed pad, shape (n, 3), m.
         n_PT: outward unit normals of the pad there, out of the finger, shape (n, 3).
-        pressure: shape (n,), Pa; NaN where the cell is dead.
+        pressure: shape (n,), Pa; NaN for dead cells.
         alpha: depth of the object's surface in the pad over the pressure, m/Pa.
         threshold: a cell is active above this pressure, Pa.
-        saturation: a cell at this pressure or above may feel any that is higher, Pa; infinite where there is no limit.
+        saturation: the true pressure on a cell that reads this or more may be higher, Pa; infinite without a limit.
         status: what is known.
         centroid: mean of the active cells' points, shape (3,), m. [B16] eq. 5.11.
         covariance: of those points, shape (3, 3), m^2; NaN for fewer than two.
-        eigenvectors: the columns are the principal axes by falling variance, a right-handed frame, shape (3, 3). The
-            third points along the object's outward normal, into the pad; the first from the pad's first cell towards
-            its last; the second completes the frame.
-        eigenvalues: variances along the axes, falling, shape (3,), m^2.
-        misplacement: covariance of where the pad is: of a shift, and of a small turn about the mean of its cells, of
-            all cells together, shape (6, 6), m and rad; None where it is not known.
+        eigenvectors: the columns are the principal axes in descending order of variance, a right-handed frame, shape
+            (3, 3). The third points along the object's outward normal, into the pad; the first from the pad's first
+            cell towards its last; the second completes the frame.
+        eigenvalues: variances along the axes, descending, shape (3,), m^2.
+        misplacement: covariance of the pad's pose error: a shift, and a small rotation about the mean of its cells, of
+            all cells together, shape (6, 6), m and rad; None if unknown.
     """
 
     p_PT: FloatArray
@@ -109,19 +109,19 @@ class Patch:
 
     @functools.cached_property
     def saturated(self) -> NDArray[np.bool_]:
-        """Active cells whose depth is at least what the pressure says, shape (n,)."""
+        """Active cells whose true depth may exceed the one measured, shape (n,)."""
         return _fixed(self.pressure >= self.saturation)
 
     @functools.cached_property
     def dead(self) -> NDArray[np.bool_]:
-        """Cells that say nothing, shape (n,)."""
+        """Cells without a reading, shape (n,)."""
         return _fixed(np.isnan(self.pressure))
 
     @functools.cached_property
     def inward(self) -> FloatArray:
-        """Unit vector along which the active cells look into the finger, on average, shape (3,).
+        """Unit mean of the active cells' inward normals, into the finger, shape (3,).
 
-        NaN where nothing is felt, or the cells look every way, as those on both sides of a finger in a slot.
+        NaN if nothing is felt, or the cells face all directions, like those on both sides of a finger in a slot.
         """
         mean = -self.n_PT[self.active].mean(axis=0) if self.active.any() else np.zeros(3)
         length = float(np.linalg.norm(mean))
@@ -129,9 +129,9 @@ class Patch:
 
     @functools.cached_property
     def half_pitch(self) -> float:
-        """Half of the usual distance from a cell to the next: how far each feels to its sides, m; 0 for one cell.
+        """Half of the median distance from a cell to the nearest one: half of a cell's width, m; 0 for one cell.
 
-        Along cells that are longer than wide it is farther, see `stretch`.
+        Cells that are longer than wide extend farther in one direction, see `stretch`.
         """
         if len(self.p_PT) < 2:
             return 0.0
@@ -140,14 +140,14 @@ class Patch:
 
     @functools.cached_property
     def stretch(self) -> FloatArray:
-        """How much longer than wide the cells are, and which way, shape (3,), see `find_stretch`; zero if square."""
+        """How much longer than wide the cells are, and in which direction, shape (3,), see `find_stretch`."""
         return _fixed(find_stretch(self.p_PT, self.n_PT))
 
     @functools.cached_property
     def points(self) -> FloatArray:
-        """Where the object's surface is under each cell, shape (n, 3), m; NaN where the cell is dead.
+        """Point of the object's surface under each cell, shape (n, 3), m; NaN for dead cells.
 
-        [B16] eq. 5.1, before the mean is taken off.
+        [B16] eq. 5.1, before the mean is subtracted.
         """
         return _fixed(self.p_PT - (self.alpha * self.pressure)[:, None] * self.n_PT)
 
@@ -170,14 +170,15 @@ def describe_patch(
         pressure: of each cell, shape (n,), Pa, >= 0; NaN marks a dead cell.
         alpha: depth of the object's surface in the pad over the pressure, m/Pa; for a soft layer on a stiff core its
             thickness over its modulus. Negative only without `n_PT`.
-        n_PT: outward unit normals of the pad at the cells, out of the finger, shape (n, 3). Without, the pad must be
-            flat, and as in [B16] eq. 5.1 the pressure counts along its z axis, the normal of its plane on the side of
-            the z axis of the cells' frame: a positive alpha says that it points into the pad, a negative, out of it.
+        n_PT: outward unit normals of the pad at the cells, out of the finger, shape (n, 3). Without them the pad must
+            be flat, and as in [B16] eq. 5.1 the pressure counts along its z axis, the normal of its plane on the side
+            of the z axis of the cells' frame: with a positive alpha this points into the pad, with a negative one out
+            of it.
         threshold: a cell is active above this pressure, Pa.
-        saturation: the highest pressure a cell can tell, Pa; None: there is no such limit.
-        misplacement: covariance of where the pad is: of a shift, and of a small turn about the mean of its cells,
-            shape (6, 6), m and rad, in the cells' frame. None: it is not known; who uses the patch assumes one.
-        params: what is flat, and what is across.
+        saturation: the highest pressure that a cell can read, Pa; None without a limit.
+        misplacement: covariance of the pad's pose error: a shift, and a small rotation about the mean of its cells,
+            shape (6, 6), m and rad, in the cells' frame. None if unknown; users of the patch then assume one.
+        params: thresholds on the shape of pads and patches.
 
     Raises:
         InvalidInputError: no cell, no live cell, a shape that does not fit, a position or normal that is not finite,
@@ -223,7 +224,7 @@ def _fixed(array: _Array) -> _Array:
 
 
 def _flat_normal(p_PT: FloatArray, params: PatchParams) -> FloatArray:
-    """The normal of the plane of the cells (n, 3), of a row of cells, or of a single cell, that is nearest to z."""
+    """The normal, nearest to z, of the plane of cells (n, 3), or across a row of cells, or of a single cell."""
     _, extents, axes = np.linalg.svd(np.vstack([p_PT - p_PT.mean(axis=0), np.zeros((3, 3))]), full_matrices=False)
     across = axes[extents <= params.flat_share * extents[0]]
     if len(across) == 0:
@@ -236,7 +237,7 @@ def _flat_normal(p_PT: FloatArray, params: PatchParams) -> FloatArray:
 
 
 def _with_components(patch: Patch, params: PatchParams) -> Patch:
-    """The patch with as much of its principal components as is known."""
+    """The patch with its principal components as far as they are determined."""
     points, cells = patch.points[patch.active], patch.p_PT[patch.active]
     if len(points) == 0:
         return patch

@@ -26,12 +26,12 @@ class SensingBox:
 
 
 def sensing_box(patch: Patch, *, thickness: float, height: float) -> SensingBox:
-    """The box over a pad's cells to their edges, from `height` below the core to `height` above the pad.
+    """The box over a pad's cells up to their edges, from `height` below the core to `height` above the pad.
 
-    Its z axis is the mean of the cells' normals, its x axis the longest direction of the pad across it.
+    Its z axis is the mean of the cells' normals, its x axis the pad's longest direction across it.
 
     Args:
-        patch: what the pad feels; only the cells' places and normals count.
+        patch: only its cells' positions and normals are used.
         thickness: of the soft layer, m, >= 0.
         height: m, > 0.
 

@@ -9,7 +9,7 @@ import dataclasses
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 
-_SOFTEST = 50.0  # N/m: a newton would press in 20 mm of skin; less must be N/mm
+_SOFTEST = 50.0  # N/m: a newton would press in 20 mm of skin; smaller values must be in N/mm
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -17,9 +17,9 @@ class SoftLayer:
     """A layer that a contact presses in along the normal by d = normal force / stiffness.
 
     The fingertip's surface is the outside of the undeformed layer; at a contact the surface that carries the force lies
-    d further in, with the same normal, so p = q - d n for a point q of the undeformed surface. Shear is neglected.
-    The linear law holds for small deformations; one as deep as the layer is thick, or as the surface's radius of
-    curvature (where the offset surface folds over), makes a contact invalid.
+    d farther in, with the same normal, so p = q - d n for a point q of the undeformed surface. Shear is neglected. The
+    linear law holds for small deformations; a contact is invalid if its deformation reaches the layer's thickness, or
+    the surface's radius of curvature, where the offset surface folds over.
 
     Attributes:
         thickness: m, > 0.
@@ -40,7 +40,7 @@ class SoftLayer:
         )
 
     def check_fits(self, half_width: float) -> None:
-        """Checks that the layer leaves a core of a fingertip of that least half-width, m.
+        """Checks that the layer leaves a core inside a fingertip with this least half-width, m.
 
         Raises:
             InvalidInputError: if it does not.

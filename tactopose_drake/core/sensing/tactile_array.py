@@ -1,8 +1,8 @@
-"""What a tactile array reads: the pressure field on a contact surface, through its soft layer and its electronics.
+"""The readings of a tactile array: a pressure field on a contact surface, through a soft layer and the electronics.
 
-The field is given as the simulator's hydroelastic contact has it: convex polygons with a pressure that is linear on
-each. A cell's reading is the mean normal pressure on its area: the part of the field inside its wedge is integrated
-exactly, whatever the polygons' size.
+The field has the form of a simulator's hydroelastic contact: convex polygons with a linear pressure on each. A cell's
+reading is the mean normal pressure on its area: the part of the field inside its wedge is integrated exactly, whatever
+the polygons' size.
 """
 
 import dataclasses
@@ -18,8 +18,8 @@ from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidInputError
 
-_REACH = 6.0  # standard deviations, beyond which a Gaussian is nothing
-_MOST_POINTS = 16  # along a cell's edge
+_REACH = 6.0  # standard deviations beyond which a Gaussian is neglected
+_MOST_POINTS = 16  # quadrature points along a cell's edge
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -29,8 +29,8 @@ class PressureField:
     Attributes:
         vertices: in the pad's frame T, shape (n, 3), m.
         pressure: at the vertices, shape (n,), Pa; linear over each face.
-        faces: flat convex polygons, each as its number of vertices followed by their indices, one after the other;
-            counterclockwise for who looks at the pad from outside.
+        faces: flat convex polygons, each as its number of vertices followed by their indices, concatenated;
+            counterclockwise as seen from outside the pad.
 
     Raises:
         InvalidInputError: numbers that are not finite, or faces that are incomplete or name vertices that do not exist.
@@ -51,28 +51,27 @@ class PressureField:
 
     @classmethod
     def none(cls) -> "PressureField":
-        """Where nothing touches the pad."""
+        """The field without any contact."""
         return cls(np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64))
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class TactileModel:
-    """What limits a tactile array; the defaults are an ideal one."""
+    """The limits of a tactile array; the defaults are an ideal one."""
 
     range: float = 1.0e12  # largest pressure that a cell reads, Pa
     resolution: float = 0.0  # quantisation step, Pa; 0: none
     noise: float = 0.0  # standard deviation, Pa
-    spread: float = 0.0  # how far the soft layer spreads a point force, one standard deviation, m; 0: not at all
+    spread: float = 0.0  # standard deviation with which the soft layer spreads a point force, m; 0: none
     rubber: RubberLayer | None = None  # how layer and cells differ from springs; null: not at all
-    # Cells that give no reading, or one that tells nothing, such as a number that never changes. What they show does
-    # not count.
+    # Cells without a reading, or with a useless one, such as a number that never changes. Their readings are ignored.
     dead_cells: list[int] = dataclasses.field(default_factory=list)
 
     def validate(self, cells: int) -> None:
         """Checks every field.
 
         Args:
-            cells: how many the array has.
+            cells: number of cells of the array.
 
         Raises:
             InvalidInputError: a range <= 0, another number < 0, or a dead cell that does not exist.
@@ -94,8 +93,8 @@ class TactileFrame:
     """One reading of a tactile array.
 
     Attributes:
-        pressure: of each cell, shape (m,), Pa, >= 0; NaN where the cell is dead.
-        saturated: which cells are at the end of their range, shape (m,).
+        pressure: of each cell, shape (m,), Pa, >= 0; NaN for dead cells.
+        saturated: whether each cell is at the end of its range, shape (m,).
     """
 
     pressure: FloatArray
@@ -112,18 +111,18 @@ class TactileFrame:
 def mean_pressure(layout: TactileLayout, fields: list[PressureField]) -> FloatArray:
     """The normal pressure on each cell, averaged over its area.
 
-    The contact lies in the soft layer, where a cell of a round pad is narrower than on its outside. So it reads less
-    than depth over `alpha` says: at a depth of 1 mm 12 % less where the pad's radius is 7 mm.
+    The contact lies within the soft layer, where a cell of a round pad is narrower than on its outside. So it reads
+    less than depth over `alpha`: 12 % less at a depth of 1 mm for a pad of radius 7 mm.
 
     Args:
         layout: the cells.
-        fields: of all that touches the pad.
+        fields: of everything that touches the pad.
 
     Returns:
-        Shape (m,), Pa; what turns away from a cell, or lies beyond every cell's edges, is not felt.
+        Shape (m,), Pa; faces that are turned away from a cell, or outside of every cell's edges, are not felt.
     """
     pressure: FloatArray = -np.einsum("mi,mi->m", forces_on_cells(layout, fields), layout.n_T) / layout.areas
-    return np.maximum(pressure, 0.0)  # at a contact's rim, where it is zero, rounding may make it less
+    return np.maximum(pressure, 0.0)  # at a contact's rim, rounding may make it negative
 
 
 def forces_on_cells(layout: TactileLayout, fields: list[PressureField]) -> FloatArray:
@@ -135,20 +134,20 @@ def forces_on_cells(layout: TactileLayout, fields: list[PressureField]) -> Float
 
 
 def spread_matrix(layout: TactileLayout, spread: float) -> FloatArray:
-    """How a soft layer on the cells shares the pressure on one cell with the others.
+    """The matrix by which a soft layer on the cells spreads pressure from each cell to the others.
 
-    A force that is spread evenly over one cell arrives at each cell in proportion to the integral of a Gaussian over
-    both cells' areas (by sums over points half a standard deviation apart, and 16 along an edge at the most: less than
-    an eighth of a cell hardly reaches the next). Nothing is lost: the force on all cells stays what it was. Under a
-    point load, the pressure below a layer is as wide at half its height as a Gaussian whose standard deviation is half
-    the layer's thickness (Boussinesq's solution for the half-space).
+    A force spread evenly over one cell arrives at each cell in proportion to the integral of a Gaussian over both
+    cells' areas (by quadrature with points half a standard deviation apart, at most 16 along an edge: a spread below an
+    eighth of a cell hardly reaches the next). The total force is preserved. Under a point load, the pressure below a
+    layer has the half width of a Gaussian whose standard deviation is half the layer's thickness (Boussinesq's solution
+    for the half-space).
 
     Args:
         layout: the cells.
-        spread: the Gaussian's standard deviation, m; 0 shares nothing.
+        spread: the Gaussian's standard deviation, m; 0 spreads nothing.
 
     Returns:
-        Shape (m, m): shared pressure = matrix @ pressure.
+        Shape (m, m): spread pressure = matrix @ pressure.
     """
     if spread == 0:
         return np.eye(len(layout))
@@ -168,7 +167,7 @@ def spread_matrix(layout: TactileLayout, spread: float) -> FloatArray:
 
 
 def _points_in_cells(layout: TactileLayout, spacing: float) -> FloatArray:
-    """Points evenly within each cell, about `spacing` apart, and the same number in all; shape (m, k, 3), m."""
+    """A regular grid of points in each cell, about `spacing` apart, equally many in all; shape (m, k, 3), m."""
     a, b, c, d = layout.corners.transpose(1, 0, 2)[:, :, None]
     across, along = (
         math.ceil(min(np.linalg.norm(np.concatenate(edges), axis=2).max() / spacing, _MOST_POINTS))
@@ -181,7 +180,7 @@ def _points_in_cells(layout: TactileLayout, spacing: float) -> FloatArray:
 
 
 def read_cells(pressure: FloatArray, normal_noise: ArrayLike, model: TactileModel) -> TactileFrame:
-    """What the electronics make of the pressures on the cells: noise, range, quantisation, dead cells, in this order.
+    """The electronics' readings of the pressures on the cells: noise, range, quantisation, dead cells, in this order.
 
     Args:
         pressure: on each cell, after the soft layer, shape (m,), Pa.
@@ -192,7 +191,7 @@ def read_cells(pressure: FloatArray, normal_noise: ArrayLike, model: TactileMode
     reading = np.maximum(signal, 0.0)
     if model.resolution > 0:
         reading = model.resolution * np.round(reading / model.resolution)
-    # The range need not be a whole number of steps; a cell at its end reads it all the same.
+    # The range need not be a multiple of the resolution; a cell at its end reads the range itself.
     reading = np.where(signal >= model.range, model.range, np.minimum(reading, model.range))
     reading[model.dead_cells] = np.nan
     return TactileFrame(reading, reading >= model.range)

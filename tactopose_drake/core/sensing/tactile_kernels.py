@@ -1,4 +1,4 @@
-"""The inner loop of the simulated tactile array, compiled by numba and cached on disk."""
+"""The compiled inner loop of the simulated tactile array."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, Longs1,
 
 @kernel
 def faces_are_valid(faces: Longs1, vertices: int) -> bool:
-    """Whether a flat list of faces (count, indices, count, ...) is complete and names vertices that exist."""
+    """Whether a flat list of faces (count, indices, count, ...) is complete and has valid indices only."""
     i = 0
     while i < len(faces):
         count = faces[i]
@@ -27,16 +27,16 @@ def cell_forces(
 ) -> None:
     """Adds to out[cell] the force of each face's part inside the cell's wedge.
 
-    A face is clipped by one plane after the other (Sutherland, Hodgman), its linear pressure interpolated along the
-    edges. What is left is a fan of triangles, and over a triangle a linear field's mean is that of its corners: exact.
-    Faces that look away from a cell are not felt by it.
+    A face is clipped by each plane in turn (Sutherland-Hodgman), with its linear pressure interpolated along the edges.
+    The result is a fan of triangles, and the mean of a linear field over a triangle is exactly that of its corners. A
+    cell does not feel faces turned away from it.
     """
     longest = 0
     i = 0
     while i < len(faces):
         longest = max(longest, faces[i])
         i += faces[i] + 1
-    # Clipping adds one vertex to a convex polygon, and half as many again to the worst of others: 1.5**4 < 6.
+    # Each clip adds a vertex to a convex polygon, and at most half as many again to others: 1.5**4 < 6.
     polygon, clipped = np.empty((6 * longest, 4)), np.empty((6 * longest, 4))
     height = np.empty(6 * longest)
     i = 0
@@ -72,7 +72,7 @@ def cell_forces(
 
 @part
 def _outside(vertices: Floats2, faces: Longs1, first: int, size: int, planes: Floats2) -> bool:
-    """Whether one plane alone keeps the whole face out: true of nearly all pairs of face and cell."""
+    """Whether a single plane excludes the whole face, which is the case for nearly all pairs of face and cell."""
     for side in range(4):
         out = True
         for k in range(first, first + size):
@@ -87,7 +87,7 @@ def _outside(vertices: Floats2, faces: Longs1, first: int, size: int, planes: Fl
 
 @part
 def _clip(polygon: Floats2, count: int, plane: Floats1, height: OutFloats1, out: OutFloats2) -> int:
-    """The part of a polygon on the inner side of a plane, in `out`; returns its number of vertices."""
+    """Clips a polygon to the inner side of a plane, into `out`; returns its number of vertices."""
     for k in range(count):
         q = polygon[k]
         height[k] = plane[0] * q[0] + plane[1] * q[1] + plane[2] * q[2] + plane[3]

@@ -1,4 +1,4 @@
-"""The cells of a tactile array: where they are, how they are turned, and which part of space each one feels."""
+"""The cells of a tactile array: their positions and orientations, and the wedge of space that each one feels."""
 
 import dataclasses
 
@@ -7,26 +7,26 @@ import numpy as np
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError
 
-# A cell's corners may leave their common plane by this share of its longest edge.
+# Tolerance of a cell's flatness, relative to its longest edge.
 _FLATNESS = 1e-3
-_SAME = 1e-6  # distance of cells that are at one place, m
+_SAME = 1e-6  # distance up to which cells are at the same place, m
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TactileLayout:
     """Quadrilateral cells on a pad, flat or curved, with or without gaps.
 
-    Each cell feels what happens inside a wedge: four planes through its edges, that rise from the corners along `rays`.
+    Each cell feels what happens inside a wedge: four planes through its edges that rise from the corners along `rays`.
     On a curved pad, neighbours that share two corners and their rays share the plane between them, so that no place
     above or below the pad is felt twice or missed.
 
     Attributes:
-        corners: in the pad's frame T, shape (m, 4, 3), m; counterclockwise for who looks at the pad from outside.
-        rays: out of the pad, shape (m, 4, 3); of any length above zero, the same along an edge or in a plane with it.
+        corners: in the pad's frame T, shape (m, 4, 3), m; counterclockwise as seen from outside.
+        rays: out of the pad, shape (m, 4, 3); of any positive length; the two rays of an edge are coplanar with it.
         p_TC: the cells' centres of area, shape (m, 3), m.
         n_T: their outward unit normals, shape (m, 3).
         areas: shape (m,), m^2.
-        planes: of the wedges, shape (m, 4, 4): a point q is inside where planes[..., :3] @ q + planes[..., 3] >= 0.
+        planes: of the wedges, shape (m, 4, 4): a point q is inside if planes[..., :3] @ q + planes[..., 3] >= 0.
 
     Raises:
         InvalidInputError: numbers that are not finite, no cell, a cell that is not flat, not convex or has no area, two
@@ -59,7 +59,7 @@ class TactileLayout:
 
 
 def _measures(corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Centres of area, normals and areas of the cells, which are checked on the way."""
+    """Centres of area, normals and areas of the cells; checks that cells are convex and flat."""
     edges = np.roll(corners, -1, axis=1) - corners
     turns = np.cross(edges, np.roll(edges, -1, axis=1))
     # A quadrilateral's vector area is half the cross product of its diagonals, flat or not.
@@ -83,16 +83,16 @@ def _measures(corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _check_places(p_TC: FloatArray) -> None:
-    """Raises InvalidInputError if two of the cells' centres (m, 3) are one."""
+    """Raises InvalidInputError if two of the cells' centres (m, 3) coincide."""
     _, firsts, place = np.unique(np.round(p_TC / _SAME), axis=0, return_index=True, return_inverse=True)
     first = firsts[place.ravel()]
     again = int(np.argmax(first != np.arange(len(p_TC))))
-    if again:  # The first cell is nowhere again.
+    if again:  # Index 0 means no repetition, as the first cell cannot be one.
         raise InvalidInputError(f"corners[{again}]: the cell is where cell {first[again]} is; allowed is a place each.")
 
 
 def _unit_rays(rays: FloatArray, n_T: FloatArray) -> FloatArray:
-    """Rays of length one, checked."""
+    """Normalises rays, and checks their direction."""
     outwards = np.einsum("mki,mi->mk", rays, n_T) > 0
     if not outwards.all():
         cell, corner = np.argwhere(~outwards)[0]

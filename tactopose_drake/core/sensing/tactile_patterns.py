@@ -1,4 +1,4 @@
-"""Regular patterns of cells, from few numbers."""
+"""Regular patterns of cells, given by a few numbers."""
 
 import dataclasses
 import math
@@ -10,8 +10,8 @@ from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
 from tactopose_drake.errors import InvalidInputError
 
-_MAX_CELLS = 10_000  # of an array; the finest ones have some hundreds
-_ROUNDING = 0.02  # share of a cell that its place may be off by, as of a drawing in hundredths of a millimetre
+_MAX_CELLS = 10_000  # of an array; the finest real ones have some hundreds
+_ROUNDING = 0.02  # tolerance of a cell's position, as a share of the cell, as of a drawing in hundredths of a millimetre
 
 
 def _check_count(name: str, count: float) -> None:
@@ -24,7 +24,7 @@ class CellRow:
     """Equal rectangular cells side by side."""
 
     center: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.0])  # of the row, m
-    tangent_deg: float = 0.0  # how far the pad has bent away from its normal here, deg
+    tangent_deg: float = 0.0  # angle by which the pad has bent away from its normal here, deg
     count: int = 1  # of cells in the row
     cell: list[float] = dataclasses.field(default_factory=lambda: [0.001, 0.001])  # along the pad, across it, m
 
@@ -33,8 +33,8 @@ class CellRow:
 class RowPattern:
     """Rows of cells on a pad that is flat or bent one way, `!RowPattern` in YAML.
 
-    Cells are numbered row by row. Within a row they follow each other in the direction `along` x `normal`, about which
-    the pad bends. No two rows overlap: what presses on both would count twice.
+    Cells are numbered row by row. Within a row they proceed in the direction `along` x `normal`, about which the pad
+    bends. Rows must not overlap: a contact on both would count twice.
     """
 
     along: list[float] = dataclasses.field(default_factory=lambda: [1.0, 0.0, 0.0])  # from row to row, unit vector
@@ -61,7 +61,7 @@ class RowPattern:
         tangents = np.cos(angles) * along - np.sin(angles) * normal
         normals = np.cos(angles) * normal + np.sin(angles) * along
         self._check_overlaps(along, normal)
-        # The wall between two rows halves the angle between them.
+        # The wall between two rows bisects the angle between them.
         rising = normals + np.concatenate([normals[:1], normals[:-1]])
         ending = normals + np.concatenate([normals[1:], normals[-1:]])
         corners, rays = [], []
@@ -69,7 +69,7 @@ class RowPattern:
             length, width = row.cell
             steps = self.pitch * (np.arange(row.count) - 0.5 * (row.count - 1))
             centers = np.array(row.center) + np.outer(steps, across)
-            # Seen from outside, `across` points to the right when `along` points up.
+            # Seen from outside with `along` upwards, `across` points to the right.
             halves = ((-1, -1), (-1, 1), (1, 1), (1, -1))
             corners.append(
                 centers[:, None] + [0.5 * (a * length * tangents[i] + b * width * across) for a, b in halves]
@@ -121,7 +121,7 @@ class CapsulePattern:
 
     The capsule stands along z; its hemisphere's centre is at z = `length`. The cells cover the side towards -y from
     z = 0 on and bend over the end. They are numbered row by row, from z = 0 to the end, each row from -x to x. On the
-    hemisphere cells get narrower towards the rim.
+    hemisphere cells become narrower towards the rim.
     """
 
     radius: float = 0.009  # m
