@@ -16,8 +16,8 @@ class Capsule(Surface):
 
     F's origin is the middle of the cylindrical part, as in Drake's `Capsule`, so the hemisphere's centre is at
     z = +length/2. The side, -length/2 <= z <= length/2, and the hemisphere can be touched. The flat base of a capsule
-    with one end is where the finger goes on: it is not part of the surface, and S(p) is that of a cylinder which goes
-    on without end towards -z. A length of 0 leaves the hemisphere alone (a sphere if `two_ended`).
+    with one end is where the finger continues: it is not part of the surface, and S(p) is that of a cylinder that is
+    infinite towards -z. A length of 0 leaves the hemisphere alone (a sphere if `two_ended`).
 
     Attributes:
         radius: m, > 0, up to 1.
@@ -44,7 +44,7 @@ class Capsule(Surface):
         points = self.radius * random_directions(generator, count)
         if not self.two_ended:
             points[:, 2] = np.abs(points[:, 2])
-        # The share of the side in the area: a hemisphere has that of a cylinder of length `radius`.
+        # A hemisphere has the area of a cylinder of length `radius`.
         ends = self.radius * (2.0 if self.two_ended else 1.0)
         on_side = generator.random(count) * (self.length + ends) < self.length
         angle = generator.uniform(-math.pi, math.pi, count)

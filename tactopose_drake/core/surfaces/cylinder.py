@@ -15,7 +15,7 @@ class Cylinder(Surface):
     """The side of a cylinder about F's z axis, centred on F's origin.
 
     Its side can be touched, -length/2 <= z <= length/2; its flat ends are not part of the surface. S(p) is that of the
-    endless cylinder.
+    infinite cylinder.
 
     Attributes:
         radius: m, > 0, up to 1.

@@ -1,4 +1,4 @@
-"""What all fingertip surfaces share: the implicit function S(p), its derivatives, and the place in the sensor frame.
+"""The base class of fingertip surfaces: the implicit function S(p), its derivatives, and its pose in the sensor frame.
 
 Source: [B16] J. Bimbo, thesis, 2016, section 2.2.1.
 """
@@ -19,7 +19,7 @@ from tactopose_drake.errors import InvalidInputError
 
 LEAST_LENGTH: Final = 1e-6
 MOST_LENGTH: Final = 1.0
-"""Lengths of a fingertip are between these, m: smaller ones lose their digits, and larger ones are in millimetres."""
+"""Bounds on the lengths of a fingertip, m: smaller ones lose precision, and larger ones are in millimetres."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -84,7 +84,7 @@ class Surface(abc.ABC):
         return n_S
 
     def sample(self, generator: np.random.Generator, count: int) -> FloatArray:
-        """Random points p_SQ (count, 3), m, all over the part that can be touched, not uniform by area."""
+        """Random points p_SQ (count, 3), m, over the whole part that can be touched, not uniform by area."""
         return poses.transform_points(self.X_SF, self._sample(generator, count))
 
     @abc.abstractmethod
@@ -104,7 +104,7 @@ class Surface(abc.ABC):
 
 
 def one_length(name: str, value: float, *, allow_zero: bool = False) -> float:
-    """A length above zero (or zero, where allowed), m.
+    """Checks a length above zero (or zero, if allowed), m.
 
     Raises:
         InvalidInputError: otherwise.
@@ -114,7 +114,7 @@ def one_length(name: str, value: float, *, allow_zero: bool = False) -> float:
 
 
 def three_lengths(name: str, value: ArrayLike) -> tuple[float, float, float]:
-    """Three lengths above zero, m.
+    """Checks three lengths above zero, m.
 
     Raises:
         InvalidInputError: otherwise.

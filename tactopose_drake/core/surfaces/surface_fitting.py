@@ -19,14 +19,14 @@ from tactopose_drake.core.validation import FloatArray
 
 _LEAST_EXPONENT, _MOST_EXPONENT = 0.1, 1.2
 _START_EXPONENT = 0.6
-_SHORTEST, _LONGEST = 0.05, 2.0  # semi-axis and radius, in half extents of the points
-_STEPS = 60  # evaluations of the residuals' Jacobian
-_AS_GOOD = 1.5  # times the least residual, up to which a simpler surface is as good
-_EXACT = 2e-4  # residual that is as good as none, m
+_SHORTEST, _LONGEST = 0.05, 2.0  # bounds of semi-axes and radius, in half extents of the points
+_STEPS = 60  # most evaluations of the residuals' Jacobian
+_AS_GOOD = 1.5  # ratio to the least residual up to which a simpler surface is as good
+_EXACT = 2e-4  # residual that counts as none, m
 
 
 def surface_distances(surface: Surface, p_SQ: FloatArray) -> FloatArray:
-    """How far points p_SQ (n, 3) are outside of a surface, below zero within, m, shape (n,); exact to first order."""
+    """Signed distances of points p_SQ (n, 3) from a surface, negative inside, m, shape (n,); exact to first order."""
     gauge = np.sqrt(np.maximum(1.0 + surface.value(p_SQ), 1e-12))
     slope = np.linalg.norm(surface.gradient(p_SQ), axis=1) / (2.0 * gauge)
     distances: FloatArray = (gauge - 1.0) / np.maximum(slope, 1e-9)
@@ -39,11 +39,11 @@ def residual(surface: Surface, p_SQ: FloatArray) -> float:
 
 
 def fit_surface(p_SQ: FloatArray, outwards: FloatArray) -> Surface:
-    """The simplest surface of sphere, capsule and superquadric that lies on points about as well as the best of them.
+    """Fits a sphere, a capsule and a superquadric to points; returns the simplest that is about as good as the best.
 
     Args:
         p_SQ: points, shape (n, 3), up to 0.3 m from S.
-        outwards: the direction in which the finger ends, shape (3,); a capsule's round end is there.
+        outwards: direction of the finger's end, shape (3,), where a capsule has its round end.
     """
     fitted = [*_spheres(p_SQ), *(min(_fits(p_SQ, outwards, kind), key=lambda s: residual(s, p_SQ)) for kind in _KINDS)]
     residuals = [residual(surface, p_SQ) for surface in fitted]
@@ -52,7 +52,7 @@ def fit_surface(p_SQ: FloatArray, outwards: FloatArray) -> Surface:
 
 
 def _spheres(p_SQ: FloatArray) -> Iterator[Sphere]:
-    """The algebraic fit, |p|^2 = 2 c p + (r^2 - c^2); none where points are so flat that it is larger than fingers."""
+    """The algebraic fit, |p|^2 = 2 c p + (r^2 - c^2); none if nearly flat points make it larger than a finger."""
     A = np.column_stack([2.0 * p_SQ, np.ones(len(p_SQ))])
     solution = np.linalg.lstsq(A, np.sum(p_SQ**2, axis=1))[0]
     center, rest = solution[:3], solution[3]
@@ -71,7 +71,7 @@ def _superquadric(x: FloatArray, X_SF: FloatArray, half: FloatArray) -> Superqua
 
 
 _Make = Callable[[FloatArray, FloatArray, FloatArray], Surface]
-# How a surface is made of its numbers, and their starts, least and largest values, in half extents of the points.
+# For each kind: its constructor from parameters, and their start values and bounds, in half extents of the points.
 _KINDS: tuple[tuple[_Make, tuple[float, ...], tuple[float, ...], tuple[float, ...]], ...] = (
     (_capsule, (1.0, 0.5), (_SHORTEST, 0.01), (_LONGEST, _LONGEST)),
     (
@@ -86,7 +86,7 @@ _KINDS: tuple[tuple[_Make, tuple[float, ...], tuple[float, ...], tuple[float, ..
 def _fits(
     p_SQ: FloatArray, outwards: FloatArray, kind: tuple[_Make, tuple[float, ...], tuple[float, ...], tuple[float, ...]]
 ) -> Iterator[Surface]:
-    """Fits of one kind, one for each way to lay its z axis along a principal axis of the points."""
+    """Fits of one kind, with its z axis started along each of the points' principal axes."""
     make, start, least, most = kind
     _, _, axes = np.linalg.svd(p_SQ - p_SQ.mean(axis=0), full_matrices=False)
     for turn in range(3):

@@ -3,8 +3,8 @@
 A surface is a kind and eight numbers:
     SMOOTH: semi-axes a, b, c; exponents e1, e2; z_min, z_max; extent      (sphere and ellipsoid: e1 = e2 = 1)
     ROD:    radius, lo, hi; two unused; z_min, z_max; extent               (distance from the axis between lo and hi)
-S is the square of the surface's gauge minus one: S(s q) = s^2 (S(q) + 1) - 1 about the axis point. Only points with
-z_min <= z <= z_max can be touched.
+S is the square of the surface's gauge minus one: S(s q) = s^2 (S(q) + 1) - 1 about the centre, or a rod's axis. Only
+points with z_min <= z <= z_max can be touched.
 """
 
 import math
@@ -16,8 +16,8 @@ from tactopose_drake.core.kernel_types import Floats1, Floats2, OutFloats1, OutF
 
 SMOOTH, ROD = 0, 1
 
-# On a plane of symmetry a superquadric's curvature is 0 or infinite; a coordinate this far from it, relative to the
-# size, is the nearest that powers are taken of, so both stay finite.
+# On a plane of symmetry a superquadric's curvature is 0 or infinite. Coordinates are clamped to this distance from it,
+# relative to the size, before powers are taken, so that both stay finite.
 _TINY = 1e-12
 
 
@@ -52,8 +52,8 @@ def evaluate_one(kind: int, shape: Floats1, x: float, y: float, z: float, g: Out
 def _superquadric(shape: Floats1, x: float, y: float, z: float, g: OutFloats1, H: OutFloats2) -> float:
     """Squared gauge N^2 of a superquadric; fills gradient g and Hessian H.
 
-    The gauge is a norm of norms, N = |(r, Z)| with r = |(X, Y)| in the p-norms p1 = 2 / e1 and p2 = 2 / e2, of
-    X = |x| / a, ... Ratios such as X / r <= 1 carry the powers, so nothing overflows.
+    The gauge is a nested norm, N = |(r, Z)| with r = |(X, Y)| in the p-norms p1 = 2 / e1 and p2 = 2 / e2, of
+    X = |x| / a, ... Powers are taken of ratios such as X / r <= 1, so nothing overflows.
     """
     p1, p2 = 2.0 / shape[3], 2.0 / shape[4]
     X, Y, Z = abs(x) / shape[0], abs(y) / shape[1], abs(z) / shape[2]
