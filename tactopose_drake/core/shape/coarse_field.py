@@ -1,7 +1,7 @@
-"""A small copy of the distance grid, to throw away bad poses at a few nanoseconds a contact.
+"""A small copy of the distance grid, with which bad poses are rejected at a few nanoseconds per contact.
 
-Every few nodes one is kept, as four bytes, read without interpolation: a megabyte that stays in a core's own cache,
-where the grid itself does not fit. Its error, about a third of a voxel, is small beside that of the poses it judges.
+It keeps every few nodes, as four bytes each, read without interpolation: a megabyte that fits into a core's own cache,
+unlike the grid itself. Its error, about a third of a voxel, is small beside that of the poses it ranks.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from tactopose_drake.core.validation import FloatArray
 class CoarseFieldParams:
     """How small the copy is, and how it rounds."""
 
-    max_voxels: int = 250_000  # about so many: a megabyte, which stays in a core's own cache
-    steps: float = 6.0  # of the distance in a voxel: it is told apart up to 127 steps, or 21 voxels
+    max_voxels: int = 250_000  # approximately: a megabyte, which fits into a core's own cache
+    steps: float = 6.0  # quantisation steps of the distance in a voxel: it saturates at 127 steps, or 21 voxels
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class CoarseField:
 
 
 def coarsen(grid: DistanceGrid, params: CoarseFieldParams = CoarseFieldParams()) -> CoarseField:
-    """Takes every so many nodes of a grid that about as many are left as `params` say."""
+    """Subsamples a grid to about as many nodes as `params` say."""
     stride, offset = _every(grid.shape, params)
     nodes = grid.values[offset[0] :: stride, offset[1] :: stride, offset[2] :: stride]
     scale = np.array([params.steps / (stride * grid.spacing), 127.0, 127.0, 127.0], dtype=np.float32)
@@ -56,7 +56,7 @@ def coarsen(grid: DistanceGrid, params: CoarseFieldParams = CoarseFieldParams())
 def over_grid(
     grid: DistanceGrid, values: NDArray[np.int8], params: CoarseFieldParams = CoarseFieldParams()
 ) -> CoarseField:
-    """The field whose values (voxels, 4) were taken from a grid."""
+    """The field with values (voxels, 4) that were taken from a grid."""
     stride, offset = _every(grid.shape, params)
     spacing, origin = stride * grid.spacing, grid.origin + grid.spacing * np.array(offset)
     origin.setflags(write=False)
@@ -64,13 +64,13 @@ def over_grid(
 
 
 def coarse_shape(shape: tuple[int, ...], params: CoarseFieldParams = CoarseFieldParams()) -> tuple[int, int, int]:
-    """Number of voxels along x, y and z of the field of a grid with so many nodes."""
+    """Number of voxels along x, y and z of the field for a grid with this number of nodes."""
     stride, offset = _every(shape, params)
     nx, ny, nz = (len(range(start, n, stride)) for start, n in zip(offset, shape, strict=True))
     return nx, ny, nz
 
 
 def _every(shape: tuple[int, ...], params: CoarseFieldParams) -> tuple[int, list[int]]:
-    """Every how many nodes one is kept, and which is the first along each axis."""
+    """The stride with which nodes are kept, and the index of the first along each axis."""
     stride = max(1, round(math.cbrt(np.prod(shape) / params.max_voxels)))
     return stride, [((n - 1) % stride) // 2 for n in shape]

@@ -1,4 +1,4 @@
-"""The compiled loops of depths in convex shapes; see `convex_shapes.py`."""
+"""Compiled loops for depths in convex shapes; see `convex_shapes.py`."""
 
 from typing import NamedTuple
 
@@ -8,24 +8,24 @@ from tactopose_drake.core.compilation import inlined, kernel, part
 from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats4, Longs1, OutFloats1, OutFloats2, OutLongs1
 from tactopose_drake.core.mesh.winding_kernels import side
 
-# Of Newton's method, at the most: they bring the parameter of an ellipsoid's nearest point to the last digits.
+# Most Newton steps for the parameter of an ellipsoid's nearest point, enough for full precision.
 _STEPS = 30
 _LEAST_STEP = 1e-15  # relative
-_TINY = 1e-100  # of that parameter, m^2, where the point is the middle
-_BESIDE = 1e-9, 2.1e-9  # m, which no depth shows: below a regular mesh's middle lie vertices
-_LEVELS = 200  # that a triangle is halved, and that a tree has, at the most
+_TINY = 1e-100  # floor of that parameter, m^2, for a point at the centre
+_BESIDE = 1e-9, 2.1e-9  # m: a negligible shift off the vertices that lie below a regular mesh's centre
+_LEVELS = 200  # most bisections of a triangle, and most levels of a tree
 
 
 class Shapes(NamedTuple):
-    """Convex shapes, each in its own frame G: the depth of a point is the least that one of its parts says.
+    """Convex shapes, each in its own frame G: the depth of a point is the least over the shape's parts.
 
     Attributes:
-        radius: of a ball, of what is round about the z axis, m; infinite where nothing is, shape (s,).
-        half_length: of that part of this axis from which the radius is measured, m, shape (s,).
-        semi_axes: of an ellipsoid, m; zero where there is none, shape (s, 3).
-        first: the first plane of each shape, and behind the last one's, shape (s + 1,).
+        radius: of a ball, or of a part that is round about the z axis, m; infinite if there is none, shape (s,).
+        half_length: half the length of the segment of this axis from which the radius is measured, m, shape (s,).
+        semi_axes: of an ellipsoid, m; zero if there is none, shape (s, 3).
+        first: index of the first plane of each shape, and the number of all, shape (s + 1,).
         planes: outward normals n and offsets d of half-spaces n^T p <= d, m, shape (n, 4).
-        deepest: a point of the greatest depth of each shape, shape (s, 3), m.
+        deepest: a point of greatest depth in each shape, shape (s, 3), m.
     """
 
     radius: Floats1
@@ -37,11 +37,11 @@ class Shapes(NamedTuple):
 
 
 class Tree(NamedTuple):
-    """A complete binary tree of spheres about triangles, children of node i at 2 i + 1 and 2 i + 2.
+    """A complete binary tree of spheres about triangles, with children of node i at 2 i + 1 and 2 i + 2.
 
     Attributes:
-        spheres: centers and radii, shape (2 m - 1, 4), m; the last m nodes are leaves.
-        triangles: of leaf i those from k i to k i + k - 1, each of three points, shape (k m, 9), m.
+        spheres: centres and radii, shape (2 m - 1, 4), m; the last m nodes are leaves.
+        triangles: leaf i has triangles k i to k i + k - 1, each of three points, shape (k m, 9), m.
     """
 
     spheres: Floats2
@@ -50,16 +50,15 @@ class Tree(NamedTuple):
 
 @part
 def _in_ellipsoid(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    """The depth of a point in an ellipsoid, and how it rises.
+    """The depth of a point p in an ellipsoid, and its gradient.
 
     The nearest point q of the surface is that with p - q along the normal: q_i = a_i^2 p_i / (u + a_i^2 - a_s^2), where
-    a_s is the smallest semi-axis and u makes q a point of the surface. Of all such u the largest is the nearest
-    point's, which is not negative. Along the smallest semi-axis q is what the others leave: there u may be too small to
-    divide by.
+    a_s is the smallest semi-axis and u puts q on the surface. The nearest point has the largest such u, which is not
+    negative. Along the smallest semi-axis q follows from the other coordinates, as u may be too small to divide by.
     """
     least = min(a, b, c)
     da, db, dc = (a - least) * (a + least), (b - least) * (b + least), (c - least) * (c + least)
-    # What makes q one is convex and falls with u: where one term alone does not, Newton's method rises to where all do.
+    # The residual is convex and decreasing in u: from a lower bound, Newton's method rises monotonically to the root.
     u = max(_TINY, abs(a * x) - da, abs(b * y) - db, abs(c * z) - dc)
     for _ in range(_STEPS):
         ex, ey, ez = (a * x / (u + da)) ** 2, (b * y / (u + db)) ** 2, (c * z / (u + dc)) ** 2
@@ -82,7 +81,7 @@ def _in_ellipsoid(a: float, b: float, c: float, x: float, y: float, z: float) ->
 
 @inlined
 def _round_depth(shapes, s, x, y, z):
-    """The depth of a point by what is round, and how it rises; infinite where nothing is."""
+    """The depth of a point by the round part, and its gradient; infinite if there is none."""
     if shapes.semi_axes[s, 0] > 0.0:
         return _in_ellipsoid(shapes.semi_axes[s, 0], shapes.semi_axes[s, 1], shapes.semi_axes[s, 2], x, y, z)
     height = np.copysign(max(0.0, abs(z) - shapes.half_length[s]), z)
@@ -103,9 +102,9 @@ def _depth(shapes, s, x, y, z):
 
 @inlined
 def _most_in_triangle(shapes, s, t, x, y, z):
-    """An upper bound of the depth over a triangle t (9,) whose middle is x, y, z.
+    """An upper bound of the depth over a triangle t (9,) with centroid x, y, z.
 
-    Depths are concave: they lie below each tangent.
+    Depths are concave, so they lie below any tangent.
     """
     value, gx, gy, gz = _round_depth(shapes, s, x, y, z)
     rise = -np.inf
@@ -123,9 +122,9 @@ def _most_in_triangle(shapes, s, t, x, y, z):
 
 @part
 def _deepest_in_triangle(shapes: Shapes, s: int, best: float, tolerance: float, todo: OutFloats2) -> float:
-    """The greatest depth of points of the triangle that is the first in `todo` (n, 9), or `best`, if that is greater.
+    """The greatest depth over the triangle in the first row of `todo` (n, 9), or `best` if that is greater.
 
-    Parts that cannot be deeper are left out, others are halved across their longest side.
+    Branch and bound: parts that cannot be deeper are dropped, others are bisected across their longest side.
     """
     for k in range(3):
         best = max(best, _depth(shapes, s, todo[0, 3 * k], todo[0, 3 * k + 1], todo[0, 3 * k + 2]))
@@ -159,7 +158,7 @@ def _deepest_in_triangle(shapes: Shapes, s: int, best: float, tolerance: float, 
 def _deepest_in_shape(
     tree: Tree, shapes: Shapes, s: int, X: Floats2, best: float, tolerance: float, enough: float
 ) -> float:
-    """The greatest depth of the mesh, whose pose in the shape's frame is X (3, 4), in a shape, or `best`."""
+    """The greatest depth in a shape of the mesh at pose X (3, 4) in the shape's frame, or `best` if greater."""
     spheres, triangles = tree
     leaves = (spheres.shape[0] + 1) // 2
     each = triangles.shape[0] // leaves
@@ -195,7 +194,7 @@ def _deepest_in_shape(
 
 @inlined
 def _is_before(p, q):
-    """One order of two points."""
+    """A strict order of points."""
     if p[0] != q[0]:
         return p[0] < q[0]
     return p[1] < q[1] if p[1] != q[1] else p[2] < q[2]
@@ -203,7 +202,7 @@ def _is_before(p, q):
 
 @part
 def _is_within(tree: Tree, x: float, y: float, z: float, nodes: OutLongs1) -> bool:
-    """Whether the winding number of a mesh about a point is at least one, by the faces below it; `nodes` is scratch."""
+    """Whether the winding number of a mesh about a point is positive, by the faces below it; `nodes` is scratch."""
     spheres, triangles = tree
     leaves = (spheres.shape[0] + 1) // 2
     each = triangles.shape[0] // leaves
@@ -242,11 +241,11 @@ def find_deepest(
     depth: OutFloats1,
     deepest: OutLongs1,
 ) -> None:
-    """The greatest depths of a closed mesh, and of what is within, in shapes, (b,), m, and in which shapes, (b,).
+    """Fills the greatest depth of a closed mesh with its interior in any of the shapes (b,), m, and which shape (b,).
 
-    Depths are 0 where it is in none, and short by no more than the tolerance, m; beyond `enough`, m, of a pose no
-    greater one is looked for. As depths are concave, the greatest is at the surface of the mesh, or it is that of the
-    shape's deepest point.
+    Depths are 0 for a pose at which the mesh is in none, and short by at most the tolerance, m; once a pose's depth
+    exceeds `enough`, m, the search stops. As depths are concave, the greatest is at the surface of the mesh, or it is
+    that of the shape's deepest point.
 
     Args:
         tree: of the mesh.
@@ -254,8 +253,8 @@ def find_deepest(
         X_GO: poses of the mesh in the shapes' frames, shape (b, s, 3, 4).
         tolerance: see above.
         enough: see above.
-        depth: see above.
-        deepest: see above.
+        depth: output.
+        deepest: output.
     """
     nodes = np.empty(_LEVELS, dtype=np.int64)
     for b in range(depth.shape[0]):
@@ -282,6 +281,6 @@ def find_deepest(
 
 @kernel
 def find_depths(shapes: Shapes, p_GQ: Floats2, depth: OutFloats1) -> None:
-    """The depths (n,) of points (n, 3) in the first of the shapes, m."""
+    """Fills the depths (n,) of points (n, 3) in the first of the shapes, m."""
     for i in range(p_GQ.shape[0]):
         depth[i] = _depth(shapes, 0, p_GQ[i, 0], p_GQ[i, 1], p_GQ[i, 2])

@@ -1,9 +1,9 @@
 """Convex shapes, and how deep points and meshes are in them.
 
-The depth of a point below the surface of a convex shape is a concave function of the point that nowhere changes faster
-than the point moves. So over a sphere it is no greater than at the middle, and the radius more, and over a triangle no
-greater than any tangent: with both the deepest point of a mesh is found by branch and bound, over a tree of spheres and
-then over parts of triangles.
+The depth of a point below the surface of a convex shape is a concave function with Lipschitz constant 1. So its maximum
+over a sphere is at most that at the centre plus the radius, and over a triangle at most that of any tangent: with both
+bounds the deepest point of a mesh is found by branch and bound, over a tree of spheres and then over parts of
+triangles.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tactopose_drake.core.shape.convex_shape_kernels import Shapes, Tree
 from tactopose_drake.core.shape.morton_order import morton_codes
 from tactopose_drake.core.validation import FloatArray
 
-_LEAF = 4  # triangles, about
+_LEAF = 4  # approximate number of triangles of a leaf
 _BITS = 10  # of each coordinate in a Morton code
 
 _NO_PLANES, _NO_AXES, _MIDDLE = np.zeros((0, 4)), np.zeros(3), np.zeros(3)
@@ -32,14 +32,14 @@ class ConvexShape:
     """A convex shape in its own frame G.
 
     Attributes:
-        shapes: it alone, as kernels read it.
+        shapes: this shape alone, in the form that kernels read.
     """
 
     shapes: Shapes
 
     @classmethod
     def capsule(cls, radius: float, length: float) -> ConvexShape:
-        """About the z axis, of that length without its ends, m; a ball if that is zero."""
+        """About the z axis, with this length of the cylindrical part, m; a ball if that is zero."""
         return cls._make(radius=radius, half_length=0.5 * length)
 
     @classmethod
@@ -61,7 +61,7 @@ class ConvexShape:
 
     @classmethod
     def hull(cls, normals: FloatArray, offsets: FloatArray) -> ConvexShape:
-        """What is behind all planes of outward unit normals (n, 3) and offsets (n,), m, bounded."""
+        """The bounded intersection of half-spaces with outward unit normals (n, 3) and offsets (n,), m."""
         planes = np.column_stack([normals, offsets])
         return cls._make(planes=planes, deepest=_chebyshev_center(planes))
 
@@ -75,20 +75,20 @@ class ConvexShape:
         planes: FloatArray = _NO_PLANES,
         deepest: FloatArray = _MIDDLE,
     ) -> ConvexShape:
-        """Of its parts; see `Shapes`."""
+        """A shape from its parts; see `Shapes`."""
         first = np.array([0, len(planes)])
         numbers = np.array([radius]), np.array([half_length]), semi_axes[None], first, planes, deepest[None]
         return cls(Shapes(*map(read_only, numbers)))
 
     def depths(self, p_GQ: FloatArray) -> FloatArray:
-        """How deep points (n, 3), m, are below its surface, shape (n,), m; negative outside."""
+        """Depths of points (n, 3), m, below its surface, shape (n,), m; negative outside."""
         depth = np.empty(len(p_GQ))
         convex_shape_kernels.find_depths(self.shapes, np.ascontiguousarray(p_GQ, dtype=np.float64), depth)
         return depth
 
 
 def join_shapes(shapes: Sequence[ConvexShape]) -> Shapes:
-    """All of them, at least one, as kernels read them."""
+    """Concatenates shapes, at least one, in the form that kernels read."""
     each = [shape.shapes for shape in shapes]
     first = np.cumsum([0, *(len(one.planes) for one in each)])
     radius, half_length, semi_axes, _, planes, deepest = map(np.concatenate, zip(*each, strict=True))
@@ -96,7 +96,7 @@ def join_shapes(shapes: Sequence[ConvexShape]) -> Shapes:
 
 
 def _chebyshev_center(planes: FloatArray) -> FloatArray:
-    """The point that is deepest behind planes (n, 4), shape (3,), m, by linear programming in units of their extent."""
+    """The deepest point behind planes (n, 4), shape (3,), m, by linear programming in units of their extent."""
     unit = np.abs(planes[:, 3]).max()
     gaps = np.column_stack([planes[:, :3], np.ones(len(planes))])
     found = linprog([0.0, 0.0, 0.0, -1.0], gaps, planes[:, 3] / unit, bounds=(None, None))
@@ -104,9 +104,9 @@ def _chebyshev_center(planes: FloatArray) -> FloatArray:
 
 
 def build_tree(vertices: FloatArray, faces: np.ndarray) -> Tree:
-    """A tree of the triangles of a mesh, of vertices (v, 3), m, and faces (f, 3).
+    """A tree over the triangles of a mesh with vertices (v, 3), m, and faces (f, 3).
 
-    They are sorted along a curve that fills space, so that those of a leaf, and of each node, are close together.
+    They are sorted along a space-filling curve, so that the triangles of each node are close together.
     """
     triangles = vertices[faces].reshape(-1, 9)
     order = np.argsort(_codes(vertices[faces].mean(axis=1)), kind="stable")
@@ -114,7 +114,7 @@ def build_tree(vertices: FloatArray, faces: np.ndarray) -> Tree:
     count = leaves * math.ceil(len(faces) / leaves)
     chosen = np.arange(count) * len(faces) // count
     sorted_ones = triangles[order[chosen]]
-    again = np.flatnonzero(np.diff(chosen) == 0) + 1  # Each counts once: else it is a point, which has no sides.
+    again = np.flatnonzero(np.diff(chosen) == 0) + 1  # Repeated triangles become points, so that each counts once.
     sorted_ones[again] = np.tile(sorted_ones[again, :3], 3)
     coordinates = np.ascontiguousarray(sorted_ones.reshape(-1, 3).T)
     spheres = [np.zeros((0, 4))]
@@ -127,7 +127,7 @@ def build_tree(vertices: FloatArray, faces: np.ndarray) -> Tree:
 
 
 def _codes(points: FloatArray) -> np.ndarray:
-    """Where points (n, 3) come along that curve through their bounds, shape (n,)."""
+    """Positions of points (n, 3) along that curve, shape (n,)."""
     low = points.min(axis=0)
     size = max(float(np.ptp(points, axis=0).max()), 1e-300)
     cells = np.minimum((points - low) / size * (1 << _BITS), (1 << _BITS) - 1).astype(np.int64)

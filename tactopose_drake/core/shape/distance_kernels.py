@@ -46,7 +46,7 @@ def _offset(t, x, y, z):
 def fill_band(
     packed: Floats2, origin: Floats1, spacing: float, band: float, nearest: OutInts3, distance: OutFloats3
 ) -> None:
-    """Tests every face against the nodes within `band` of it."""
+    """Evaluates the distance of every face from the nodes within `band` of it."""
     nx, ny, nz = nearest.shape
     for f in range(packed.shape[0]):
         t = packed[f]
@@ -83,14 +83,14 @@ def _node_range(a, ab, ac, origin, spacing, band, count):
 def sweep(
     packed: Floats2, origin: Floats1, spacing: float, band: float, nearest: OutInts3, distance: OutFloats3
 ) -> None:
-    """Carries the nearest faces beyond the band, once in each of the eight diagonal directions.
+    """Propagates the nearest faces beyond the band, once in each of the eight diagonal directions.
 
-    The outermost layer of nodes is padding: infinitely far, and never written. A neighbour that lay behind in an
-    earlier direction, too, was asked then; it is asked again if its face has changed since.
+    The outermost layer of nodes is padding: infinitely far, and never written. A neighbour that was also behind in an
+    earlier direction has been tried then; it is tried again only if its face has changed since.
     """
     nx, ny, nz = nearest.shape
     all_nearest, all_distance = nearest.reshape(-1), distance.reshape(-1)
-    changed = np.zeros(all_nearest.shape[0], dtype=np.int8)  # In which direction a node's face was found, from 1 on.
+    changed = np.zeros(all_nearest.shape[0], dtype=np.int8)  # The direction, from 1, in which a node's face was found.
     back, step, asked = np.empty(7, dtype=np.int64), np.empty(7), np.empty(7, dtype=np.int8)
     for octant in range(8):
         si, sj, sk = 1 - 2 * (octant & 1), 1 - (octant & 2), 1 - ((octant & 4) >> 1)
@@ -122,14 +122,14 @@ def sweep(
                         if changed[there] <= asked[n] and asked[n] > 0:
                             continue
                         candidate = all_nearest[there]
-                        # A face is at least the neighbour's distance to its own nearest, minus the step, away.
+                        # A face is at least as far as its distance from the neighbour minus the step.
                         if candidate == face or candidate == tried or all_distance[there] - step[n] >= best:
                             continue
                         tried = candidate
                         t = packed[candidate]
                         height = t[12] * (x - t[0]) + t[13] * (y - t[1]) + t[14] * (z - t[2])
                         if height * height >= best * best:
-                            continue  # Its plane is no nearer.
+                            continue  # Not even its plane is nearer.
                         dx, dy, dz = _offset(t, x, y, z)
                         square = dx * dx + dy * dy + dz * dz
                         if square < best * best:

@@ -1,9 +1,9 @@
 """Exact distances from the nodes of a regular grid to a triangle mesh, compiled by numba.
 
-Three passes. A band around the surface is tested face by face, so its distances are exact. The nearest face is then
-carried outwards and inwards by sweeps over the grid, each candidate judged by its exact distance ([T03], with triangles
-instead of points). The sign comes from counting signed crossings along one grid direction, so that a node is inside
-where the winding number is at least one.
+Three passes. A band around the surface is tested face by face, so its distances are exact. Sweeps over the grid then
+propagate the nearest face outwards and inwards, comparing candidates by their exact distance ([T03], with triangles
+instead of points). The sign comes from counting signed crossings along one grid direction: a node is inside if the
+winding number is at least one.
 
 Sources: [E05] C. Ericson, Real-Time Collision Detection, 2005, section 5.1.5; [T03] Y. Tsai, Rapid and accurate
 computation of the distance function using grids, J. Comput. Phys., 2002.
@@ -17,7 +17,7 @@ from tactopose_drake.core.validation import FloatArray
 
 
 def pack_triangles(triangles: FloatArray) -> FloatArray:
-    """What the distance to a triangle needs: corner a, edges ab and ac, their products, the unit normal: (f, 15).
+    """Packs the data of distances to triangles: corner a, edges ab and ac, their products, the unit normal: (f, 15).
 
     Args:
         triangles: corners, shape (f, 3, 3), m.
@@ -33,7 +33,7 @@ def pack_triangles(triangles: FloatArray) -> FloatArray:
 def nearest_faces(
     packed: FloatArray, origin: FloatArray, spacing: float, shape: tuple[int, int, int], band: float
 ) -> NDArray[np.int32]:
-    """The nearest face of every node, shape `shape`: exact within the band about the surface, close to it elsewhere.
+    """The nearest face of every node, shape `shape`: exact within the band about the surface, approximate elsewhere.
 
     Args:
         packed: the triangles, from `pack_triangles`.

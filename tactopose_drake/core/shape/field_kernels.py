@@ -1,4 +1,4 @@
-"""Many look-ups in a distance grid at once."""
+"""Batched interpolation in a distance grid, compiled."""
 
 import numpy as np
 
@@ -10,9 +10,9 @@ from tactopose_drake.core.kernel_types import Floats1, Floats2, OutFloats2, Sing
 def interpolate(
     values: Singles4, origin: Floats1, upper: Floats1, spacing: float, points: Floats2, fields: OutFloats2
 ) -> None:
-    """The first of a grid's channels at points (n, 3), trilinearly, into fields (n, channels).
+    """Trilinear interpolation of a grid's first channels at points (n, 3), into fields (n, channels).
 
-    To the first, the distance, the way to a point outside of the grid is added.
+    For a point outside the grid, its distance from the grid is added to the first channel, the distance.
 
     Args:
         values: at the nodes, shape (nx, ny, nz, 4).
@@ -20,7 +20,7 @@ def interpolate(
         upper: the last node, shape (3,), m.
         spacing: between nodes, m.
         points: shape (n, 3), m.
-        fields: receives as many channels as it has columns.
+        fields: output, with as many channels as it has columns.
     """
     i, t = np.empty(3, dtype=np.int64), np.empty(3)
     for n in range(points.shape[0]):

@@ -1,4 +1,4 @@
-"""One representative of all the poses that an object's symmetries make of one."""
+"""A unique representative among the poses that are equivalent under an object's symmetries."""
 
 from collections.abc import Sequence
 
@@ -10,14 +10,14 @@ from tactopose_drake.core.poses import make_poses
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tactopose_drake.core.validation import FloatArray
 
-# A sphere's three axes are turned about in so many rounds, each of which brings it nearer; one axis needs but one.
+# Rounds of coordinate descent over a sphere's three axes; one axis needs a single round.
 _ROUNDS = 6
 
 
 def turn_toward(X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[RotationalSymmetry]) -> FloatArray:
-    """The poses (B, 3, 4), turned about the continuous axes until their rotations are nearest to the reference's.
+    """Rotates poses (B, 3, 4) about the continuous axes until they are nearest to the reference's rotation.
 
-    The object does not change by the turns.
+    These rotations do not change the object.
 
     Args:
         X_PO: poses, shape (B, 3, 4).
@@ -30,11 +30,11 @@ def turn_toward(X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[
 def turn_alike(
     X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[RotationalSymmetry], symmetry_poses: FloatArray
 ) -> FloatArray:
-    """The poses (B, 3, 4), turned so that those which differ by turns about a continuous axis become about the same.
+    """Rotates poses (B, 3, 4) so that those that differ by a rotation about a continuous axis become about the same.
 
-    Where the axis is upside down against the reference's, all turns about it are equally far from the reference, and
-    the nearest one is arbitrary. Such poses are turned toward the reference upside down instead: as a symmetry of the
-    object turns it, if one does, so that this brings both together again.
+    If the axis points opposite to the reference's, all rotations about it are equally far from the reference, and the
+    nearest one is arbitrary. Such poses are rotated toward the reference turned upside down instead: by one of the
+    object's symmetries, if there is one, so that equivalent poses come together again.
 
     Args:
         X_PO: poses, shape (B, 3, 4).
@@ -57,7 +57,7 @@ def turn_alike(
 def _turn(
     X_PO: FloatArray, references: FloatArray, choice: NDArray[np.int64], symmetries: Sequence[RotationalSymmetry]
 ) -> FloatArray:
-    """Poses (B, 3, 4), turned toward those of the references (n, 3, 4) that are chosen (B,)."""
+    """Rotates poses (B, 3, 4) toward the rotations of the chosen (B,) ones of the references (n, 3, 4)."""
     axes = [symmetry for symmetry in symmetries if symmetry.is_continuous]
     if not axes:
         return X_PO
@@ -70,13 +70,13 @@ def _turn(
 def nearest_images(
     X_PO: FloatArray, X_reference: FloatArray, turns: FloatArray, symmetries: Sequence[RotationalSymmetry]
 ) -> FloatArray:
-    """Of the poses that look as X_PO (B, 3, 4) do, those whose rotations are nearest to the reference's.
+    """Among the poses that look like X_PO (B, 3, 4), those whose rotations are nearest to the reference's.
 
     Args:
         X_PO: poses, shape (B, 3, 4).
         X_reference: shape (3, 4).
-        turns: the object's symmetries as poses X_OO', the identity first, shape (g, 3, 4); some of each continuous one.
-        symmetries: the same by their axes; the turns about the continuous ones are made exact.
+        turns: the object's symmetries as poses X_OO', the identity first, shape (g, 3, 4); sampled for continuous ones.
+        symmetries: the same by their axes, by which rotations about continuous ones are made exact.
     """
     if len(turns) > 1:
         nearest = np.empty((len(X_PO), 3, 4))
@@ -86,7 +86,7 @@ def nearest_images(
 
 
 def continuous_turns(symmetries: Sequence[RotationalSymmetry], X_PO: FloatArray) -> FloatArray:
-    """Increments (w, v) of a pose (3, 4) by unit turns about the continuous axes, shape (n, 6), rad and m."""
+    """Increments (w, v) of a pose (3, 4) per radian about each continuous axis, shape (n, 6), rad and m."""
     axes = [symmetry for symmetry in symmetries if symmetry.is_continuous]
     rows = np.empty((len(axes), 6))
     for row, each in zip(rows, axes, strict=True):

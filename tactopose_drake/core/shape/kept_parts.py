@@ -1,8 +1,8 @@
-"""Parts of a model that are made when they are first needed, and then kept on disk beside it.
+"""Derived parts of a model that are made when first needed, and then cached on disk.
 
-Each is known by what it is made of, so it does not matter which model it was made for. As with a model itself, what
-comes from a file is checked before compiled loops read it: types, shapes and indices. The numbers are told by the hash
-that the cache keeps.
+Each is identified by a hash of its inputs, so it does not matter which model it was made for. As with a model itself,
+data from a file are checked before compiled loops read them: types, shapes and indices; the cache's checksum protects
+the numbers.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from tactopose_drake.core.validation import FloatArray
 
 
 def has_pair_features(samples: SurfaceSamples, area: float, symmetry_poses: FloatArray) -> bool:
-    """Whether `pair_features` finds them on disk."""
+    """Whether `pair_features` would find them on disk."""
     return model_cache.has(_pair_features_key(samples, area, symmetry_poses))
 
 
 def has_surfels(vertices: FloatArray, faces: NDArray[np.int32], area: float, spacing: float) -> bool:
-    """Whether `surfels` finds them on disk."""
+    """Whether `surfels` would find them on disk."""
     return model_cache.has(_surfels_key(vertices, faces, area, spacing))
 
 
 def pair_features(samples: SurfaceSamples, area: float, symmetry_poses: FloatArray) -> PairFeatures:
-    """As `build_pair_features`, from the disk where they are kept."""
+    """The same as `build_pair_features`, loaded from disk if cached."""
     key = _pair_features_key(samples, area, symmetry_poses)
     arrays = model_cache.load(key)
     if arrays is not None and _are_pair_features(arrays):
@@ -51,7 +51,7 @@ def pair_features(samples: SurfaceSamples, area: float, symmetry_poses: FloatArr
 
 
 def surfels(vertices: FloatArray, faces: NDArray[np.int32], area: float, spacing: float) -> Surfels:
-    """As `make_surfels`, from the disk where they are kept."""
+    """The same as `make_surfels`, loaded from disk if cached."""
     key = _surfels_key(vertices, faces, area, spacing)
     arrays = model_cache.load(key)
     if arrays is not None and _are_surfels(arrays):
@@ -92,7 +92,7 @@ _SURFELS: Layout = {
 
 
 def _are_pair_features(arrays: Arrays) -> bool:
-    """Whether arrays from a file can be pair features."""
+    """Whether arrays from a file are valid pair features."""
     if not have_layout(arrays, _PAIR_FEATURES):
         return False
     points, pairs = arrays["points"], arrays["pairs"]
@@ -107,7 +107,7 @@ def _are_pair_features(arrays: Arrays) -> bool:
 
 
 def _are_surfels(arrays: Arrays) -> bool:
-    """Whether arrays from a file can be surfels."""
+    """Whether arrays from a file are valid surfels."""
     if not have_layout(arrays, _SURFELS) or arrays["shape"].min() < 1:
         return False
     nx, ny, nz = (int(n) for n in arrays["shape"])
@@ -122,5 +122,5 @@ def _are_surfels(arrays: Arrays) -> bool:
 
 
 def _is_table(first: NDArray[np.int32], count: int) -> bool:
-    """Whether these say where bins begin among so many entries."""
+    """Whether these are valid offsets of bins among so many entries."""
     return bool(first[0] == 0 and first[-1] == count and np.all(first[1:] >= first[:-1]))

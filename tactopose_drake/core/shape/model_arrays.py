@@ -1,7 +1,7 @@
-"""The arrays that a kept model consists of, and whether arrays that come from a file can be such a model.
+"""The layout of a cached model's arrays, and the validation of arrays that come from a file.
 
-Compiled loops do not check indices, so what they are handed must be checked before: types, shapes, ranges, finite
-numbers, and that the vertices, the faces, the grid and the samples are of one object.
+Compiled loops do not check indices, so their input must be checked before: types, shapes, ranges, finite numbers, and
+that vertices, faces, grid and samples are of the same object.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from tactopose_drake.core.shape.model_cache import Arrays
 from tactopose_drake.core.shape.signed_distance import grid_shape
 
 Layout = dict[str, tuple[type[np.generic], tuple[int | None, ...]]]
-"""Types and shapes of arrays, by name; None is any length."""
+"""Types and shapes of arrays, by name; None stands for any length."""
 
 _LAYOUT: Layout = {
     "vertices": (np.float64, (None, 3)),
@@ -44,20 +44,20 @@ _LAYOUT: Layout = {
     "repairs": (np.uint8, (None,)),
     "content_hash": (np.uint8, (32,)),
 }
-_LARGEST_DISTANCE = 2.0 * LARGEST_SIZE  # from a node of the grid to the surface, m
-_UNIT = 1e-6  # what is one, or within, but for rounding: relative
+_LARGEST_DISTANCE = 2.0 * LARGEST_SIZE  # of a node of the grid from the surface, m
+_UNIT = 1e-6  # relative tolerance for rounding
 
 
 def describe_a_model(arrays: Arrays, samples: int) -> bool:
-    """Whether the arrays can be those of a model with so many surface samples."""
+    """Whether the arrays are a valid model with so many surface samples."""
     if not have_layout(arrays, _LAYOUT):
         return False
-    with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are too large, and then refused
+    with np.errstate(over="ignore", invalid="ignore"):  # for numbers that are too large, which are then rejected
         return _shape_is_sound(arrays, samples) and _rest_is_sound(arrays)
 
 
 def have_layout(arrays: Arrays, layout: Layout) -> bool:
-    """Whether there are these arrays and no others, their doubles finite."""
+    """Whether exactly these arrays exist, with finite doubles."""
     if arrays.keys() != layout.keys():
         return False
     for name, (kind, shape) in layout.items():
@@ -72,13 +72,13 @@ def have_layout(arrays: Arrays, layout: Layout) -> bool:
 
 
 def _shape_is_sound(arrays: Mapping[str, NDArray[Any]], samples: int) -> bool:
-    """Whether faces, grid and samples belong to the vertices."""
+    """Whether faces, grid and samples are consistent with the vertices."""
     vertices, faces, distances = arrays["vertices"], arrays["faces"], arrays["distances"]
     if not len(vertices) or not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
         return False
     if min(distances.shape) < 2 or not arrays["grid_spacing"] > 0.0:
         return False
-    # A NaN among them makes the smallest and the largest one a NaN, and the comparison false.
+    # A NaN among them makes minimum and maximum NaN, and the comparison false.
     if not (distances.min() >= -_LARGEST_DISTANCE and distances.max() <= _LARGEST_DISTANCE):
         return False
     lower, upper, h = vertices.min(axis=0), vertices.max(axis=0), float(arrays["grid_spacing"])
@@ -102,7 +102,7 @@ def _shape_is_sound(arrays: Mapping[str, NDArray[Any]], samples: int) -> bool:
 
 
 def _rest_is_sound(arrays: Mapping[str, NDArray[Any]]) -> bool:
-    """Whether the mass properties, symmetries and texts can be a model's."""
+    """Whether the mass properties, symmetries and texts are valid."""
     axes, orders, poses = arrays["axes"], arrays["orders"], arrays["symmetry_poses"]
     lower, upper = arrays["vertices"].min(axis=0), arrays["vertices"].max(axis=0)
     size, inertia, centroid = float(np.linalg.norm(upper - lower)), arrays["inertia"], arrays["centroid"]
@@ -145,5 +145,5 @@ def _are_texts(content: NDArray[Any]) -> bool:
 
 
 def content_hash(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> str:
-    """What identifies a repaired mesh, 32 hexadecimal digits."""
+    """Identifies a repaired mesh, by 32 hexadecimal digits."""
     return model_cache.content_key(vertices, faces)

@@ -1,4 +1,4 @@
-"""Everything that a model says of a mesh, computed once: the arrays that are kept on disk."""
+"""Builds all that a model derives from a mesh, once: the arrays that are cached on disk."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from tactopose_drake.core.shape.symmetry_detection import detect_near_symmetries
 from tactopose_drake.core.shape.symmetry_judge import SymmetryDetectionParams
 from tactopose_drake.errors import InvalidFileError
 
-# Formats whose geometry is all in the one file, so that the file's bytes identify it and need not be parsed again.
+# Formats with all geometry in one file, whose bytes therefore identify the mesh without parsing it.
 _SELF_CONTAINED = {".obj", ".off", ".ply", ".stl"}
 
 
 def file_content(path: str | Path) -> tuple[bytes, str] | None:
-    """The bytes of a mesh file and its ending, if they alone say what the mesh is."""
+    """The bytes of a mesh file and its ending, if they alone define the mesh."""
     file = mesh_file(path)
     if file.suffix.lower() not in _SELF_CONTAINED:
         return None
@@ -40,16 +40,16 @@ def file_content(path: str | Path) -> tuple[bytes, str] | None:
 
 
 def _scaled(raw: RawMesh, scale: float) -> RawMesh:
-    """Triangles whose unit has so many metres, in metres."""
+    """Converts triangles to metres; `scale` is the mesh's unit in metres."""
     return raw if scale == 1.0 else RawMesh(scale * raw.vertices, raw.faces)
 
 
 def arrays_of(mesh: MeshSource, options: ModelOptions) -> Arrays:
-    """Everything that follows from the mesh alone, as arrays: as it is kept on disk, or built.
+    """All that follows from the mesh alone, as arrays, loaded from disk or built.
 
     Args:
-        mesh: as of `ObjectModel.from_mesh`.
-        options: how its model is made.
+        mesh: as for `ObjectModel.from_mesh`.
+        options: how the model is built.
     """
     content = file_content(mesh) if isinstance(mesh, str | Path) else None
     raw = _scaled(load_mesh(mesh), options.scale) if content is None else None
@@ -70,12 +70,12 @@ def arrays_of(mesh: MeshSource, options: ModelOptions) -> Arrays:
 
 
 def build_arrays(raw: RawMesh, label: str, options: ModelOptions) -> Arrays:
-    """Everything that follows from the mesh alone, as arrays; what costs time comes after the checks.
+    """Builds all that follows from the mesh alone, as arrays; the checks come before the expensive steps.
 
     Args:
-        raw: the mesh as it is.
-        label: what to call it in errors.
-        options: how its model is made.
+        raw: the unrepaired mesh.
+        label: its name in errors.
+        options: how the model is built.
     """
     mesh = repair_mesh(raw, label)
     options.check_fit(mesh.vertices)

@@ -1,10 +1,10 @@
-"""Arrays kept on disk between runs, by content.
+"""A cache of arrays on disk, by content.
 
-One file holds one set of arrays as a single numpy record without pickled objects, so that it is mapped into memory
-instead of read. It is written beside its place and moved there in one step, so readers and other writers never see
-half of it. A checksum over the key and the content, stored in front, shows damage, and files that changed places; a
-damaged file is as good as a missing one. A folder that cannot be read or written to is no error either: the model is
-then built anew each time. Beyond a limit the least recently used files go.
+A file holds a set of arrays as a single numpy record without pickled objects, so that it is mapped into memory instead
+of read. It is written to a temporary file and moved into place atomically, so that readers and other writers never see
+a part of it. A checksum over key and content, stored in front, detects damage and swapped files; a damaged file counts
+as missing. A folder that cannot be read or written is no error either: the model is then built anew each time. Beyond a
+size limit the least recently used files are removed.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ FORMAT_VERSION = 13
 
 LIMIT_VARIABLE = "TACTOPOSE_CACHE_GB"
 DEFAULT_LIMIT = 2.0
-"""The folder's limit where `TACTOPOSE_CACHE_GB` says no other, GB."""
+"""The folder's size limit unless `TACTOPOSE_CACHE_GB` sets another, GB."""
 
 _GB = 1e9
 _ALIGNMENT = 64  # of each array in a file, bytes
-_CHECK = "check"  # the name of the checksum
-_ENDINGS = (".npy", ".tmp")  # the latter of a file that is being written, or was when its process ended
+_CHECK = "check"  # name of the checksum
+_ENDINGS = (".npy", ".tmp")  # the latter for files being written, or left by a process that ended while writing
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -49,7 +49,7 @@ def cache_folder() -> Path:
 
 
 def cache_limit() -> float:
-    """How large the folder may become, bytes: `TACTOPOSE_CACHE_GB` if that is set.
+    """The folder's size limit, bytes: `TACTOPOSE_CACHE_GB` if that is set.
 
     Raises:
         InvalidInputError: if that is no number, or a negative one.
@@ -67,7 +67,7 @@ def cache_limit() -> float:
 
 
 class CachedFile(NamedTuple):
-    """A file of the cache: when it was last used, s since 1970; its size, bytes; and where it is."""
+    """A file of the cache: when it was last used, s since 1970; its size, bytes; and its path."""
 
     used: float
     size: int
@@ -75,7 +75,7 @@ class CachedFile(NamedTuple):
 
 
 def cached_files() -> list[CachedFile]:
-    """What is kept, the least recently used first; nothing where the folder cannot be read."""
+    """The cached files, the least recently used first; none if the folder cannot be read."""
     files = []
     with contextlib.suppress(OSError, RuntimeError), os.scandir(cache_folder()) as entries:
         for entry in entries:
@@ -87,7 +87,7 @@ def cached_files() -> list[CachedFile]:
 
 
 def clear() -> int:
-    """Removes all that is kept, and says how many bytes that was; who has a model in memory keeps it.
+    """Removes all cached files, and returns their size in bytes; models in memory are not affected.
 
     Raises:
         OSError: if a file cannot be removed.
@@ -109,7 +109,7 @@ def content_key(*parts: bytes | NDArray[Any] | str) -> str:
 
 
 def has(key: str) -> bool:
-    """Whether anything is stored under a key, be it damaged."""
+    """Whether a file exists for a key, possibly a damaged one."""
     try:
         return _path(key).exists()
     except (OSError, RuntimeError):
@@ -117,7 +117,7 @@ def has(key: str) -> bool:
 
 
 def load(key: str) -> Arrays | None:
-    """The arrays stored under a key, read-only, mapped from the file; None if there are none, or damaged ones."""
+    """The arrays stored under a key, read-only, mapped from the file; None if there is no valid file."""
     try:
         path = _path(key)
         with warnings.catch_warnings():
@@ -125,7 +125,7 @@ def load(key: str) -> Arrays | None:
             record = np.load(path, mmap_mode="r", allow_pickle=False)
         names = record.dtype.names
         sound = record.shape == (1,) and names[0] == _CHECK and record[_CHECK][0].tobytes() == _digest(key, record)
-    except Exception:  # a damaged header makes numpy's parser warn of and raise almost anything
+    except Exception:  # for a damaged header, numpy's parser warns of and raises almost anything
         return None
     if not sound:
         return None
@@ -135,7 +135,7 @@ def load(key: str) -> Arrays | None:
 
 
 def store(key: str, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Keeps arrays of numbers under a key; does nothing where the folder cannot be written to."""
+    """Stores arrays of numbers under a key; does nothing if the folder cannot be written."""
     limit, record = cache_limit(), _record(key, arrays)
     if record.nbytes > limit:
         return
@@ -148,7 +148,7 @@ def store(key: str, arrays: Mapping[str, NDArray[Any]]) -> None:
             np.save(file, record, allow_pickle=False)
         os.replace(temporary, _path(key))
         _remove_oldest(limit)
-    except (OSError, RuntimeError):  # the latter where the folder is in the home of somebody who does not exist
+    except (OSError, RuntimeError):  # the latter if the folder is in the home of a user that does not exist
         if temporary is not None:
             with contextlib.suppress(OSError):
                 Path(temporary).unlink(missing_ok=True)
@@ -159,7 +159,7 @@ def _path(key: str) -> Path:
 
 
 def _record(key: str, arrays: Mapping[str, NDArray[Any]]) -> NDArray[np.void]:
-    """One record of all arrays, each aligned, the checksum first."""
+    """Packs all arrays into one record, each aligned, the checksum first."""
     fields: dict[str, NDArray[Any]] = {_CHECK: np.zeros(8, dtype=np.uint8), **arrays}
     sizes = [-(-array.nbytes // _ALIGNMENT) * _ALIGNMENT for array in fields.values()]
     dtype = np.dtype(
@@ -180,7 +180,7 @@ def _record(key: str, arrays: Mapping[str, NDArray[Any]]) -> NDArray[np.void]:
 def _digest(key: str, record: NDArray[np.void]) -> bytes:
     """The checksum of the key, the names and types of the arrays, and their content: 32 MB in about 3 ms.
 
-    It tells damage, not ill will: who can write to the folder can write models that are wrong but sound.
+    It detects damage, not malice: whoever can write to the folder can write valid files with wrong models.
     """
     head = hashlib.blake2b(f"format {FORMAT_VERSION} {key} {record.dtype!r}".encode(), digest_size=8).digest()
     words = record.view(np.ndarray).view(np.uint64)[_ALIGNMENT // 8 :]
@@ -188,7 +188,7 @@ def _digest(key: str, record: NDArray[np.void]) -> bytes:
 
 
 def _remove_oldest(limit: float) -> None:
-    """Removes the least recently used files until the folder is within its limit, bytes."""
+    """Removes the least recently used files until the folder is within its size limit, bytes."""
     files = cached_files()
     total = sum(file.size for file in files)
     for file in files:

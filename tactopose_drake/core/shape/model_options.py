@@ -1,4 +1,4 @@
-"""What is told of an object beside its mesh, checked."""
+"""The options with which an object's model is made from its mesh, validated."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tactopose_drake.core.validation import FloatArray, flag, instance_of, limited, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
 
-_MOST_SAMPLES, _MOST_BYTES = 10**6, 2**40  # More take all memory there is.
+_MOST_SAMPLES, _MOST_BYTES = 10**6, 2**40  # More would exhaust the memory.
 
 NUMBERS: Mapping[str, Callable[[str, float], float]] = {
     "scale": partial(positive_number, least=1e-6, most=1e6),
@@ -23,29 +23,29 @@ NUMBERS: Mapping[str, Callable[[str, float], float]] = {
     "surface_sigma": partial(positive_number, allow_zero=True, most=0.1),
     "scale_sigma": partial(positive_number, allow_zero=True, most=0.5),
 }
-"""What checks those options that files have too: called with the name to tell and the value, it returns a float."""
+"""Checks of those options that files have too: called with the option's name and value, each returns a float."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelOptions:
-    """The options of `ObjectModel.from_mesh`, which says what each of them is.
+    """The options of `ObjectModel.from_mesh`, which documents them.
 
     Attributes:
         name: of the object.
-        scale: metres in the mesh's unit.
-        mass: kg; None where it is not known.
-        center_of_mass: in O, shape (3,), m; None where it is the volume's centroid.
+        scale: the mesh's unit, m.
+        mass: kg; None if unknown.
+        center_of_mass: in O, shape (3,), m; None for the volume's centroid.
         symmetry: "auto", "none", or the symmetries.
-        symmetry_tolerance: how far a turned surface may be off, a share of the size.
+        symmetry_tolerance: how far a turned surface may be off, as a share of the size.
         samples: number of surface samples.
-        spacing: of the distance grid, m; None where the mesh says it.
-        max_grid_bytes: of the distance grid, at the most.
+        spacing: of the distance grid, m; None to choose it from the mesh.
+        max_grid_bytes: size limit of the distance grid.
         surface_sigma: standard deviation of the surface along its normal, m.
-        scale_sigma: standard deviation of the scale, a share.
-        is_kept: whether the model is kept on disk.
+        scale_sigma: relative standard deviation of the scale.
+        is_kept: whether the model is cached on disk.
 
     Raises:
-        UnknownNameError: a symmetry that is none.
+        UnknownNameError: an unknown symmetry.
         InvalidInputError: an option out of its range.
     """
 
@@ -75,14 +75,14 @@ class ModelOptions:
             checked["center_of_mass"] = limited("center_of_mass", self.center_of_mass, (3,), most=FARTHEST)
         if self.spacing is not None:
             checked["spacing"] = positive_number("spacing", self.spacing)
-        _ = self.symmetries  # Asked for, they are checked.
+        _ = self.symmetries  # Evaluated to check them.
         checked["is_kept"] = flag("cache", self.is_kept)
         instance_of("name", self.name, str)
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
     def check_fit(self, vertices: FloatArray) -> None:
-        """Checks what only the mesh can tell to be wrong, by its vertices (v, 3), m.
+        """Checks the options that depend on the mesh, by its vertices (v, 3), m.
 
         Raises:
             InvalidInputError: a grid coarser than the object is large, or a centre of mass far outside of it.
@@ -104,7 +104,7 @@ class ModelOptions:
 
     @cached_property
     def symmetries(self) -> tuple[RotationalSymmetry, ...] | None:
-        """Those that are given; None where they are named."""
+        """The symmetries that are given; None for "auto" and "none"."""
         given: object = self.symmetry
         if isinstance(given, str) and given in ("auto", "none"):
             return None
@@ -116,5 +116,5 @@ class ModelOptions:
 
     @property
     def tolerance(self) -> float | None:
-        """Of symmetries that are looked for; None where none are."""
+        """Tolerance of the symmetry detection; None if it is off."""
         return self.symmetry_tolerance if self.symmetries is None and self.symmetry == "auto" else None

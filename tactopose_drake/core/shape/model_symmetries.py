@@ -1,4 +1,4 @@
-"""Which turns leave a model's object unchanged, exactly or nearly: as they were told, or as they were found."""
+"""The rotations that leave a model's object unchanged, exactly or nearly, whether given or detected."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.shape.symmetry import CONTINUOUS, RotationalSymmetry, symmetry_group
 from tactopose_drake.core.validation import FloatArray
 
-_TURNS = 12  # that stand for all about an axis
-# Of turns that are told, rms, as a share of the size: a label or a small handle is less, an axis in a wrong place more.
+_TURNS = 12  # number of rotations that stand for all about an axis
+# Largest usual misfit of given rotations, rms, as a share of the size: a label or a small handle makes less, an axis in
+# a wrong place more.
 _USUAL_MISFIT = 0.05
-_ALONG = 0.9986  # cosine of 3 degrees, within which an axis is called one of O's
+_ALONG = 0.9986  # cosine of 3 degrees, within which an axis is named after one of O's
 
 
 class KnownSymmetries(NamedTuple):
-    """What `ObjectModel` says of its symmetries, by the names that it has there.
+    """The symmetries of an `ObjectModel`, as its attributes name them.
 
     Attributes:
         symmetries: axes about which the object may be turned without a change.
-        near: axes about which every turn nearly leaves it unchanged.
+        near: axes about which every rotation nearly leaves it unchanged.
         poses: the finite symmetries' group, shape (g, 3, 4).
-        misfits: of these, shape (g,), m.
+        misfits: of these poses, shape (g,), m.
     """
 
     symmetries: tuple[RotationalSymmetry, ...]
@@ -39,7 +40,7 @@ class KnownSymmetries(NamedTuple):
 def known_symmetries(
     arrays: Arrays, grid: DistanceGrid, samples: SurfaceSamples, given: tuple[RotationalSymmetry, ...] | None
 ) -> KnownSymmetries:
-    """The symmetries that are given; None where those hold that were found when the model was built."""
+    """The symmetries that are given, or, if None, those detected when the model was built."""
     if given is not None:
         poses = symmetry_group(given)
         return KnownSymmetries(given, (), poses, misfits(grid, samples, poses))
@@ -53,7 +54,7 @@ def known_symmetries(
 
 
 def misfits(grid: DistanceGrid, samples: SurfaceSamples, poses: FloatArray) -> FloatArray:
-    """How far the samples are off the surface when each of the poses X_OO' (g, 3, 4) moves them, rms, m, shape (g,)."""
+    """Rms distance of the samples from the surface when moved by each of the poses X_OO' (g, 3, 4), m, shape (g,)."""
     turned = transform_points(poses, samples.points)
     distance = grid.distance(turned.reshape(-1, 3)).reshape(len(turned), -1)
     off: FloatArray = np.sqrt(np.mean(distance**2, axis=1))
@@ -61,7 +62,7 @@ def misfits(grid: DistanceGrid, samples: SurfaceSamples, poses: FloatArray) -> F
 
 
 def near_symmetry_line(near: Sequence[RotationalSymmetry], grid: DistanceGrid, samples: SurfaceSamples) -> str:
-    """What a near symmetry means, and how to say that it is one, in a sentence."""
+    """A sentence on what a near symmetry means, and how to declare it."""
     turns = np.concatenate([RotationalSymmetry(each.axis, each.point, _TURNS).poses() for each in near])
     off = f"surface off by up to {1e3 * misfits(grid, samples, turns).max():.1f} mm, rms"
     named = "any axis" if len(near) > 1 else f"its {axis_name(near[0].axis)} axis"
@@ -76,7 +77,7 @@ def near_symmetry_line(near: Sequence[RotationalSymmetry], grid: DistanceGrid, s
 def doubtful_symmetry_lines(
     told: Sequence[RotationalSymmetry], grid: DistanceGrid, samples: SurfaceSamples, size: float
 ) -> list[str]:
-    """What is said of symmetries that are told and leave the surface far off, a sentence each."""
+    """A sentence on each given symmetry that leaves the surface far off."""
     lines = []
     for i, each in enumerate(told):
         off = float(
@@ -91,6 +92,6 @@ def doubtful_symmetry_lines(
 
 
 def axis_name(axis: FloatArray) -> str:
-    """A unit vector (3,) in O as the option `--symmetry` takes it."""
+    """A unit vector (3,) in O in the form that the option `--symmetry` takes."""
     main = int(np.abs(axis).argmax())
     return "xyz"[main] if abs(axis[main]) > _ALONG else ",".join(f"{x:.3f}" for x in axis + 0.0)

@@ -1,4 +1,4 @@
-"""Normals averaged around vertices, and read off at the nodes of a grid."""
+"""Normals averaged around vertices, and interpolated at the nodes of a grid, compiled."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from tactopose_drake.core.compilation import kernel
 from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, Ints3, Longs1, OutFloats3, OutSingles4
 from tactopose_drake.core.shape.distance_kernels import closest_weights
 
-# Of the faces around one vertex, about so many are averaged at the most: all with all takes minutes in a fan of 10^5.
+# Most faces averaged around one vertex: all pairs would take minutes in a fan of 10^5 faces.
 _MOST_AVERAGED = 1000
 
 
@@ -14,9 +14,9 @@ _MOST_AVERAGED = 1000
 def average_around_vertices(
     order: Longs1, first: Longs1, face_normals: Floats2, angles: Floats2, crease_cosine: float, normals: OutFloats3
 ) -> None:
-    """For each corner, the mean of its vertex's face normals, weighted by angle, leaving out those across a crease.
+    """For each corner, the mean of the normals of its vertex's faces, weighted by angle, except across creases.
 
-    Of a fan of thousands each corner asks an even choice of faces, its own among them.
+    In a fan of thousands each corner averages an even subset of the faces, including its own.
     """
     for vertex in range(len(first) - 1):
         stride = 1 + (first[vertex + 1] - first[vertex]) // _MOST_AVERAGED
@@ -47,7 +47,7 @@ def interpolate(
     spacing: float,
     cosine: float,
 ) -> None:
-    """Puts the interpolated normal of the closest point where the gradient points the same way.
+    """Replaces gradients by the interpolated normal of the closest point, where the two have about the same direction.
 
     Beside a crease the gradient fans out between the two faces, as the normal of a contact on the edge does: it stays.
     """

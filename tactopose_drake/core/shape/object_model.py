@@ -1,4 +1,4 @@
-"""The model of an object: what its mesh says, in the forms that pose estimation needs."""
+"""The model of an object: all that pose estimation needs of its mesh."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from tactopose_drake.core.shape.symmetry_judge import SymmetryDetectionParams
 from tactopose_drake.core.shape.unevenness import Unevenness, find_unevenness
 from tactopose_drake.core.validation import FloatArray
 
-# To which contacts know a point if nothing else is said, m.
+# Usual standard deviation of a contact's position, m.
 _USUAL_SIGMA = 0.0009
 
 
@@ -47,26 +47,26 @@ class ObjectModel(SimpleBodies):
         vertices: of the repaired mesh, shape (v, 3), m.
         faces: vertex indices, anticlockwise seen from outside, shape (f, 3).
         grid: signed distance and outward normal at any point.
-        coarse_field: the same in few bytes, to judge poses in their thousands.
+        coarse_field: the same in few bytes, to rank thousands of poses.
         samples: points spread evenly over the surface, with normals.
         volume: m^3.
-        mass: kg; that of water-like density (1000 kg/m^3) where none was given.
-        mass_is_known: whether one was given.
-        center_of_mass: shape (3,), m; the volume's centroid where none was given.
-        inertia: about the centre of mass, axes of O, shape (3, 3), kg m^2: that of the uniform body of this mass about
-            its centroid, also where another centre of mass was given.
+        mass: kg; with the density of water (1000 kg/m^3) if none was given.
+        mass_is_known: whether it was given.
+        center_of_mass: shape (3,), m; the volume's centroid if none was given.
+        inertia: about the centre of mass, axes of O, shape (3, 3), kg m^2: that of a uniform body of this mass about
+            its centroid, even if another centre of mass was given.
         symmetries: axes about which the object may be turned without a change.
         symmetry_poses: the poses X_OO' that the finite symmetries generate, the identity first, shape (g, 3, 4);
             continuous symmetries are in `symmetries` alone.
-        symmetry_misfits: how far the samples are off the surface when each of these turns them, rms, m, shape (g,).
-        near_symmetries: axes about which every turn nearly leaves the object unchanged, as it does a scan of a can.
-        symmetries_are_given: whether they were told, rather than found: then they hold, whatever the surface says.
+        symmetry_misfits: rms distance of the samples from the surface when moved by each of these, m, shape (g,).
+        near_symmetries: axes about which every rotation nearly leaves the object unchanged, as with a scan of a can.
+        symmetries_are_given: whether they were given rather than detected: then they hold, whatever the surface is.
         size: diagonal of the bounding box, m.
         repairs: what was repaired in the mesh, one sentence each.
         content_hash: of the vertices and faces, 32 hexadecimal digits.
-        is_kept: whether what is made of the model when first needed is kept on disk, as the model itself is.
-        surface_sigma: standard deviation of how far the surface is off the mesh, along its normal, m.
-        scale_sigma: standard deviation of how much larger the object is about its centre of mass, a share of 1.
+        is_kept: whether parts of the model that are made when first needed are cached on disk, like the model itself.
+        surface_sigma: standard deviation of the surface's distance from the mesh, along its normal, m.
+        scale_sigma: standard deviation of the object's relative growth about its centre of mass.
     """
 
     name: str
@@ -105,22 +105,22 @@ class ObjectModel(SimpleBodies):
 
     @cached_property
     def area(self) -> float:
-        """Of the surface, m^2."""
+        """Area of the surface, m^2."""
         return 0.5 * float(np.linalg.norm(cross_products(self.vertices, self.faces), axis=1).sum())
 
     @cached_property
     def middle(self) -> FloatArray:
-        """Of the bounding box, in O, shape (3,), m."""
+        """Centre of the bounding box, in O, shape (3,), m."""
         return np.asarray(0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0)))
 
     @cached_property
     def hull_vertices(self) -> FloatArray:
-        """Those of the vertices that span the convex hull, shape (k, 3), m; found when first needed."""
+        """The vertices of the convex hull, shape (k, 3), m; computed when first needed."""
         return np.ascontiguousarray(self.vertices[scipy.spatial.ConvexHull(self.vertices).vertices])
 
     @cached_property
     def about_middle(self) -> ObjectModel:
-        """The same in a frame with O's axes at the middle of the bounding box."""
+        """The same object in a frame with O's axes at the centre of the bounding box."""
         p_OC = self.middle
         symmetry_poses = self.symmetry_poses.copy()
         symmetry_poses[:, :, 3] += symmetry_poses[:, :, :3] @ p_OC - p_OC
@@ -139,16 +139,16 @@ class ObjectModel(SimpleBodies):
 
     @cached_property
     def half_turns(self) -> FloatArray:
-        """Half turns about the principal axes of inertia through the box's middle, poses X_OO' of shape (3, 3, 4).
+        """Half turns about the principal axes of inertia through the box's centre, poses X_OO' of shape (3, 3, 4).
 
-        Few objects are symmetric so, but many are nearly: a touch may fit a mug upside down.
+        Few objects have these symmetries, but many nearly do: a touch may fit a mug upside down.
         """
         R = 2.0 * np.einsum("ik,jk->kij", *(np.linalg.eigh(self.inertia)[1],) * 2) - np.eye(3)
         return np.concatenate([R, (self.middle - R @ self.middle)[:, :, None]], axis=2)
 
     @cached_property
     def growth(self) -> tuple[float, float]:
-        """By how much the surface moves along its normal and along each tangent where the object grows by 1, rms, m."""
+        """Rms displacement of the surface along its normal and along each tangent per relative growth by 1, m."""
         arms = self.samples.points - self.center_of_mass
         outward = np.einsum("ij,ij->i", arms, self.samples.normals) ** 2
         along = 0.5 * (np.einsum("ij,ij->i", arms, arms) - outward)
@@ -156,17 +156,17 @@ class ObjectModel(SimpleBodies):
 
     @cached_property
     def unevenness(self) -> Unevenness:
-        """How much the surface changes over a distance; made when first needed, in about 0.1 s."""
+        """How much the surface varies over a distance; computed when first needed, in about 0.1 s."""
         return find_unevenness(self.samples)
 
     @cached_property
     def pair_features(self) -> PairFeatures:
-        """Pairs of surface samples by what two contacts tell of them; made when first needed, in about 0.2 s."""
+        """Pairs of surface samples, indexed by their features; computed when first needed, in about 0.2 s."""
         make = kept_parts.pair_features if self.is_kept else build_pair_features
         return make(self.samples, self.area, self.symmetry_turns)
 
     def surfels(self, sigma: float) -> Surfels:
-        """The surface as discs, for points known to sigma, m; made when first needed, in about 0.1 s."""
+        """The surface as discs, for points of standard deviation sigma, m; made when first needed, in about 0.1 s."""
         spacing = surfel_spacing(sigma, self.area)
         if spacing not in self._surfels:
             make = kept_parts.surfels if self.is_kept else make_surfels
@@ -178,18 +178,18 @@ class ObjectModel(SimpleBodies):
         return {}
 
     def _load_kept_parts(self) -> None:
-        """Loads what estimates have left on disk of the parts that the next one needs, so that it does not wait."""
+        """Loads those parts from disk that earlier estimates have left and the next one needs."""
         if kept_parts.has_pair_features(self.samples, self.area, self.symmetry_turns):
             _ = self.pair_features
         if kept_parts.has_surfels(self.vertices, self.faces, self.area, surfel_spacing(_USUAL_SIGMA, self.area)):
             self.surfels(_USUAL_SIGMA)
 
     def make_ready(self, sigma_position: float = _USUAL_SIGMA, largest_sigma: float | None = None) -> None:
-        """Makes or loads all that estimates need, so that none waits for it.
+        """Makes or loads all that estimates need, so that none has to wait for it.
 
         Args:
-            sigma_position: to which points are known, m.
-            largest_sigma: for points known to anything between the two, m.
+            sigma_position: standard deviation of the points, m.
+            largest_sigma: for points of any standard deviation between the two, m.
         """
         _ = self.pair_features, self.symmetry_turns, self.samples.spread, self.unevenness, self.growth
         for sigma in surfel_sigmas(sigma_position, sigma_position if largest_sigma is None else largest_sigma):
@@ -197,12 +197,12 @@ class ObjectModel(SimpleBodies):
 
     @cached_property
     def continuous_symmetries(self) -> tuple[RotationalSymmetry, ...]:
-        """Those of the symmetries about whose axes every turn leaves the object unchanged."""
+        """The symmetries about whose axes every rotation leaves the object unchanged."""
         return tuple(symmetry for symmetry in self.symmetries if symmetry.is_continuous)
 
     @cached_property
     def symmetry_turns(self) -> FloatArray:
-        """The finite symmetries, joined with some turns about each continuous axis, shape (g, 3, 4)."""
+        """The finite symmetries, combined with some rotations about each continuous axis, shape (g, 3, 4)."""
         return sampled_turns(self.symmetry_poses, self.symmetries)
 
     @classmethod
@@ -223,31 +223,31 @@ class ObjectModel(SimpleBodies):
         scale_sigma: float = 0.0,
         cache: bool = True,
     ) -> ObjectModel:
-        """Builds the model of a mesh, or takes it from the cache, by the mesh's content.
+        """Builds the model of a mesh, or loads it from the cache, by the mesh's content.
 
         Args:
             mesh: a file (obj, stl, ply, off, glb, gltf, dae, zae, 3mf or xaml), a `trimesh.Trimesh`, or a
-                `trimesh.Scene`: its meshes joined.
-            name: what to call the object.
-            scale: how many metres the mesh's unit has: 0.001 for one in millimetres. A dae, zae or 3mf file states
-                its unit and is in metres already; the scale comes on top of that.
+                `trimesh.Scene`, whose meshes are joined.
+            name: of the object.
+            scale: the mesh's unit in metres: 0.001 for millimetres. A dae, zae or 3mf file states its unit and is
+                converted to metres anyway; the scale is applied in addition.
             mass: kg.
             center_of_mass: in O, shape (3,), m; in the bounding box, or outside of it by no more than the size.
-            symmetry: "auto" detects the rotations that leave the object unchanged, "none" assumes there are none, a
-                list says which there are.
+            symmetry: "auto" detects the rotations that leave the object unchanged, "none" assumes that there are none,
+                a list gives them.
             symmetry_tolerance: how far the turned surface may be off, as a share of the size (see
                 `detect_symmetries`).
             samples: number of surface samples, at least 100.
             spacing: of the distance grid, m, up to the size; by default chosen from that and the walls' thickness.
             max_grid_bytes: the largest size of the distance grid, bytes.
-            surface_sigma: standard deviation of how far the surface is off the mesh, along its normal, m: of a scan or
-                a worn object. It counts among the contacts' errors.
-            scale_sigma: standard deviation of the mesh's scale, a share: 0.03 where it may be 3 % too small.
-            cache: whether to keep the result on disk (`TACTOPOSE_CACHE_DIR` says where).
+            surface_sigma: standard deviation of the surface's distance from the mesh, along its normal, m, for scans or
+                worn objects. It is added to the contacts' errors.
+            scale_sigma: relative standard deviation of the mesh's scale: 0.03 if it may be 3 % too small.
+            cache: whether to cache the result on disk (in `TACTOPOSE_CACHE_DIR`).
 
         Raises:
             InvalidFileError: if a file is missing or cannot be read as a mesh.
-            UnknownNameError: if a file's format or `symmetry` is none of those that exist.
+            UnknownNameError: if a file's format or `symmetry` is unknown.
             InvalidMeshError: if the mesh is empty, not finite, not manifold, flat, too open to have an inside, passes
                 through itself so that its inertia is that of no body, or lies far from its frame's origin.
             MeshUnitsError: if the mesh is evidently not in metres.
@@ -286,7 +286,7 @@ class ObjectModel(SimpleBodies):
 
     @classmethod
     def _of(cls, arrays: Arrays, repairs: tuple[str, ...], options: ModelOptions) -> ObjectModel:
-        """The model of what was built of a mesh, with what was told of it."""
+        """The model from arrays built from a mesh, and the options."""
         volume = float(arrays["volume"])
         mass = DENSITY * volume if options.mass is None else options.mass
         inertia = arrays["inertia"] * (mass / (DENSITY * volume))

@@ -1,4 +1,4 @@
-"""The features of pairs of surface samples: how they are computed, sorted into bins, and found again."""
+"""Features of pairs of surface samples: their computation, sorting into bins, and look-up, compiled."""
 
 import numpy as np
 
@@ -15,9 +15,9 @@ from tactopose_drake.core.kernel_types import (
     UnsignedBytes2,
 )
 
-BYTE = 255.0  # the largest number of a byte
-# The layout of the table: 32 bins of distances and 16 of each angle. Fixed, so that the compiler knows by how much the
-# innermost loop shifts.
+BYTE = 255.0  # the largest value of a byte
+# The layout of the table: 32 bins of distances and 16 of each angle. Constant, so that the compiler knows the shifts of
+# the innermost loop.
 DISTANCE_SHIFT = 3
 _ANGLE_SHIFT = 4
 ANGLE_BINS = 256 >> _ANGLE_SHIFT
@@ -25,7 +25,7 @@ ANGLE_BINS = 256 >> _ANGLE_SHIFT
 
 @kernel
 def fill_feature(p: Floats1, n: Floats1, q: Floats1, m: Floats1, out: OutFloats1) -> None:
-    """The compiled `pair_feature` of points p and q with normals n and m, into out (4,)."""
+    """The compiled `pair_feature` of points p and q with normals n and m, written to out (4,)."""
     x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     d = np.sqrt(x * x + y * y + z * z)
     out[0] = d
@@ -52,7 +52,7 @@ def sort_pairs(
     pairs: OutShorts2,
     first: OutInts1,
 ) -> None:
-    """Counting sort of all pairs (firsts, points) by bin; first is zero on entry."""
+    """Counting sort of all pairs (firsts, points) by bin; `first` is zero on entry."""
     n = points.shape[0]
     feature = np.empty(4)
     unsorted = np.empty((firsts.shape[0] * (n - 1), 4), dtype=np.uint8)
@@ -96,15 +96,15 @@ def find_matches(
 
     Args:
         features: of `PairFeatures`.
-        first: the same.
-        feature: what was measured, in units of bytes, shape (4,).
-        weight: one over its standard deviations, in the same, shape (4,); zero where nothing was measured.
-        reach: of the root of the sum of the four squared whitened differences.
-        step: of the pairs only those are looked at whose number is a multiple of it.
-        found: indices of the pairs, rising, are written here as far as there is room, shape (n,).
+        first: of `PairFeatures`.
+        feature: the measured feature, in units of bytes, shape (4,).
+        weight: its inverse standard deviations, in the same units, shape (4,); zero for components not measured.
+        reach: bound on the root of the sum of the four squared whitened differences.
+        step: only pairs whose index is a multiple of this are tested.
+        found: output, the matching indices in ascending order, as many as fit, shape (n,).
 
     Returns:
-        Their number.
+        The number of matches.
     """
     count, square = 0, reach * reach
     begin, end = _bins(feature[0], weight[0], reach, DISTANCE_SHIFT)
@@ -118,13 +118,13 @@ def find_matches(
                 left_b = max(0.0, left_a - _least_square(b, feature[2], weight[2], _ANGLE_SHIFT))
                 begin_c, end_c = _bins(feature[3], weight[3], np.sqrt(left_b), _ANGLE_SHIFT)
                 row = ((d * ANGLE_BINS + a) * ANGLE_BINS + b) * ANGLE_BINS
-                # Bins that differ in the last angle alone lie next to each other.
+                # Bins that differ in the last angle alone are contiguous.
                 for k in range(-(-first[row + begin_c] // step) * step, first[row + end_c], step):
                     at, total = np.uintp(k), 0.0
                     for c in range(4):
                         difference = (features[at, c] - feature[c]) * weight[c]
                         total += difference * difference
-                    # The next one takes the place of one that does not match: a branch would often be guessed wrong.
+                    # Branch-free: a pair that does not match is overwritten by the next one.
                     if count < found.shape[0]:
                         found[count] = k
                     count += 1 if total <= square else 0
@@ -133,7 +133,7 @@ def find_matches(
 
 @inlined
 def _bins(value, weight, reach, shift):
-    """The first bin within reach of a feature's number, and the one after the last; at least one."""
+    """The range of bins within reach of a feature's component: the first, and the one after the last."""
     way = 256.0 if weight * 256.0 <= reach else reach / weight
     begin = int(max(0.0, min(BYTE, np.floor(value - way)))) >> shift
     return begin, (int(max(0.0, min(BYTE, np.ceil(value + way)))) >> shift) + 1
@@ -141,6 +141,6 @@ def _bins(value, weight, reach, shift):
 
 @inlined
 def _least_square(b, value, weight, shift):
-    """The least squared whitened difference between a feature's number and those of a bin."""
+    """The least squared whitened difference between a feature's component and the values in a bin."""
     low = float(b << shift)
     return (max(0.0, low - value, value - (low + ((1 << shift) - 1))) * weight) ** 2

@@ -1,8 +1,8 @@
-"""Point-pair features of an object's surface: which two surface points can two contacts lie on?
+"""Point-pair features of an object's surface, to find the pairs of surface points that two contacts can lie on.
 
-Two oriented points have four numbers that no motion changes [D10]: their distance, the angle of each normal to the line
-between them, and the angle between the normals. Every pair of about a thousand surface samples is sorted into bins of
-the four; a query reads the bins around the numbers of two contacts.
+Two oriented points have four features that are invariant under rigid motions [D10]: their distance, the angle of each
+normal to the line between them, and the angle between the normals. All pairs of about a thousand surface samples are
+sorted into bins of these features; a query reads the bins around the features of two contacts.
 
 Source: [D10] B. Drost, M. Ulrich, N. Navab, S. Ilic, Model globally, match locally, CVPR 2010.
 """
@@ -21,14 +21,14 @@ from tactopose_drake.core.validation import FloatArray
 
 _DISTANCE_BINS = 256 >> DISTANCE_SHIFT
 TABLE_SIZE = _DISTANCE_BINS * ANGLE_BINS**3 + 1
-"""The bins, and the end of the last."""
+"""Number of bins, plus one for the end of the last."""
 
 
 @dataclass(frozen=True, eq=False)
 class PairFeatures:
     """Pairs of surface samples, sorted by their features.
 
-    A feature is four bytes: the distance in 255ths of `length`, the angles in 255ths of a half turn.
+    A feature is four bytes: the distance in units of `length` / 255, the angles in units of pi / 255.
 
     Attributes:
         points: samples in O, shape (n, 3), m.
@@ -38,7 +38,7 @@ class PairFeatures:
         features: shape (pairs, 4): distance, angle of the first normal and of the second one to the line from the first
             point to the second, angle between the normals.
         pairs: indices of the two samples, shape (pairs, 2).
-        first: the number of pairs in the bins before each, shape (bins + 1,).
+        first: number of pairs in the bins before each, shape (bins + 1,).
     """
 
     points: FloatArray
@@ -51,21 +51,21 @@ class PairFeatures:
 
     @property
     def unit(self) -> FloatArray:
-        """One step of each of a feature's bytes, m and rad, shape (4,)."""
+        """The quantisation step of each of a feature's bytes, m and rad, shape (4,)."""
         return np.array([self.length, np.pi, np.pi, np.pi]) / BYTE
 
 
 def build_pair_features(
     samples: SurfaceSamples, area: float, symmetry_poses: FloatArray, max_points: int = 1000
 ) -> PairFeatures:
-    """Pairs the samples with each other.
+    """Computes the features of all pairs of samples.
 
     Args:
         samples: points spread evenly over the surface.
         area: of the surface, m^2.
-        symmetry_poses: poses X_OO' (g, 3, 4) that leave the object as it is: of the pairs that they turn into each
-            other only one is kept.
-        max_points: how many of the samples are taken, at most: memory and time go by its square.
+        symmetry_poses: poses X_OO' (g, 3, 4) that leave the object unchanged: of pairs that are equivalent under them
+            only one is kept.
+        max_points: most samples that are used: memory and time are quadratic in it.
     """
     chosen = np.linspace(0, len(samples), min(max_points, len(samples)), endpoint=False).astype(np.intp)
     points, normals = np.ascontiguousarray(samples.points[chosen]), np.ascontiguousarray(samples.normals[chosen])
@@ -81,7 +81,7 @@ def build_pair_features(
 
 
 def fundamental_points(points: FloatArray, symmetry_poses: FloatArray) -> NDArray[np.intp]:
-    """Indices of the points (n, 3) that no symmetry (g, 3, 4) takes nearer to a certain corner of the object."""
+    """Indices of one of each set of points (n, 3) that are equivalent under the symmetries (g, 3, 4)."""
     corner = points.max(axis=0) + np.array([0.1, 0.23, 0.37]) * np.ptp(points, axis=0)
     images = points @ np.swapaxes(symmetry_poses[:, :, :3], 1, 2) + symmetry_poses[:, None, :, 3]  # (g, n, 3)
     distance = np.linalg.norm(images - corner, axis=-1)
@@ -89,7 +89,7 @@ def fundamental_points(points: FloatArray, symmetry_poses: FloatArray) -> NDArra
 
 
 def pair_feature(p_a: FloatArray, n_a: FloatArray, p_b: FloatArray, n_b: FloatArray) -> FloatArray:
-    """Distance (m) and angles (rad) of two oriented points, shape (4,), the points apart from each other."""
+    """Distance (m) and angles (rad) of two distinct oriented points, shape (4,)."""
     feature = np.empty(4)
     fill_feature(p_a, n_a, p_b, n_b, feature)
     return feature

@@ -1,6 +1,6 @@
-"""A point cloud sorted into cubic cells, so that the points near a place, and the nearest one, are found at once.
+"""A point cloud sorted into cubic cells, for fast range and nearest-neighbour queries.
 
-The cells of a column along z lie one after another, so the points in any part of a column are one run of the array.
+The cells of a column along z are consecutive, so the points in any part of a column are a contiguous run of the array.
 """
 
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ from tactopose_drake.errors import InvalidInputError
 
 @dataclass(frozen=True, kw_only=True)
 class PointGridParams:
-    """How large cells are: small ones hold few points to look at, large ones take little memory."""
+    """The size of cells, which trades points per cell against memory."""
 
-    cell_spacings: float = 2.5  # a cell's width, in middle distances from a point to its nearest neighbour
-    most_cells: int = 200_000  # at the most; cells are wider where there would be more
+    cell_spacings: float = 2.5  # width of a cell over the median distance between nearest neighbours
+    most_cells: int = 200_000  # cells are widened where there would be more
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class PointGrid:
     Attributes:
         points: in the order of their cells, shape (n, 3), m.
         starts: index of the first point of each cell (x slowest, z fastest), and n at the end, shape (nx ny nz + 1,).
-        seeds: index of the point nearest to each cell's middle, shape (nx, ny, nz).
+        seeds: index of the point nearest to each cell's centre, shape (nx, ny, nz).
         origin: lower corner of the first cell, shape (3,), m.
         spacing: width of a cell, m.
     """
@@ -43,7 +43,7 @@ class PointGrid:
 
     @property
     def kernel_view(self) -> Cloud:
-        """The points as kernels read them."""
+        """The points in the form that kernels read."""
         points, starts, seeds, origin = map(read_only, (self.points, self.starts, self.seeds, self.origin))
         return Cloud(points, starts, seeds, origin, float(self.spacing))
 

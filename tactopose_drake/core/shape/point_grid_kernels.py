@@ -1,4 +1,4 @@
-"""The nearest of many points, by a grid of cells."""
+"""Nearest-neighbour queries in a grid of cells, compiled."""
 
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ class Cloud(NamedTuple):
 
 @inlined
 def slot_of(x, origin, inverse_spacing, count):
-    """The cell that x is in along one axis, or the nearest one."""
+    """Index of the cell that contains x along one axis, clamped to the grid."""
     return int(min(max((x - origin) * inverse_spacing, 0.0), count - 1.0))
 
 
@@ -28,7 +28,7 @@ def slot_of(x, origin, inverse_spacing, count):
 def nearest_square(cloud: Cloud, x: float, y: float, z: float) -> float:
     """The squared distance, m^2, from (x, y, z) to the nearest point.
 
-    The seed of the nearest cell bounds it; the columns that reach into the ball of that radius are gone through.
+    The nearest cell's seed gives an upper bound; the columns that intersect the ball of that radius are searched.
     """
     points, starts, seeds, origin, spacing = cloud
     nx, ny, nz = seeds.shape

@@ -21,22 +21,22 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
 
 BYTES_PER_NODE = 16
-"""Of a grid in memory: four numbers of four bytes."""
+"""Size of a node in memory: four numbers of four bytes."""
 
 LEAST_NODES = 10_000
-"""What `max_bytes` must have room for."""
+"""Least number of nodes that `max_bytes` must allow."""
 
-_LOST = 1e-3  # length below which a mean of normals has no direction, only rounding
+_LOST = 1e-3  # length below which the direction of a mean normal is mere rounding error
 
 
 @dataclass(frozen=True, kw_only=True)
 class GridParams:
-    """How fine a grid is, and how far it reaches: exactness against memory and time."""
+    """Resolution and extent of a grid, which trade accuracy against memory and time."""
 
-    nodes: int = 2_000_000  # of a grid whose spacing nobody gives
-    cells_per_wall: float = 2.5  # that fit into a wall: a grid of thin walls is finer
-    margin_cells: int = 3  # around the mesh's box, at least
-    margin_share: float = 0.05  # of its diagonal, likewise
+    nodes: int = 2_000_000  # of a grid without a given spacing
+    cells_per_wall: float = 2.5  # least number across a wall: a grid for thin walls is finer
+    margin_cells: int = 3  # least margin around the mesh's box, in cells
+    margin_share: float = 0.05  # least margin, as a share of its diagonal
     band: float = 2.0  # half width of the band about the surface where distances are exact, in spacings
     normals: NormalParams = NormalParams()
 
@@ -78,8 +78,8 @@ class DistanceGrid:
     def distance_and_normal(self, p_OQ: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Signed distances (...), m, and unit normals (..., 3) in O, of points p_OQ in O, shape (..., 3), m.
 
-        Where the normals of a cell cancel (between two sides of the object, at its centre), the nearest node's counts,
-        and where that is lost too, the z axis.
+        Where the normals of a cell cancel (between two sides of the object, at its centre), that of the nearest node is
+        used, and if that is degenerate too, the z axis.
         """
         fields = self._interpolate(p_OQ, channels=4)
         normal = fields[..., 1:]
@@ -94,12 +94,12 @@ class DistanceGrid:
 
     @functools.cached_property
     def nodes(self) -> Grid:
-        """The grid as kernels read it."""
+        """The grid in the form that kernels read."""
         return Grid(read_only(self.values), read_only(self.origin), 1.0 / self.spacing)
 
     @functools.cached_property
     def coarse_distances(self) -> NDArray[np.float32]:
-        """The distances at each fourth node along each axis, and at the last, m."""
+        """The distances at every fourth node along each axis, and at the last, m."""
         some = (np.minimum(np.arange(0, n + COARSENESS - 1, COARSENESS), n - 1) for n in self.shape)
         return np.asarray(read_only(self.values[..., 0][np.ix_(*some)]))
 
@@ -120,17 +120,17 @@ def build_grid(
     max_bytes: int = 64 * 2**20,
     params: GridParams = GridParams(),
 ) -> DistanceGrid:
-    """The signed distance grid of a closed mesh; a point is inside where the winding number is at least one.
+    """Builds the signed distance grid of a closed mesh; a point is inside if the winding number is at least one.
 
-    Without a `spacing`, about two million nodes are laid over the bounding box and its margin; more where the walls
-    are so thin that two and a half cells do not fit into them, but never more than `max_bytes` allow.
+    Without a `spacing`, the grid has about two million nodes over the bounding box and its margin; more if walls are
+    thinner than two and a half cells, but never more than `max_bytes` allow.
 
     Args:
         vertices: shape (v, 3), m.
         faces: vertex indices, anticlockwise seen from outside, shape (f, 3); none of zero area.
         spacing: distance between nodes, m.
         max_bytes: the largest size of `DistanceGrid.values`.
-        params: how fine it is otherwise, and how far it reaches.
+        params: its resolution otherwise, and its extent.
 
     Raises:
         InvalidInputError: if `spacing` is not positive, or needs more than `max_bytes`.
@@ -167,10 +167,10 @@ def build_grid(
 def _winding(
     vertices: FloatArray, faces: NDArray[np.int32], origin: FloatArray, h: float, shape: tuple[int, int, int]
 ) -> NDArray[np.int16]:
-    """The nodes' winding numbers, counted along columns that stand a millionth of a cell or less beside them.
+    """Winding numbers of the nodes, counted along columns shifted by a millionth of a cell or less.
 
-    Beside them, because the nodes' own columns meet vertices of regular meshes. Should rounding let a column miss a
-    crossing all the same, which its remainder shows, the columns are moved.
+    The shift avoids vertices of regular meshes in the nodes' own columns. If rounding makes a column miss a crossing
+    all the same, which its remainder shows, another shift is tried.
     """
     for shift in (1.3e-7, -2.9e-7, 5.3e-7, -7.1e-7):
         beside = origin + h * shift * np.array([1.0, 2.1, 0.0])
@@ -182,7 +182,7 @@ def _winding(
 
 
 def _wall_thickness(vertices: FloatArray, faces: NDArray[np.int32]) -> float:
-    """Twice the volume over the area: the thickness of a shell, two thirds of a ball's radius."""
+    """Twice the volume over the area: the thickness of a shell; two thirds of the radius for a ball."""
     area = 0.5 * float(np.linalg.norm(mesh_bodies.cross_products(vertices, faces), axis=1).sum())
     return 2.0 * float(mesh_bodies.volumes(vertices, faces)[0]) / area
 
@@ -190,7 +190,7 @@ def _wall_thickness(vertices: FloatArray, faces: NDArray[np.int32]) -> float:
 def grid_shape(
     lower: FloatArray, upper: FloatArray, h: float, params: GridParams = GridParams()
 ) -> tuple[int, int, int]:
-    """Number of nodes along x, y and z of a grid of spacing h over a mesh's box, corners of shape (3,), m."""
+    """Number of nodes along x, y and z of a grid of spacing h over a mesh's box with corners (3,), m."""
     margin = max(params.margin_cells * h, params.margin_share * float(np.linalg.norm(upper - lower)))
     nx, ny, nz = (int(n) for n in np.ceil((upper - lower + 2 * margin) / h) + 1)
     return nx, ny, nz
@@ -199,7 +199,7 @@ def grid_shape(
 def _spacing_for(lower: FloatArray, upper: FloatArray, nodes: int, params: GridParams) -> float:
     """The spacing at which the grid has at most this many nodes."""
     extent = upper - lower + 2 * params.margin_share * float(np.linalg.norm(upper - lower))
-    h = math.cbrt(np.prod(extent) / nodes)  # NumPy's rounds otherwise on processors with AVX-512.
+    h = math.cbrt(np.prod(extent) / nodes)  # NumPy's cube root rounds differently on processors with AVX-512.
     while np.prod(grid_shape(lower, upper, h, params), dtype=np.float64) > nodes:
         h *= 1.002
     return h

@@ -1,4 +1,4 @@
-"""Models of boxes, cylinders, spheres and capsules, whose meshes are made here."""
+"""Models of boxes, cylinders, spheres and capsules, with generated meshes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tactopose_drake.core.mesh.primitives import box_mesh, capsule_mesh, cylinde
 
 
 class SimpleBodies(ABC):
-    """What makes a model of a mesh also makes one of a simple body."""
+    """Mixin that makes models of simple bodies for a class that makes models of meshes."""
 
     @classmethod
     @abstractmethod
@@ -21,7 +21,7 @@ class SimpleBodies(ABC):
 
     @classmethod
     def from_box(cls, size: ArrayLike, **options: Any) -> Self:
-        """A box about O's origin, along its axes.
+        """A box centred on O's origin, along its axes.
 
         Args:
             size: its sides, shape (3,), m.
@@ -31,7 +31,7 @@ class SimpleBodies(ABC):
 
     @classmethod
     def from_cylinder(cls, radius: float, length: float, **options: Any) -> Self:
-        """A cylinder along z of O, its middle at the origin.
+        """A cylinder along z, centred on O's origin.
 
         Args:
             radius: m.
@@ -42,7 +42,7 @@ class SimpleBodies(ABC):
 
     @classmethod
     def from_sphere(cls, radius: float, **options: Any) -> Self:
-        """A sphere about O's origin.
+        """A sphere centred on O's origin.
 
         Args:
             radius: m.
@@ -52,7 +52,7 @@ class SimpleBodies(ABC):
 
     @classmethod
     def from_capsule(cls, radius: float, length: float, **options: Any) -> Self:
-        """Hemispheres on a cylinder along z of O, its middle at the origin.
+        """A cylinder with hemispherical ends along z, centred on O's origin.
 
         Args:
             radius: m.

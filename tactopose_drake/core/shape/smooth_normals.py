@@ -1,11 +1,11 @@
-"""The normal that a fingertip feels at each node of a grid, and how sure it is.
+"""The normal that a fingertip is expected to feel at each node of a grid, and its certainty.
 
-A mesh's own normals are constant over each facet and jump at its edges. A contact is known to about a millimetre, so
-what is expected of its normal is an average over about that much. Two averages are taken. The direction is that of the
-smooth surface which the mesh samples: normals interpolated over each face between those of its corners (as in shading,
-[P75]), except across creases; so a tessellated cylinder does not look as if its facets fixed its spin. The length is
-that of the average of the mesh's own normals: it is one where the surface is flat, and falls with their spread, so that
-at an edge of a box no normal is expected strongly.
+A mesh's own normals are constant over each facet and jump at its edges. As a contact's position is known to about a
+millimetre, its expected normal is an average over about that distance. Two averages are combined. The direction is that
+of the smooth surface which the mesh approximates: normals interpolated over each face between those of its corners (as
+in shading, [P75]), except across creases; so the facets of a tessellated cylinder do not seem to determine its spin.
+The length is that of the average of the mesh's own normals: it is one where the surface is flat, and falls with their
+spread, so that the normal at an edge of a box has little weight.
 
 Source: [P75] B. T. Phong, Illumination for computer generated pictures, Commun. ACM 18(6), 1975.
 """
@@ -23,12 +23,12 @@ from tactopose_drake.core.validation import FloatArray
 
 @dataclass(frozen=True, kw_only=True)
 class NormalParams:
-    """Over what normals are averaged."""
+    """The neighbourhood over which normals are averaged."""
 
-    crease: float = math.radians(30.0)  # angle, rad; faces that meet at a larger one meet at a crease
+    crease: float = math.radians(30.0)  # angle between faces, rad, above which their common edge is a crease
     blur: float = 0.001  # standard deviation, m: about that of a contact's position
-    wall_share: float = 0.25  # of a wall's thickness, which the blur is no more than: it would mix its two sides
-    least_cells: float = 0.8  # of the grid, which the blur is no less than
+    wall_share: float = 0.25  # largest blur as a share of a wall's thickness, so as not to mix its two sides
+    least_cells: float = 0.8  # smallest blur in cells of the grid
 
 
 def smooth_normals(
@@ -51,7 +51,7 @@ def smooth_normals(
         origin: position of node (0, 0, 0), shape (3,), m.
         spacing: distance between nodes, m.
         wall: thickness of the object's walls, m.
-        params: over what they are averaged.
+        params: the neighbourhood of the average.
     """
     blur = max(min(params.blur, params.wall_share * wall) / spacing, params.least_cells)
     spread_length = _blurred_length(values, blur)
@@ -72,7 +72,7 @@ def _blurred_length(values: NDArray[np.float32], blur: float) -> NDArray[np.floa
 def corner_normals(
     vertices: FloatArray, faces: NDArray[np.int32], face_normals: FloatArray, crease_cosine: float
 ) -> FloatArray:
-    """Unit normals (f, 3, 3) at each face's corners, weighted by the angles of the faces that meet there smoothly."""
+    """Unit normals (f, 3, 3) at each face's corners: the angle-weighted means of the faces that join smoothly there."""
     corners = vertices[faces]
     forward = np.roll(corners, -1, axis=1) - corners
     backward = np.roll(corners, 1, axis=1) - corners

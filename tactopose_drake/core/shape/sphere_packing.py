@@ -1,6 +1,7 @@
-"""Filling convex bodies with spheres: cheap distance and occlusion queries against a hand.
+"""Fills convex bodies with spheres, for cheap distance and occlusion queries against a hand.
 
-Every sphere lies within its body, so a point inside a sphere is inside the body; what lies between the spheres is lost.
+Every sphere lies within its body, so a point inside a sphere is inside the body; the gaps between spheres are not
+covered.
 """
 
 import math
@@ -19,8 +20,8 @@ class PackingParams:
     """How many spheres fill a convex body, and how well."""
 
     cells_across: int = 12  # of the grid of candidates, across the thinnest side
-    core_share: float = 0.7  # of a sphere's radius within which no other sphere has its centre
-    least_share: float = 0.35  # of the largest radius; smaller spheres are left out
+    core_share: float = 0.7  # of a sphere's radius, within which no other sphere has its centre
+    least_share: float = 0.35  # of the largest radius, below which spheres are left out
 
 
 def pack_capsule(radius: float, length: float) -> Spheres:
@@ -59,7 +60,7 @@ def pack_box(size: FloatArray) -> Spheres:
 
 
 def pack_convex(vertices: FloatArray, params: PackingParams = PackingParams()) -> Spheres:
-    """The largest inscribed spheres of a convex hull, one after the other, each clear of the others' cores.
+    """Greedily picks the largest inscribed spheres of a convex hull, each with its centre outside the others' cores.
 
     Args:
         vertices: points whose hull is filled, shape (v, 3), m; not all in one plane.

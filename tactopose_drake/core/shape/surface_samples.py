@@ -1,8 +1,8 @@
-"""Points spread evenly over a mesh's surface, with the normals of their faces; the same mesh gives the same points.
+"""Deterministic points spread evenly over a mesh's surface, with the normals of their faces.
 
 The area is cut into as many equal patches as there are samples, along a curve that visits the faces in spatial order
-and each face in order of its sub-triangles [B15]. Each patch offers a few candidates, of which the one farthest from
-all points chosen so far is taken: equal area per sample, without the clumps of independent random points.
+and each face in the order of its sub-triangles [B15]. Each patch offers a few candidates, of which the one farthest
+from all points chosen so far is taken: equal area per sample, without the clusters of independent random points.
 
 Sources: [B15] K. Basu and A. Owen, Low discrepancy constructions in the triangle, SIAM J. Numer. Anal., 2015.
 """
@@ -19,7 +19,7 @@ from tactopose_drake.core.shape.morton_order import morton_codes
 from tactopose_drake.core.shape.sampling_kernels import triangle_curve
 from tactopose_drake.core.validation import FloatArray
 
-_BITS = 10  # of each coordinate, by which faces are sorted
+_BITS = 10  # of each coordinate in the Morton code that sorts faces
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class SurfaceSamples:
 
     @cached_property
     def spread(self) -> tuple[FloatArray, float, float]:
-        """The points' middle (3,), m, the largest distance from O's origin, m, a coordinate's mean variance, m^2."""
+        """The points' mean (3,), m, the largest distance from O's origin, m, and a coordinate's mean variance, m^2."""
         variance = float(np.var(self.points, axis=0, ddof=1).mean())
         return self.points.mean(axis=0), float(np.linalg.norm(self.points, axis=1).max()), variance
 
@@ -53,7 +53,7 @@ def sample_surface(
         vertices: shape (v, 3), m.
         faces: vertex indices, shape (f, 3); none of zero area.
         count: number of samples.
-        candidates_per_sample: of which one is taken; more spread the samples more evenly, and take longer.
+        candidates_per_sample: of which one is taken; more give more even samples, and take longer.
     """
     candidates, candidate_normals, _ = points_along_surface(vertices, faces, count * candidates_per_sample)
     chosen = _spread(candidates, candidates_per_sample)
@@ -66,7 +66,7 @@ def sample_surface(
 def points_along_surface(
     vertices: FloatArray, faces: NDArray[np.int32], count: int
 ) -> tuple[FloatArray, FloatArray, float]:
-    """The middles of patches of equal area along the curve.
+    """The centres of patches of equal area along the curve.
 
     Returns:
         Points (count, 3), m; the unit normals of their faces (count, 3); the area of a patch, m^2.
@@ -92,7 +92,7 @@ def _spatial_order(points: FloatArray) -> NDArray[np.intp]:
 
 
 def _spread(candidates: FloatArray, per_group: int) -> NDArray[np.intp]:
-    """One candidate of each group of so many neighbours: the one farthest from those chosen before."""
+    """From each group of `per_group` consecutive candidates, the one farthest from those chosen before."""
     groups = len(candidates) // per_group
     chosen = np.empty(groups, dtype=np.intp)
     square = np.sum(candidates**2, axis=1)

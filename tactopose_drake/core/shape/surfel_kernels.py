@@ -1,4 +1,4 @@
-"""The density of contacts over a surface of many small discs."""
+"""The density of contacts over a surface of many small discs, compiled."""
 
 from typing import NamedTuple
 
@@ -7,11 +7,11 @@ import numpy as np
 from tactopose_drake.core.compilation import inlined, kernel
 from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, Ints1, OutFloats2, Shape3, Singles2, Singles3
 
-# So many discs are reckoned at once: the layout of `Surfels.blocks`.
+# Number of discs that are evaluated at once: the layout of `Surfels.blocks`.
 BLOCK = 8
-# No disc counts for less than the exponential of minus this, which is as far as `_exp_minus` holds.
+# The exponent of a disc's density is capped at this value, the limit of `_exp_minus`.
 _MOST = 24.0
-# Where the numbers of a block begin: see `Surfels.blocks`.
+# Offsets of a block's rows: see `Surfels.blocks`.
 _Y, _Z, _NX, _NY, _NZ, _AREA, _SPREAD, _ROUGHNESS, _WHOLE = (np.uintp(BLOCK * row) for row in range(1, 10))
 
 
@@ -20,13 +20,13 @@ class Discs(NamedTuple):
 
     Attributes:
         blocks: of BLOCK discs each, shape (b, 9, BLOCK).
-        balls: around the discs of each block: centre, m, and radius, m, shape (b, 4).
+        balls: bounding ball of each block: centre, m, and radius, m, shape (b, 4).
         first: see `Surfels.first`.
         origin: the first cell's lower corner, shape (3,), m.
-        per_cell: one over a cell's width, 1/m.
+        per_cell: inverse of a cell's width, 1/m.
         shape: number of cells along x, y and z.
-        spacing: about the distance between neighbours, m.
-        reach: discs count within so many standard deviations.
+        spacing: approximate distance between neighbours, m.
+        reach: standard deviations within which discs count.
     """
 
     blocks: Singles3
@@ -40,8 +40,8 @@ class Discs(NamedTuple):
 
 
 class Measurements(NamedTuple):
-    """Contacts, read-only: points (k, 3), m, and unit normals (k, 3) in P; sigma of coordinates (k,), m, and one over
-    sigma of each normal (k,), 1/rad, zero where there is none.
+    """Contacts, read-only: points (k, 3), m, and unit normals (k, 3) in P; sigma of coordinates (k,), m, and inverse
+    sigma of each normal (k,), 1/rad, zero without one.
     """
 
     p: Floats2
@@ -52,9 +52,9 @@ class Measurements(NamedTuple):
 
 @inlined
 def _exp_minus(x):
-    """exp(-x) of a float32, to a ten-thousandth where 0 <= x < 12 and 2 % up to 24: the library's takes twice as long.
+    """exp(-x) of a float32, to 1e-4 for 0 <= x < 12 and 2 % up to 24, in half the time of the library's.
 
-    The 32nd power of a short series for exp(-x / 32).
+    The 32nd power of a truncated series for exp(-x / 32).
     """
     y, one = x * np.float32(-1.0 / 32.0), np.float32(1.0)
     third = np.float32(1.0 / 6.0) + y * (np.float32(1.0 / 24.0) + y * np.float32(1.0 / 120.0))
@@ -68,11 +68,11 @@ def _exp_minus(x):
 
 @inlined
 def _blocks_near(discs, q, low, high, reach, near):
-    """Notes the blocks within reach of a point q (3,) in O, m; how many these are.
+    """Writes the blocks within reach of a point q (3,) in O, m, to `near`; returns their number.
 
-    The cells from `low` to `high` (3,) are gone through by columns, and in each the blocks that hold their discs,
-    without a branch that a processor would have to guess. What the first and the last block hold of the next cells
-    counts, too: no other column has it.
+    It scans the cells from `low` to `high` (3,) by columns, and in each the blocks of their discs, without
+    unpredictable branches. Discs of neighbouring cells in the first and last block count too, as they are in no other
+    column.
     """
     x, y, z, count = np.float32(q[0]), np.float32(q[1]), np.float32(q[2]), np.uintp(0)
     balls, first, shape = discs.balls, discs.first, discs.shape
@@ -91,9 +91,9 @@ def _blocks_near(discs, q, low, high, reach, near):
 
 @kernel
 def densities(discs: Discs, measured: Measurements, X: Floats3, density: OutFloats2) -> None:
-    """The density of each contact at each pose, into density (B, k); on a flat surface with the right normal it is 1.
+    """Fills density (B, k) of each contact at each pose, relative to a flat surface with the right normal.
 
-    The shares of the discs in blocks within reach add up to it.
+    It is the sum over the discs in blocks within reach.
     """
     blocks, _, _, origin, per_cell, shape, spacing, sigmas = discs
     p, n, sigma, weight_n = measured
@@ -127,14 +127,14 @@ def densities(discs: Discs, measured: Measurements, X: Floats3, density: OutFloa
             count = _blocks_near(discs, q, low, high, np.float32(sigmas * sigma[i]), near)
             for place in range(count):
                 start = np.uintp(near[place]) * _WHOLE
-                # A loop whose length the compiler knew it would unroll into single numbers.
+                # With a length known at compile time, the loop would be unrolled instead of vectorised.
                 for j in range(width):
                     k = start + j
                     nx, ny, nz = numbers[k + _NX], numbers[k + _NY], numbers[k + _NZ]
                     dx, dy, dz = q0 - numbers[k], q1 - numbers[k + _Y], q2 - numbers[k + _Z]
                     d = dx * nx + dy * ny + dz * nz
                     square = dx * dx + dy * dy + dz * dz - d * d
-                    # One division for both factors.
+                    # A single division for both factors.
                     wider = variance + numbers[k + _SPREAD]
                     rougher = one + per_normal * numbers[k + _ROUGHNESS]
                     both = one / (wider * rougher)

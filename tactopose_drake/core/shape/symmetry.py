@@ -1,4 +1,4 @@
-"""Rotations that map an object onto itself, and the group that they generate."""
+"""Rotational symmetries of an object, and the group that they generate."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from tactopose_drake.core.validation import FloatArray, limited, whole_number
 from tactopose_drake.errors import InvalidInputError
 
 CONTINUOUS = 0
-"""The order of an axis about which every turn leaves the object unchanged."""
+"""The order of an axis about which every rotation leaves the object unchanged."""
 
-# A fact of finite groups of rotations: those of an icosahedron; twelve-fold prisms have 24.
+# The order of the largest finite rotation group that is not cyclic or dihedral, the icosahedral one; twelve-fold prisms
+# have 24.
 _LARGEST_GROUP = 60
-_CONTINUOUS_TURNS = 12  # that stand for all about an axis, equally far apart
+_CONTINUOUS_TURNS = 12  # number of equally spaced rotations that stand for all about an axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +30,7 @@ class RotationalSymmetry:
     Attributes:
         axis: unit vector in O, shape (3,).
         point: a point on the axis, in O, shape (3,), m.
-        order: the object is unchanged by turns of 2 pi / order; 0: by every turn (continuous).
+        order: the object is unchanged by rotations by 2 pi / order; 0 for every rotation (continuous).
 
     Raises:
         InvalidInputError: if the axis is not a unit vector, the point not finite, or the order 1, negative or above 60.
@@ -51,26 +52,26 @@ class RotationalSymmetry:
 
     @property
     def is_continuous(self) -> bool:
-        """Whether every turn about the axis leaves the object unchanged."""
+        """Whether every rotation about the axis leaves the object unchanged."""
         return self.order == CONTINUOUS
 
     @functools.cached_property
     def moment(self) -> FloatArray:
-        """The velocity of the object's origin when it turns about the axis, point x axis, in O, shape (3,), m."""
+        """The velocity of O's origin per rad/s about the axis, point x axis, in O, shape (3,), m."""
         return np.cross(self.point, self.axis)
 
     @functools.cached_property
     def half_turn(self) -> FloatArray:
-        """The rotation that turns the axis upside down, about one across it, shape (3, 3)."""
+        """A half turn about an axis across this one, which inverts it, shape (3, 3)."""
         across = np.cross(self.axis, np.eye(3)[np.argmin(np.abs(self.axis))])
         return np.asarray(2.0 * np.outer(across, across) / (across @ across) - np.eye(3))
 
     def seen_from(self, p_OC: FloatArray) -> RotationalSymmetry:
-        """The same in a frame C with O's axes, at p_OC, shape (3,), m."""
+        """The same symmetry in a frame C with O's axes, at p_OC, shape (3,), m."""
         return RotationalSymmetry(self.axis, self.point - p_OC, self.order)
 
     def poses(self) -> FloatArray:
-        """The turns of a finite order as poses X_OO', shape (order, 3, 4); the identity alone if continuous."""
+        """The rotations of a finite order as poses X_OO', shape (order, 3, 4); the identity alone if continuous."""
         count = max(self.order, 1)
         R = exp_so3(np.linspace(0.0, 2 * np.pi, count, endpoint=False)[:, None] * self.axis)
         return make_poses(R, self.point - R @ self.point)
@@ -79,10 +80,10 @@ class RotationalSymmetry:
 def symmetry_group(symmetries: Iterable[RotationalSymmetry]) -> FloatArray:
     """All poses X_OO' that the symmetries of finite order generate, the identity first, shape (g, 3, 4).
 
-    Continuous symmetries are left out: their axes are to be read from the list.
+    Continuous symmetries are not included.
 
     Raises:
-        InvalidInputError: if more than 60 poses come out, which no finite group of rotations of order up to 12 has.
+        InvalidInputError: if this makes more than 60 poses, which no finite group of rotations of order up to 12 has.
     """
     group = identity_poses(1)
     generators = np.empty((0, 3, 4))
@@ -95,11 +96,11 @@ def symmetry_group(symmetries: Iterable[RotationalSymmetry]) -> FloatArray:
 
 
 def sampled_turns(group: FloatArray, symmetries: Iterable[RotationalSymmetry]) -> FloatArray:
-    """A group of poses (g, 3, 4), joined with some turns about each continuous axis, shape (n, 3, 4).
+    """A group of poses (g, 3, 4), combined with some rotations about each continuous axis, shape (n, 3, 4).
 
     Args:
         group: of the finite symmetries, see `symmetry_group`.
-        symmetries: among which the continuous ones are.
+        symmetries: of which the continuous ones are used.
     """
     for symmetry in symmetries:
         if symmetry.is_continuous:
@@ -109,7 +110,7 @@ def sampled_turns(group: FloatArray, symmetries: Iterable[RotationalSymmetry]) -
 
 
 def _closure(group: FloatArray, generators: FloatArray) -> FloatArray:
-    """The group (g, 3, 4) with all its products with the generators (n, 3, 4), and theirs in turn."""
+    """The closure of the group (g, 3, 4) under multiplication by the generators (n, 3, 4)."""
     new = group
     while len(new):
         products = compose(new[:, None], generators[None]).reshape(-1, 3, 4)

@@ -1,10 +1,10 @@
-"""Finds the rotations that leave an object unchanged, from its shape.
+"""Detects the rotations that leave an object unchanged, from its shape.
 
-A rotation about an axis through the centroid is a symmetry if the turned surface samples lie on the surface again, with
-the normals turned along. Where to look for axes follows from the inertia: an axis of symmetry is a principal axis, and
-one of order three or more makes the two other principal moments equal. So distinct moments leave three candidates; two
-equal ones add every direction of a plane (order two only); three equal ones add every direction. Each candidate is
-refined by Gauss-Newton on the distances before it is judged.
+A rotation about an axis through the centroid is a symmetry if the rotated surface samples lie on the surface again, and
+their normals agree. The inertia tells where axes can be: an axis of symmetry is a principal axis, and one of order
+three or more makes the two other principal moments equal. So distinct moments leave three candidates; two equal ones
+add every direction of a plane (order two only); three equal ones add every direction. Each candidate is refined by
+Gauss-Newton on the distances before it is tested.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
 _USUAL = SymmetryDetectionParams()
-# What is nearly unchanged, as a scan of a can: shares of the size and of the mean distance from the longest axis, and
-# the largest distance over the first.
+# Thresholds of near symmetries, such as those of a scanned can: shares of the size and of the mean distance from the
+# longest axis, and the largest distance over the first.
 _NEAR_TOLERANCE, _NEAR_RADIUS_SHARE, _NEAR_OUTLIER_FACTOR = 0.025, 0.1, 2.0
-# Orders that are looked for in a body with three equal moments; the others are multiples. By the finite groups of
-# rotations 5 is the highest, but a prism about as high as it is wide has such moments too.
+# Orders that are tried for a body with three equal moments; the others are multiples. The finite rotation groups have
+# orders up to 5, but a prism about as high as it is wide has such moments too.
 _ORDERS_OF_THREE_EQUAL = (5, 4, 3, 2, 7, 11, 13, 17, 19, 23, 29)
 
 
@@ -41,11 +41,11 @@ def detect_symmetries(
 ) -> tuple[RotationalSymmetry, ...]:
     """The axes about which the object may be turned without a change, highest order first, continuous before all.
 
-    A turn counts if the 95th percentile of the turned samples' distances is at most the tolerance times the size (and
-    5 % of the samples' mean distance from the longest axis, or what the grid itself is off), the largest three times
-    that, and the median angle between the normals 5 degrees (7.5 for a continuous axis; the grid's normals are smooth
-    across edges below 30 degrees, so a prism of 16 sides and more counts as a cylinder). A cylinder's flips, about any
-    axis across the first, are represented by one of order two; a sphere by three continuous axes.
+    A rotation is a symmetry if the 95th percentile of the rotated samples' distances is at most the tolerance times the
+    size (and 5 % of the samples' mean distance from the longest axis, or the error of the grid itself), the largest
+    three times that, and the median angle between the normals 5 degrees (7.5 for a continuous axis; the grid's normals
+    are smooth across edges below 30 degrees, so a prism of 16 sides and more counts as a cylinder). A cylinder's flips,
+    about any axis across the first, are represented by one of order two; a sphere by three continuous axes.
 
     Args:
         samples: points on the surface, in O.
@@ -53,7 +53,7 @@ def detect_symmetries(
         centroid: the volume's centroid, through which all axes pass, shape (3,), m.
         inertia: uniform density, about the centroid, shape (3, 3).
         size: diagonal of the bounding box, m.
-        params: what counts as unchanged, and how thoroughly axes are searched for.
+        params: tolerances, and how thoroughly axes are searched for.
     """
     moments, directions = np.linalg.eigh(inertia)
     principal = directions.T
@@ -93,12 +93,12 @@ def detect_near_symmetries(
     found: Iterable[RotationalSymmetry],
     params: SymmetryDetectionParams = _USUAL,
 ) -> tuple[RotationalSymmetry, ...]:
-    """The axes about which every turn nearly leaves the object unchanged, though none is one of continuous symmetry.
+    """The axes about which every rotation nearly leaves the object unchanged, unless there is a continuous symmetry.
 
-    So it is with a scan of a can, or a can with a dent. A turn counts if the 95th percentile of the samples' distances
-    is at most 2.5 % of the size and 10 % of their mean distance from the longest axis, the largest 5 % of the size, and
-    the median angle between the normals that of a continuous axis. What has three-fold symmetry or more about the axis
-    is as it is meant to be: a pencil, a nut. A ball's turns are three axes.
+    Examples are a scan of a can, or a can with a dent. A rotation counts if the 95th percentile of the samples'
+    distances is at most 2.5 % of the size and 10 % of their mean distance from the longest axis, the largest 5 % of the
+    size, and the median angle between the normals that of a continuous axis. A three-fold or higher symmetry about the
+    axis is taken to be intended, as of a pencil or a nut. A ball is represented by three axes.
 
     Args:
         samples: points on the surface, in O.
@@ -106,8 +106,8 @@ def detect_near_symmetries(
         centroid: the volume's centroid, through which all axes pass, shape (3,), m.
         inertia: uniform density, about the centroid, shape (3, 3).
         size: diagonal of the bounding box, m.
-        found: what `detect_symmetries` has found.
-        params: as it had them.
+        found: the result of `detect_symmetries`.
+        params: those given to it.
     """
     known = tuple(found)
     if any(symmetry.is_continuous for symmetry in known):
@@ -133,13 +133,13 @@ def detect_near_symmetries(
 
 
 def _others_alike(moments: FloatArray, params: SymmetryDetectionParams) -> NDArray[np.bool_]:
-    """For each principal axis whether the moments about the two others may be equal; three rising moments."""
+    """For each principal axis, whether the moments about the two others may be equal; moments are ascending."""
     alike: NDArray[np.bool_] = (moments[[2, 2, 1]] - moments[[1, 0, 0]]) / moments[2] < params.equal_moments
     return alike
 
 
 def _seeds(order: int, principal: FloatArray, alike: NDArray[np.bool_], directions: int) -> FloatArray:
-    """Directions (n, 3) near which an axis of this order may lie, given which pairs of moments are alike."""
+    """Directions (n, 3) near which an axis of this order may lie, given which pairs of moments are equal."""
     if alike.all():
         return np.concatenate([principal, _sphere_directions(directions)])
     if order > 2:
@@ -153,7 +153,7 @@ def _seeds(order: int, principal: FloatArray, alike: NDArray[np.bool_], directio
 
 
 def _turns_of(order: int) -> FloatArray:
-    """The turns 2 pi j / order up to half a turn; the others are their inverses."""
+    """The angles 2 pi j / order up to half a turn; the others are their inverses."""
     return np.arange(1.0, order // 2 + 1) * (2 * np.pi / order)
 
 
@@ -171,9 +171,9 @@ def _distinct(axes: FloatArray) -> FloatArray:
 
 
 def _one_group(symmetries: Iterable[RotationalSymmetry], judge: SymmetryJudge) -> tuple[RotationalSymmetry, ...]:
-    """Those symmetries, in order, that generate one finite group, all of whose turns leave the object unchanged.
+    """The symmetries, in order, that generate one finite group of rotations that all leave the object unchanged.
 
-    An almost symmetric object may show more, and products of turns within the tolerance may be beyond it.
+    For an almost symmetric object more may be found, and products of rotations within the tolerance may exceed it.
     """
     kept: tuple[RotationalSymmetry, ...] = ()
     for symmetry in symmetries:
@@ -188,7 +188,7 @@ def _one_group(symmetries: Iterable[RotationalSymmetry], judge: SymmetryJudge) -
 
 
 def _sphere_directions(count: int) -> FloatArray:
-    """Unit vectors spread evenly over a half sphere (Fibonacci), shape (count, 3)."""
+    """Unit vectors spread evenly over a hemisphere (Fibonacci), shape (count, 3)."""
     z = (np.arange(count) + 0.5) / count
     angle = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(count)
     radius = np.sqrt(1.0 - z * z)

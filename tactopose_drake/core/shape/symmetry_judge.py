@@ -1,4 +1,4 @@
-"""How well an object covers itself when it is turned, by its surface samples and its distance grid."""
+"""Tests of rotations as symmetries of an object, with its surface samples and its distance grid."""
 
 import math
 from dataclasses import dataclass
@@ -10,31 +10,31 @@ from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.validation import FloatArray
 
-# By how much more than unturned ones turned samples may be off the grid's surface.
+# Largest distance of rotated samples from the grid's surface, over that of the samples themselves.
 _GRID_FACTOR = 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class SymmetryDetectionParams:
-    """What counts as unchanged, and how thoroughly axes are searched for."""
+    """Tolerances of symmetries, and how thoroughly axes are searched for."""
 
-    tolerance: float = 0.005  # of the 95th percentile of the turned samples' distances, as a share of the size
+    tolerance: float = 0.005  # on the 95th percentile of the rotated samples' distances, as a share of the size
     radius_share: float = 0.05  # the same, of the mean distance from the longest axis: a hexagonal rod is no cylinder
-    outlier_factor: float = 3.0  # the largest distance, in tolerances: a small handle breaks the symmetry
-    normal_angle: float = math.radians(5.0)  # median between the normals, rad
-    # Likewise for a continuous axis: half the angle between the sides of a prism of 24.
+    outlier_factor: float = 3.0  # on the largest distance, in tolerances: a small handle breaks the symmetry
+    normal_angle: float = math.radians(5.0)  # on the median angle between normals, rad
+    # The same for a continuous axis: half the angle between the sides of a prism of 24.
     continuous_normal_angle: float = math.radians(7.5)
-    equal_moments: float = 0.05  # difference of two moments, as a share of the largest, below which they may be equal
-    highest_order: int = 30  # that is looked for; axes of higher ones are continuous or none
-    irrational_turns: int = 6  # that a continuous axis is tried with, beside those of all orders
-    judged_samples: int = 1000  # about so many of the surface's, at least, say whether a turn counts
-    searched_samples: int = 150  # likewise in the search for axes
-    directions: int = 250  # over a half sphere, in which axes are searched for where three moments are alike
-    promising: int = 48  # of all directions, by their distances, from which axes are refined
+    equal_moments: float = 0.05  # difference of two moments over the largest, below which they may be equal
+    highest_order: int = 30  # that is tried; axes of higher order are continuous or none
+    irrational_turns: int = 6  # rotations that test a continuous axis, besides those of all orders
+    judged_samples: int = 1000  # least number of surface samples that test a rotation, approximately
+    searched_samples: int = 150  # the same in the search for axes
+    directions: int = 250  # over a hemisphere, in which axes are searched for if three moments are equal
+    promising: int = 48  # most directions, those of least distances, from which axes are refined
 
 
 class SymmetryJudge:
-    """Says how well an object covers itself when turned about an axis through its centroid."""
+    """Tests whether an object is unchanged by rotations about axes through its centroid."""
 
     def __init__(
         self,
@@ -49,12 +49,12 @@ class SymmetryJudge:
         self._params = params
         self._grid, self._centroid = grid, centroid
         self._points = samples.points[::fine] - centroid
-        # The grid's normals on both sides: rounding of the edges by the interpolation then cancels.
+        # Both normals are from the grid, so that its rounding of edges cancels.
         own_distance, self._normals = grid.distance_and_normal(samples.points[::fine])
         self._few = samples.points[::coarse] - centroid
         radius = float(np.linalg.norm(np.cross(self._points, longest_axis), axis=1).mean())
         tolerance = params.tolerance * size
-        # Of a thin rod the grid itself is farther off the surface than that.
+        # For a thin rod the error of the grid itself exceeds the radius' share.
         own_limit = _GRID_FACTOR * float(np.percentile(np.abs(own_distance), 95))
         self._limit = min(tolerance, max(params.radius_share * radius, own_limit))
         self._outlier_limit = params.outlier_factor * tolerance
@@ -67,7 +67,7 @@ class SymmetryJudge:
         return self._holds(axis, self._every_turn, self._params.continuous_normal_angle)
 
     def holds(self, axis: FloatArray, angles: FloatArray) -> bool:
-        """Whether the turns about the axis by all these angles leave the object unchanged, within the tolerance."""
+        """Whether rotations about the axis by all these angles leave the object unchanged, within the tolerance."""
         return self._holds(axis, angles, self._params.normal_angle)
 
     def holds_all(self, poses: FloatArray) -> bool:
@@ -81,7 +81,7 @@ class SymmetryJudge:
             R = exp_so3(angle * axis)
             distance, normal = self._grid.distance_and_normal(self._points @ R.T + self._centroid)
             distance = np.abs(distance)
-            # Either side's normal will do: in a plate thinner than the grid's spacing the field has only one of them.
+            # The normal may have either sign: in a plate thinner than the grid's spacing the field has one side only.
             cosine = np.minimum(np.abs(np.sum(normal * (self._normals @ R.T), axis=1)), 1.0)
             if (
                 np.percentile(distance, 95) > self._limit
@@ -92,7 +92,7 @@ class SymmetryJudge:
         return True
 
     def most_promising(self, axes: FloatArray, angle: float) -> FloatArray:
-        """The axes of (n, 3) about which the turn leaves the smallest mean distance, as many as `params` say."""
+        """The axes among (n, 3) whose rotation leaves the smallest mean distances, at most `params.promising`."""
         count = self._params.promising
         if len(axes) <= count:
             return axes
@@ -102,10 +102,10 @@ class SymmetryJudge:
         return axes[np.argsort(misfit, kind="stable")[:count]]
 
     def refine(self, axes: FloatArray, angle: float, iterations: int) -> FloatArray:
-        """Turns axes (n, 3) by Gauss-Newton to where the mean square distance of the turned samples is least.
+        """Gauss-Newton refinement of axes (n, 3) that minimises the mean squared distance of the rotated samples.
 
-        With the axis turned by a small w, R becomes exp(w) R exp(-w), so a turned sample q = R p moves by
-        w x q - R (w x p), and its distance by w . (q x n - p x R^T n).
+        A small rotation w of the axis changes R to exp(w) R exp(-w), so a rotated sample q = R p moves by
+        w x q - R (w x p), and its distance changes by w . (q x n - p x R^T n).
         """
         for _ in range(iterations):
             R = exp_so3(angle * axes)

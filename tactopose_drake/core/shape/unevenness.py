@@ -1,8 +1,8 @@
-"""How much a surface changes over a distance: what a point that is off along the surface says wrongly of it.
+"""How much a surface varies over a distance, which is the effect of a contact's error along the surface.
 
-A contact is compared with the surface next to where it was measured. Where that is d beside the place that was touched,
-a flat surface is the same there; a curved one lies higher or lower and is turned. Over an edge it is another: that is
-the mixture's matter (`ContactMixture`, a normal that is any), and is left out here.
+A contact is compared with the surface next to where it was measured. If that is at a distance d along the surface from
+the place that was touched, a flat surface is the same there; a curved one is higher or lower and tilted. Edges are left
+out here, as the mixture models them (`ContactMixture`, contacts with any normal).
 """
 
 from typing import NamedTuple
@@ -12,19 +12,19 @@ import numpy as np
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.validation import FloatArray
 
-_STEP, _BINS = 0.001, 20  # m, and how many distances
-_FROM = 500  # samples that are looked from
-_LEAST_COSINE = 0.5  # of two normals that are of one smooth piece
-_FEWEST = 30  # pairs in a bin
+_STEP, _BINS = 0.001, 20  # width of a bin of distances, m, and number of bins
+_FROM = 500  # number of samples that are paired with all others
+_LEAST_COSINE = 0.5  # least cosine of two normals on the same smooth piece
+_FEWEST = 30  # least number of pairs in a bin
 
 
 class Unevenness(NamedTuple):
-    """Of a surface, over distances along it.
+    """Statistics of a surface, by the distance along it.
 
     Attributes:
         distance: shape (m,), m, from 0 on.
-        height: mean square of how far one point lies from the other's tangent plane, shape (m,), m^2.
-        turn: mean square of the angle between their normals about each tangent, shape (m,), rad^2.
+        height: mean square distance of one point from the other's tangent plane, shape (m,), m^2.
+        turn: mean square angle between their normals about each tangent, shape (m,), rad^2.
     """
 
     distance: FloatArray
@@ -32,20 +32,20 @@ class Unevenness(NamedTuple):
     turn: FloatArray
 
     def variances(self, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Of height, m^2, and turn, rad^2, for points that are off by sigma (k,), m, along each of two tangents."""
+        """Variances of height, m^2, and turn, rad^2, for points with errors sigma (k,), m, along both tangents."""
         d = np.sqrt(2.0) * sigma
         return np.interp(d, self.distance, self.height), np.interp(d, self.distance, self.turn)
 
 
 def find_unevenness(samples: SurfaceSamples) -> Unevenness:
-    """Measures pairs of surface samples."""
+    """Estimates the statistics from pairs of surface samples."""
     chosen = np.linspace(0, len(samples.points) - 1, min(_FROM, len(samples.points))).astype(int)
     apart = samples.points[None] - samples.points[chosen, None]
     height = np.einsum("ijk,ik->ij", apart, samples.normals[chosen])
     squared = np.einsum("ijk,ijk->ij", apart, apart)
     cosine = samples.normals[chosen] @ samples.normals.T
     along = np.sqrt(np.maximum(squared - height**2, 0.0))
-    # As near across the surface as along it: not the other side of a thin wall, nor another part.
+    # Excludes the other side of a thin wall, and other parts: the offset along the normal must not exceed the distance.
     near = (along < _BINS * _STEP) & (along > 0.0) & (np.abs(height) < along) & (cosine > _LEAST_COSINE)
     place = (along[near] / _STEP).astype(int)
     count = np.bincount(place, minlength=_BINS)
