@@ -1,11 +1,11 @@
-"""Where a known object is in a depth image, of which nothing is known but which pixels are the hand's.
+"""Detects a known object in a depth image without prior knowledge, except which pixels belong to the hand.
 
-Orientations that are spread evenly are each brought to the points that are seen and fitted to them, and the best of
-them by the tracker. Those come first whose own depth image agrees most with the picture: where the object should be
-seen and is not, and where something is seen that it does not explain, counts against a pose.
+Evenly spread orientations are each placed at the points seen and fitted to them, and the best of these are refined by
+the tracker. Poses are ranked by how well their own depth image agrees with the picture: places where the object should
+be seen and is not, and where something is seen that it does not explain, count against a pose.
 
-Many objects look much like themselves upside down, or turned about an axis, as a mug whose handle is hidden does. So
-the best pose is tried upside down and turned, too, until nothing is better.
+Many objects look similar upside down, or turned about an axis, like a mug whose handle is hidden. So the best pose is
+also tried upside down and turned, until nothing improves.
 """
 
 import math
@@ -29,26 +29,26 @@ from tactopose_drake.core.vision.depth_tracking import (
     fit_pose,
 )
 
-_ORIENTATIONS = 400  # that are tried; any is then within some 25 degrees of one of them
-_STEPS = 10  # of each one's fit
-_POINTS = 200  # that these fits use
-_REFINED = 24  # of the best, which the tracker fits
-_TURNS = 12  # about each axis of the best one's box, each upside down, too
-_ROUNDS = 3  # of turning the best one
-_BETTER = 1e-5  # by which the best one must agree better for another round, m
-# What is known of the object before it is seen: rad about each axis and m along each.
+_ORIENTATIONS = 400  # number of orientations tried; any is within some 25 degrees of one of them
+_STEPS = 10  # of each fit
+_POINTS = 200  # used by these fits
+_REFINED = 24  # number of the best that the tracker refines
+_TURNS = 12  # rotations about each axis of the box of the best one, and the same upside down
+_ROUNDS = 3  # most rounds of turning the best one
+_BETTER = 1e-5  # least improvement of the best one's agreement for another round, m
+# Prior covariance of the object: rad about each axis and m along each.
 _ANYWHERE = np.diag(np.repeat([math.pi, 1.0], 3) ** 2)
 
 
 def find_poses(picture: DepthPicture, object_model: ObjectModel, model: DepthTrackerModel) -> list[TrackedPose]:
-    """Poses of the object, those first that agree best with a picture; none where too few points are seen.
+    """Finds poses of the object, those that agree best with a picture first; none if too few points are seen.
 
-    All that is seen, but for the hand where the picture knows it, is taken for the object.
+    Everything that is seen, except the hand if the picture knows it, is taken for the object.
 
     Args:
-        picture: what is seen.
+        picture: the depth image.
         object_model: the object.
-        model: how the tracker fits, which has the last word.
+        model: how the tracker fits.
     """
     points = picture.points(without_hand=True)
     if len(points) < model.least_pixels:
@@ -67,7 +67,7 @@ def find_poses(picture: DepthPicture, object_model: ObjectModel, model: DepthTra
 
 
 def _starts(points: FloatArray, object_model: ObjectModel) -> FloatArray:
-    """Poses (B, 3, 4), turned anyhow, where the side that is seen lies in the middle of the points."""
+    """Start poses (B, 3, 4) with random orientations, at which the visible side is at the centroid of the points."""
     starts = make_poses(random_rotations(np.random.default_rng(0), _ORIENTATIONS), np.zeros((_ORIENTATIONS, 3)))
     samples = object_model.samples
     facing = starts[:, 2, :3] @ samples.normals.T < 0.0
@@ -77,7 +77,7 @@ def _starts(points: FloatArray, object_model: ObjectModel) -> FloatArray:
 
 
 def _turns(object_model: ObjectModel) -> FloatArray:
-    """The object turned about the axes of its box, as it is and upside down, X_OO' (6 * _TURNS, 3, 4)."""
+    """Rotations about the axes of the object's box, upright and upside down, X_OO' (6 * _TURNS, 3, 4)."""
     angles = np.linspace(0.0, 2.0 * math.pi, _TURNS, endpoint=False)
     spins = exp_so3((angles[:, None, None] * np.eye(3)).reshape(-1, 3)).reshape(_TURNS, 3, 3, 3)
     flips = exp_so3(math.pi * np.eye(3)[[1, 2, 0]])
@@ -87,7 +87,7 @@ def _turns(object_model: ObjectModel) -> FloatArray:
 
 
 def _roughly_fitted(points: FloatArray, object_model: ObjectModel, X_CO: FloatArray) -> FloatArray:
-    """Poses (B, 3, 4) after some steps from starts (B, 3, 4)."""
+    """Poses (B, 3, 4) after some robust Gauss-Newton steps from starts (B, 3, 4)."""
     poses, width, ridge = X_CO, 0.02, np.diag(np.repeat([1e-3, 1.0], 3))
     for _ in range(_STEPS):
         R_CO = poses[:, :, :3]
@@ -105,7 +105,7 @@ def _roughly_fitted(points: FloatArray, object_model: ObjectModel, X_CO: FloatAr
 def _refined(
     picture: DepthPicture, object_model: ObjectModel, X_CO: FloatArray, model: DepthTrackerModel
 ) -> list[TrackedPose]:
-    """The tracker's fits from the best of poses (B, 3, 4), in order."""
+    """The tracker's fits from the best of poses (B, 3, 4), ranked."""
     order = np.argsort([fit_to_picture(picture, object_model, X).disagreement for X in X_CO])
     fits = [fit_pose(picture, object_model, X, _ANYWHERE, model) for X in X_CO[order[:_REFINED]]]
     return _in_order([fit for fit in fits if fit is not None])

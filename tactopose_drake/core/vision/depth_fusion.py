@@ -1,10 +1,9 @@
-"""The mesh of an object that is known from some depth images only, and by how much it may be off.
+"""The mesh of an object that is known only from some depth images, and an estimate of its error.
 
-The images are fused into a truncated signed distance over a grid [C96], and its zero level is the surface. What no
-image has seen is taken to be solid up to where some image has seen through, within the bounds that are known otherwise,
-such as a table's top: the backs of a reconstructed object are too large, rarely too small. By how much such a back is
-off is found by leaving each image out in turn, and asking the one that was left out.
-
+The images are fused into a truncated signed distance on a grid [C96], whose zero level is the surface. What no image
+has seen is taken to be solid, up to where some image has seen through, and within the bounds that are known otherwise,
+such as a table top: the backs of a reconstructed object are too large, rarely too small. The error of such a back is
+estimated by leaving each image out in turn, and comparing with the one left out.
 Sources: [C96] B. Curless and M. Levoy, A volumetric method for building complex models from range images, SIGGRAPH,
 1996.
 """
@@ -31,18 +30,19 @@ from tactopose_drake.errors import InvalidInputError
 
 _MOST_CELLS = 20_000_000
 _LEAST_POINTS = 100
-# Of the distances, in cells: against single pixels' noise, and, if the surface then touches itself, more.
+# Standard deviations of the smoothing of distances, in cells: against single pixels' noise, and, if the surface then
+# touches itself, more.
 _SMOOTHINGS = 1.0, 1.4, 2.0
-_RIM = 6  # cells beyond what is solid
-_BEYOND = 0.5  # of the size of what is seen: how much farther what is not seen may reach
+_RIM = 6  # cells kept beyond what is solid
+_BEYOND = 0.5  # how far unseen parts may extend beyond what is seen, as a share of its size
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class FusionParams:
-    """How finely images are fused."""
+    """The resolution of the fusion."""
 
     spacing: float = 0.002  # of the grid, m
-    truncation: float = 0.006  # of distances, m: what lies deeper behind a surface, its image does not know
+    truncation: float = 0.006  # of distances, m: an image has no information deeper behind a surface
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
@@ -51,12 +51,12 @@ class FusionParams:
 
 @dataclass(frozen=True, eq=False)
 class DepthView:
-    """One depth image of an object that stands still, with nothing else in it.
+    """One depth image of an object at rest, with nothing else in it.
 
     Attributes:
         depth: shape (height, width), m; infinite where nothing is seen.
-        X_CO: pose of the object's frame in the camera, shape (3, 4): the frame that its mesh is to have.
-        camera: what took it.
+        X_CO: pose of the frame that the object's mesh is to have, in the camera, shape (3, 4).
+        camera: that took the image.
     """
 
     depth: FloatArray
@@ -65,16 +65,16 @@ class DepthView:
 
     @property
     def p_OQ(self) -> FloatArray:
-        """What is seen, in the object's frame, shape (n, 3), m."""
+        """The points seen, in the object's frame, shape (n, 3), m."""
         seen = np.isfinite(self.depth)
         p_CQ = rays(self.camera)[seen] * self.depth[seen][:, None]
         points: FloatArray = (p_CQ - self.X_CO[:, 3]) @ self.X_CO[:, :3]
         return points
 
     def depth_behind(self, p_OQ: FloatArray) -> FloatArray:
-        """How far the surface that is seen in front of or behind points (n, 3) lies beyond them, shape (n,), m.
+        """Depth of the surface seen at the pixels of points (n, 3), minus that of the points, shape (n,), m.
 
-        Infinite where nothing is seen, NaN where the camera does not look.
+        Infinite where nothing is seen, NaN outside the image.
         """
         p_CQ = transform_points(self.X_CO, p_OQ)
         z = np.maximum(p_CQ[:, 2], 1e-6)
@@ -88,15 +88,15 @@ class DepthView:
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """What is known of the object.
+    """The reconstructed object.
 
     Attributes:
         vertices: of a closed mesh, in the object's frame, shape (v, 3), m.
         faces: vertex indices, shape (f, 3).
-        seen: which vertices lie on what some image has seen, shape (v,); the others close the mesh.
-        seen_sigma: by how much the seen part of the surface may be off, along its normal, m.
-        unseen_sigma: likewise the other part.
-        unseen_share: of the surface.
+        seen: whether each vertex lies on what some image has seen, shape (v,); the others close the mesh.
+        seen_sigma: standard deviation of the seen part of the surface, along its normal, m.
+        unseen_sigma: the same for the other part.
+        unseen_share: share of the surface that is unseen.
     """
 
     vertices: FloatArray
@@ -108,7 +108,7 @@ class Reconstruction:
 
     @property
     def surface_sigma(self) -> float:
-        """For `ObjectModel`: by how much any place of the surface may be off, root mean square, m."""
+        """Rms error of the surface as a whole, for `ObjectModel`, m."""
         return math.hypot(
             math.sqrt(1.0 - self.unseen_share) * self.seen_sigma, math.sqrt(self.unseen_share) * self.unseen_sigma
         )
@@ -117,17 +117,17 @@ class Reconstruction:
 def reconstruct(
     views: Sequence[DepthView], bounds: FloatArray | None = None, params: FusionParams | None = None
 ) -> Reconstruction:
-    """The object of some depth images.
+    """Reconstructs an object from some depth images.
 
     Args:
         views: two or more.
-        bounds: lowest and highest coordinates that the object may have, in its frame, shape (2, 3), m, infinite where
-            nothing is known: it stands on a table. None: nothing is known.
-        params: how finely.
+        bounds: lowest and highest coordinates that the object may have, in its frame, shape (2, 3), m, infinite if
+            unknown: for example, it stands on a table. None if nothing is known.
+        params: the resolution.
 
     Raises:
-        InvalidInputError: fewer than two images, images of too little, an object too large for the grid, or bounds that
-            leave nothing of it.
+        InvalidInputError: fewer than two images, too few points, an object too large for the grid, or bounds that leave
+            nothing of it.
     """
     params = params_of(FusionParams, params)
     if len(views) < 2:
@@ -140,7 +140,7 @@ def reconstruct(
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     unseen_share = float(np.average(1.0 - seen[faces].mean(axis=1), weights=area))
     off = np.concatenate([volume.distance(view.p_OQ) for view in views])
-    # What an image's errors have in common does not show in how well its own points fit.
+    # Errors common to an image do not show in how well its own points fit.
     seen_depths = [(view.camera, view.depth[np.isfinite(view.depth)]) for view in views]
     common = [
         math.sqrt(camera.common_share) * camera.depth_noise * np.median(depths) ** 2
@@ -154,10 +154,10 @@ def reconstruct(
 
 
 def _left_out_error(views: Sequence[DepthView], params: FusionParams, box: FloatArray) -> float:
-    """How far what the others close without having seen it lies from what is seen, root mean square, m.
+    """Rms distance of the surface that images close without having seen it from what is seen, m.
 
-    Of each image that is left out, those places of the others' mesh count that no other image has seen, and that this
-    one sees, or sees through: with it, they are wrong by as much as they are away from anything that is seen.
+    For each image left out, the vertices count that no other image has seen, and that this one sees, or sees through:
+    given this image, their error is their distance from anything that is seen.
     """
     off, coarse = [np.zeros(0)], dataclasses.replace(params, spacing=2.0 * params.spacing)
     seen = cKDTree(np.concatenate([view.p_OQ for view in views]))
@@ -175,7 +175,7 @@ def _rms(values: FloatArray) -> float:
 
 
 def _is_seen(p_OQ: FloatArray, views: Sequence[DepthView], params: FusionParams) -> NDArray[np.bool_]:
-    """Which points (n, 3) lie on what some image has seen."""
+    """Whether each of points (n, 3) lies on what some image has seen."""
     seen = np.zeros(len(p_OQ), dtype=np.bool_)
     for view in views:
         seen |= np.abs(view.depth_behind(p_OQ)) < 0.5 * params.truncation
@@ -231,14 +231,14 @@ class _Volume:
             known = behind > -params.truncation
             total[known] += np.minimum(behind[known], params.truncation)
             count += known
-        # Where no image looks through, it is solid.
+        # Solid where no image sees through.
         values = np.where(count > 0.0, total / np.maximum(count, 1.0), -params.truncation)
         outside = np.maximum(lowest - points, points - highest).max(axis=1)
         values = np.maximum(values, np.clip(outside, -params.truncation, params.truncation))
         return cls(values.reshape(counts), origin, params.spacing).cropped()
 
     def cropped(self) -> "_Volume":
-        """Around what is solid."""
+        """The part of the grid around what is solid."""
         solid = np.argwhere(self.values < 0.0)
         if not len(solid):
             raise InvalidInputError("views: leave nothing of the object; the poses of the cameras do not fit.")
@@ -248,13 +248,13 @@ class _Volume:
         return _Volume(kept, self.origin + self.spacing * first, self.spacing)
 
     def distance(self, p_OQ: FloatArray) -> FloatArray:
-        """At points (n, 3), shape (n,), m."""
+        """Interpolated distances at points (n, 3), shape (n,), m."""
         places = ((p_OQ - self.origin) / self.spacing).T
         found: FloatArray = map_coordinates(self.values, places, order=1, mode="nearest")
         return found
 
     def surface(self) -> tuple[FloatArray, NDArray[np.int32]]:
-        """The closed mesh where the distance is zero: vertices (v, 3), m, and faces (f, 3); of parts, the largest.
+        """The closed mesh of the zero level, its largest part: vertices (v, 3), m, and faces (f, 3).
 
         Raises:
             InvalidInputError: if there is none.
@@ -262,14 +262,14 @@ class _Volume:
         for smoothing in _SMOOTHINGS:
             smooth = gaussian_filter(self.values, smoothing, mode="nearest")
             vertices, faces = _zero_level(smooth, self.origin, self.spacing)
-            # Vertices in the same place count as one: no edge may be of four faces.
+            # Coincident vertices count as one: an edge of four faces would not be watertight.
             if trimesh.Trimesh(vertices, faces).is_watertight:
                 return vertices, faces
         raise InvalidInputError("views: give a surface that touches itself; FusionParams.spacing is too large for it.")
 
 
 def _zero_level(values: FloatArray, origin: FloatArray, step: float) -> tuple[FloatArray, NDArray[np.int32]]:
-    """The mesh of the largest part of where values on a grid are negative."""
+    """The mesh of the largest component in which values on a grid are negative."""
     corner = float(origin[0]), float(origin[1]), float(origin[2])
     inside = functools.partial(depth_inside, np.ascontiguousarray(values), corner, step)
     end = origin + step * (np.array(values.shape) - 1)

@@ -1,8 +1,8 @@
-"""The poses of an object that depth images leave open: found, followed, and stated as one pose and its covariance.
+"""The poses of an object that depth images leave ambiguous: detected, tracked, and summarised by pose and covariance.
 
-A fit knows its own neighbourhood alone. A mug whose handle is hidden fits as well with the handle elsewhere, or upside
-down; whoever follows only one of these poses is sure of it, whichever it is. So those are followed that agree with the
-picture about as well as the best one, and the covariance reaches as far as they do.
+A fit has only local information. A mug whose handle is hidden fits as well with the handle elsewhere, or upside down;
+a tracker of a single one of these poses would be certain of it, whichever it is. So all poses that agree with the
+picture about as well as the best one are tracked, and the covariance covers them.
 """
 
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ from tactopose_drake.core.vision.depth_detection import find_poses
 from tactopose_drake.core.vision.depth_pictures import DepthPicture
 from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, TrackedPose, fit_pose
 
-_ALIKE = 0.5  # of a depth's standard deviation, by which a pose may agree less than the best one and stay
-_APART = np.array([0.09, 0.005])  # rad and m, from which on two poses are not one and the same
-_MOST = 9  # that are followed, some of which may be lost: of a hidden handle's angles each stands for some
-_SAMPLES = np.random.default_rng(0).normal(size=(64, 6))  # of each but the best, by which it counts
+_ALIKE = 0.5  # in standard deviations of a depth: by how much less than the best one a pose may agree
+_APART = np.array([0.09, 0.005])  # rad and m, from which on two poses are different
+_MOST = 9  # most poses that are tracked, as some may be lost: each stands for a range of a hidden handle's angles
+_SAMPLES = np.random.default_rng(0).normal(size=(64, 6))  # of each pose except the best, for the second moment
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +29,8 @@ class TrackedPoses:
 
     Attributes:
         found: the fits, the best first.
-        covariance: of the best one's increment (w, v), v in C, if each is as probable, shape (6, 6), rad and m: the
-            second moment about the best one.
+        covariance: second moment of the increment (w, v), v in C, about the best one, with all equally probable, shape
+            (6, 6), rad and m.
     """
 
     found: tuple[TrackedPose, ...]
@@ -45,16 +45,16 @@ class TrackedPoses:
 def track_poses(
     picture: DepthPicture, object_model: ObjectModel, before: TrackedPoses | None, model: DepthTrackerModel
 ) -> TrackedPoses | None:
-    """Where the object is now; it is looked for in the whole picture where it was nowhere, or is not where it was.
+    """Tracks the object; searches the whole picture if it was not known, or is not where it was.
 
     Args:
-        picture: what is seen.
+        picture: the depth image.
         object_model: the object.
-        before: where it was in the picture before; None where nothing is known.
+        before: its poses in the previous picture, or None if nothing is known.
         model: how to fit.
 
     Returns:
-        None where it is not found.
+        The poses, or None if the object is not found.
     """
     earlier = () if before is None else before.found
     fits = [fit_pose(picture, object_model, one.X_CO, one.covariance, model) for one in earlier]
@@ -63,7 +63,7 @@ def track_poses(
 
 
 def _alike(found: list[TrackedPose], picture: DepthPicture, object_model: ObjectModel) -> TrackedPoses:
-    """Those of the fits, the best first, that agree about as well as it does, and are not one and the same."""
+    """Those of the ranked fits that agree about as well as the best one, and differ from each other."""
     best = found[0]
     most = best.disagreement + _ALIKE * picture.camera.depth_noise * best.X_CO[2, 3] ** 2
     kept, moment = [best], best.covariance
@@ -79,7 +79,7 @@ def _alike(found: list[TrackedPose], picture: DepthPicture, object_model: Object
 
 
 def _ways(object_model: ObjectModel, one: TrackedPose, X_CO: FloatArray) -> FloatArray:
-    """The increments from a pose to the nearest of those that look like each of others (n, 3, 4), shape (n, 6)."""
+    """Increments from a pose to the nearest symmetric image of each of others (n, 3, 4), shape (n, 6)."""
     images = compose(X_CO[:, None], object_model.symmetry_poses)
     turned = turn_toward(images.reshape(-1, 3, 4), one.X_CO, object_model.symmetries)
     ways = increments_between(one.X_CO, turned).reshape(*images.shape[:2], 6)

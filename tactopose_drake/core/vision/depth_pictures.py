@@ -1,4 +1,4 @@
-"""What a depth camera sees around a hand: its noise, which pixels are the hand's, and where a pose does not fit them.
+"""Images of a depth camera: noise, the hand's pixels, and how well an object's pose agrees with them.
 
 Sources: [K12] K. Khoshelham and S. Elberink, Accuracy and resolution of Kinect depth data, Sensors, 2012.
 """
@@ -17,21 +17,21 @@ from tactopose_drake.core.validation import FloatArray, positive_number, whole_n
 from tactopose_drake.core.vision.rasterizer import Camera, inverse_depths
 from tactopose_drake.errors import InvalidInputError
 
-_DISAGREEMENT = 0.01  # of depths; what differs by more counts as this, m
-_MARGIN = 0.004  # by which one surface must lie before another to hide it, beyond three sigma of the noise, m
+_DISAGREEMENT = 0.01  # cap on the difference of depths, m
+_MARGIN = 0.004  # beyond three sigma of the noise, by which a surface must be nearer to hide another, m
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class DepthCameraModel:
-    """What the camera measures."""
+    """The geometry and noise of a depth camera."""
 
     width: int = 240  # of the image, pixels
     height: int = 180  # pixels
     focal_length: float = 200.0  # pixels
-    depth_noise: float = 1.43e-3  # standard deviation of a depth z over z^2, 1/m: the Kinect's [K12]
-    # Of its variance, that is the same all over a patch of pixels: no averaging over the object takes it away.
+    depth_noise: float = 1.43e-3  # standard deviation of a depth z over z^2, 1/m: that of the Kinect [K12]
+    # Share of its variance that is common to neighbouring pixels, so that averaging over the object does not reduce it.
     common_share: float = 0.3
-    nearest: float = 0.1  # that is measured, m
+    nearest: float = 0.1  # least depth that is measured, m
     farthest: float = 3.0  # m
 
     def validate(self) -> None:
@@ -49,18 +49,18 @@ class DepthCameraModel:
 
     @property
     def at_origin(self) -> Camera:
-        """The camera in its own frame."""
+        """The camera at the origin of its own frame."""
         return Camera(np.eye(3, 4), self.focal_length, self.width, self.height)
 
 
 @dataclass(frozen=True, eq=False)
 class DepthPicture:
-    """What a depth camera sees of object and hand.
+    """A depth image of object and hand.
 
     Attributes:
         depth: along the camera's axis at each pixel, shape (height, width), m; infinite where nothing is seen.
-        hand: which pixels are the hand's, as rendered from its joints, shape (height, width).
-        camera: what took it.
+        hand: whether each pixel is the hand's, as rendered from its joints, shape (height, width).
+        camera: that took the image.
     """
 
     depth: FloatArray
@@ -68,7 +68,7 @@ class DepthPicture:
     camera: DepthCameraModel
 
     def points(self, *, without_hand: bool) -> FloatArray:
-        """Points on what is seen, in the camera's frame, shape (n, 3), m."""
+        """The points seen, in the camera's frame, shape (n, 3), m."""
         chosen = np.isfinite(self.depth) & ~self.hand if without_hand else np.isfinite(self.depth)
         row, column = np.nonzero(chosen)
         return rays(self.camera)[row, column] * self.depth[row, column, None]
@@ -76,15 +76,15 @@ class DepthPicture:
 
 @dataclass(frozen=True)
 class PictureFit:
-    """How a picture agrees with the object at a pose.
+    """The agreement of a picture with the object at a pose.
 
     Attributes:
-        hidden_share: of the pixels where the object would be seen, those where something nearer is, 0 to 1.
-        seen_through: of the others, those where something farther or nothing is seen, 0 to 1.
-        misfit: root mean square of how much farther these others see than the object, m.
-        disagreement: how far the picture and the object's own image are apart, on average over the pixels of either, up
-            to a centimetre, m: where the object should be seen and is not, and where something is seen that it does not
-            explain, counts against it.
+        hidden_share: share of the object's pixels at which something nearer is seen, 0 to 1.
+        seen_through: share of the other pixels at which something farther or nothing is seen, 0 to 1.
+        misfit: rms excess of the depths seen at these other pixels over the object's, m.
+        disagreement: mean absolute difference of the picture and the object's own image over the pixels of either,
+            capped at a centimetre, m: places where the object should be seen and is not, and where something is seen
+            that it does not explain, count as the cap.
     """
 
     hidden_share: float
@@ -94,7 +94,7 @@ class PictureFit:
 
 
 def rays(camera: DepthCameraModel) -> FloatArray:
-    """The points of depth 1 m that the pixels see, in the camera's frame, shape (height, width, 3), m."""
+    """The points at depth 1 m on the pixels' rays, in the camera's frame, shape (height, width, 3), m."""
     row, column = np.mgrid[: camera.height, : camera.width] + 0.5
     across, down = column - 0.5 * camera.width, row - 0.5 * camera.height
     found: FloatArray = np.stack([across, down, np.full_like(row, camera.focal_length)], axis=2) / camera.focal_length
@@ -102,7 +102,7 @@ def rays(camera: DepthCameraModel) -> FloatArray:
 
 
 def noisy_depth(depth: FloatArray, camera: DepthCameraModel, generator: np.random.Generator) -> FloatArray:
-    """A depth image with the camera's noise; what is infinite stays so.
+    """Adds the camera's noise to a depth image; infinite depths stay infinite.
 
     Args:
         depth: shape (height, width), m.
@@ -110,11 +110,11 @@ def noisy_depth(depth: FloatArray, camera: DepthCameraModel, generator: np.rando
         generator: of the noise.
 
     Raises:
-        InvalidInputError: if the image is not as large as the camera's.
+        InvalidInputError: if the image has another size than the camera's.
     """
     _check_size(depth, camera)
     row, column = np.mgrid[: camera.height, : camera.width] + 0.5
-    weights = generator.normal(size=3)  # errors in common: a random plane over the image
+    weights = generator.normal(size=3)  # common errors: a random plane over the image
     common = weights[0] + weights[1] * (row / camera.height - 0.5) + weights[2] * (column / camera.width - 0.5)
     single = generator.normal(size=depth.shape)
     noise = math.sqrt(1.0 - camera.common_share) * single + math.sqrt(camera.common_share) * common
@@ -127,19 +127,19 @@ def noisy_depth(depth: FloatArray, camera: DepthCameraModel, generator: np.rando
 def take_picture(
     depth: FloatArray, hand_vertices: FloatArray, hand_faces: NDArray[np.int32], camera: DepthCameraModel
 ) -> DepthPicture:
-    """A depth image in which the hand's pixels are known.
+    """A depth image with known pixels of the hand.
 
-    A pixel is the hand's where the hand, as its joints have it, is rendered there or beside it, and nothing is seen
-    before it.
+    A pixel is the hand's if the hand, posed by its joints, is rendered there or beside it, and nothing is seen in front
+    of it.
 
     Args:
         depth: shape (height, width), m; 0, infinite or NaN where nothing is seen.
         hand_vertices: in the camera's frame C, z forward, shape (v, 3), m.
         hand_faces: vertex indices, shape (f, 3).
-        camera: what took it.
+        camera: that took the image.
 
     Raises:
-        InvalidInputError: if the image is not as large as the camera's.
+        InvalidInputError: if the image has another size than the camera's.
     """
     _check_size(depth, camera)
     seen = np.isfinite(depth) & (depth > 0.0)
@@ -158,7 +158,7 @@ def _check_size(depth: FloatArray, camera: DepthCameraModel) -> None:
 
 
 def expected_picture(object_model: ObjectModel, X_CO: FloatArray, picture: DepthPicture) -> DepthPicture:
-    """What the same camera would see of the object alone at a pose X_CO (3, 4), the same pixels being the hand's."""
+    """The image of the object alone at a pose X_CO (3, 4) by the same camera, with the same pixels of the hand."""
     vertices = transform_points(X_CO[None], object_model.vertices)[0]
     inverse_depth = inverse_depths(vertices, object_model.faces, picture.camera.at_origin).astype(np.float64)
     depth = np.divide(1.0, inverse_depth, out=np.full_like(inverse_depth, np.inf), where=inverse_depth > 0.0)
@@ -166,10 +166,10 @@ def expected_picture(object_model: ObjectModel, X_CO: FloatArray, picture: Depth
 
 
 def fit_to_picture(picture: DepthPicture, object_model: ObjectModel, X_CO: FloatArray) -> PictureFit:
-    """How a picture agrees with the object at a pose; the rim of its image, where the pixels decide, is left out.
+    """The agreement of a picture with the object at a pose; ambiguous pixels at the rim of its image are left out.
 
     Args:
-        picture: what is seen.
+        picture: the depth image.
         object_model: the object.
         X_CO: its pose in the camera, shape (3, 4).
     """
@@ -188,7 +188,7 @@ def fit_to_picture(picture: DepthPicture, object_model: ObjectModel, X_CO: Float
 
 
 def _disagreement(picture: DepthPicture, image: FloatArray) -> float:
-    """Of the object's own image (height, width), see `PictureFit`."""
+    """The disagreement with the object's own image (height, width), see `PictureFit`."""
     either = (np.isfinite(image) | np.isfinite(picture.depth)) & ~picture.hand
     if not either.any():
         return _DISAGREEMENT

@@ -1,8 +1,8 @@
-"""A tracker of a known object in depth images: the pose that fits best what it sees around fingers.
+"""Tracks a known object in depth images: finds the pose that best fits what is seen around the fingers.
 
-The points that are seen are fitted to the object's signed distance grid: point to plane [C92], without a search for the
-nearest points. Where the fingers hide the object, nothing holds the fit but the pose before: the tracker's error is
-that of real occlusion.
+The points are fitted to the object's signed distance grid: point-to-plane registration [C92] without a search for
+nearest points. Where fingers hide the object, only the previous pose constrains the fit: the tracker's error is that of
+real occlusion.
 
 Sources: [C92] Y. Chen and G. Medioni, Object modelling by registration of multiple range images, Image and Vision
 Computing, 1992.
@@ -19,30 +19,30 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, flag, positive_number, whole_number
 from tactopose_drake.core.vision.depth_pictures import DepthPicture, expected_picture, fit_to_picture
 
-_REACH = 0.05  # beyond the object's own size, from where it is expected, that a point may be the object's, m
-_LEAST_SIGMA = 1e-4  # of a point, m
-_EXPLAINED = 0.005  # nearest to the surface that a point is not explained by it, m
-_TURNED = 1.8  # standard deviation about each axis of an object of which nothing is known, rad
-_SPIN = 0.02  # standard deviation about an axis of continuous symmetry, where all angles are the same pose, rad
+_REACH = 0.05  # distance beyond the object's size from its expected place up to which a point may be its own, m
+_LEAST_SIGMA = 1e-4  # least standard deviation of a point, m
+_EXPLAINED = 0.005  # distance from the surface up to which a point is explained by it, m
+_TURNED = 1.8  # standard deviation about each axis of an object of unknown orientation, rad
+_SPIN = 0.02  # standard deviation about an axis of continuous symmetry, where all angles are equivalent, rad
 
 
 @dataclass(kw_only=True, slots=True)
 class DepthTrackerModel:
-    """How the tracker fits."""
+    """Parameters of the tracker's fit."""
 
-    # Whether the hand's own pixels are known from the joints and left out. If not, whatever is seen counts as the
-    # object, and the covariance says that the object may as well be where the pose leaves points unexplained.
+    # Whether the hand's own pixels are known from the joints and left out. If not, everything that is seen is fitted,
+    # and the covariance includes that the object may be where points are unexplained.
     knows_hand: bool = True
-    gate: float = 0.03  # farthest from where the object was expected that a pixel counts, m
+    gate: float = 0.03  # distance from the object's expected surface up to which a point counts, m
     least_pixels: int = 60  # of the object
     most_hidden: float = 0.8  # share of the object's pixels that may be hidden
-    most_seen_through: float = 0.5  # share of the others that may see something farther; beyond, the object is lost
-    sigma_translation: float = 0.05  # motion between frames, m: standard deviation along each axis
-    sigma_rotation_deg: float = 15.0  # likewise about each axis
-    first_width: float = 0.03  # distance beyond which points count less, at the first step of the fit, m
-    width_factor: float = 0.6  # by which that shrinks from step to step
-    narrowing_steps: int = 8  # in which it does
-    last_steps: int = 8  # in which it is three sigma
+    most_seen_through: float = 0.5  # share of the others that may see something farther, before the object is lost
+    sigma_translation: float = 0.05  # standard deviation of the motion between frames along each axis, m
+    sigma_rotation_deg: float = 15.0  # the same about each axis, deg
+    first_width: float = 0.03  # width of the robust loss at the first step of the fit, m
+    width_factor: float = 0.6  # by which it shrinks from step to step
+    narrowing_steps: int = 8  # number of steps in which it shrinks
+    last_steps: int = 8  # number of steps in which it is three sigma
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
@@ -56,7 +56,7 @@ class DepthTrackerModel:
 
     @property
     def widths(self) -> list[float]:
-        """Distances beyond which points count less, step by step, m; 0 where it is three sigma."""
+        """Widths of the robust loss, step by step, m; 0 stands for three sigma."""
         narrowing = [self.first_width * self.width_factor**k for k in range(self.narrowing_steps)]
         return [*narrowing, *(self.last_steps * [0.0])]
 
@@ -68,14 +68,14 @@ class DepthTrackerModel:
 
 @dataclass(frozen=True, eq=False)
 class TrackedPose:
-    """The pose that fits a picture best.
+    """The pose that best fits a picture.
 
     Attributes:
         X_CO: shape (3, 4).
         covariance: of the increment (w, v), v in C, shape (6, 6), rad and m.
-        residual: root mean square of the points' distances from the surface, m.
-        points: how many were fitted.
-        hidden_share: of the object's pixels at this pose, those where something nearer is seen, 0 to 1.
+        residual: rms distance of the points from the surface, m.
+        points: number of points fitted.
+        hidden_share: share of the object's pixels at this pose at which something nearer is seen, 0 to 1.
         disagreement: of picture and object at this pose, m, see `PictureFit`.
     """
 
@@ -94,13 +94,13 @@ def fit_pose(
     covariance: FloatArray,
     model: DepthTrackerModel,
 ) -> TrackedPose | None:
-    """The pose of the object that explains the points; None where too few are seen, or it is seen through.
+    """Fits the object's pose to the points; None if too few are seen, or the object is seen through.
 
     Args:
-        picture: what is seen.
+        picture: the depth image.
         object_model: the object.
-        X_CO: where it was before, shape (3, 4).
-        covariance: of that, as of the increment (w, v), v in C, shape (6, 6), rad and m.
+        X_CO: its previous pose, shape (3, 4).
+        covariance: of the increment (w, v) from it, v in C, shape (6, 6), rad and m.
         model: how to fit.
     """
     points = _points_about(picture, object_model, X_CO, model)
@@ -119,8 +119,8 @@ def fit_pose(
     ):
         return None
     residual = float(np.sqrt(np.mean(distance[near] ** 2)))
-    # What is common to all points does not average out; nor does whatever makes them, or what is seen beside and
-    # through the object, fit worse than their noise.
+    # Common errors do not average out; nor do those that make the fit worse than the points' noise, including what is
+    # seen beside and through the object.
     scale = np.maximum(sigmas(points, picture), max(residual, agreement.misfit))[near]
     independent = (J[near] / scale[:, None]).T @ (J[near] / scale[:, None])
     effective = independent / (1.0 + picture.camera.common_share * near.sum())
@@ -132,7 +132,7 @@ def fit_pose(
 
 
 def sigmas(points: FloatArray, picture: DepthPicture) -> FloatArray:
-    """Standard deviations of points in C (n, 3), by the camera's noise, shape (n,), m."""
+    """Standard deviations of points in C (n, 3) from the camera's noise, shape (n,), m."""
     sigma: FloatArray = np.maximum(picture.camera.depth_noise * points[:, 2] ** 2, _LEAST_SIGMA)
     return sigma
 
@@ -140,7 +140,7 @@ def sigmas(points: FloatArray, picture: DepthPicture) -> FloatArray:
 def residuals(
     points: FloatArray, object_model: ObjectModel, X_CO: FloatArray, gate: float
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Signed distances (n,), m, their derivatives by the increment (n, 6), and which points count (n,)."""
+    """Signed distances (n,), m, their derivatives by the increment (n, 6), and which points are in the gate (n,)."""
     R_CO = X_CO[:, :3]
     p_OQ = (points - X_CO[:, 3]) @ R_CO
     distance, n_O = object_model.grid.distance_and_normal(p_OQ)
@@ -151,7 +151,7 @@ def residuals(
 def _points_about(
     picture: DepthPicture, object_model: ObjectModel, X_CO: FloatArray, model: DepthTrackerModel
 ) -> FloatArray:
-    """The points that may be the object's, as far as one can tell beforehand."""
+    """The points that may belong to the object, as far as can be told in advance."""
     points = picture.points(without_hand=model.knows_hand)
     middle = X_CO[:, :3] @ object_model.vertices.mean(axis=0) + X_CO[:, 3]
     chosen: FloatArray = points[np.linalg.norm(points - middle, axis=1) < 0.5 * object_model.size + _REACH]
@@ -159,7 +159,7 @@ def _points_about(
 
 
 def _moved_with(points: FloatArray, picture: DepthPicture, object_model: ObjectModel, X_CO: FloatArray) -> FloatArray:
-    """Where all points are the object's, it has moved by about as much as they have."""
+    """Shifts the pose by the displacement of the points' centroid, as all of them are assumed to be the object's."""
     expected = expected_picture(object_model, X_CO, picture).points(without_hand=True)
     shift = points.mean(axis=0) - expected.mean(axis=0) if len(expected) else np.zeros(3)
     moved: FloatArray = retract(X_CO[None], np.concatenate([np.zeros(3), shift])[None])[0]
@@ -167,16 +167,16 @@ def _moved_with(points: FloatArray, picture: DepthPicture, object_model: ObjectM
 
 
 def _elsewhere(points: FloatArray, distance: FloatArray) -> FloatArray:
-    """What it adds to the covariance (6, 6) that points which the pose does not explain may be the object instead.
+    """The covariance (6, 6) to add, as points that the pose does not explain may be the object instead.
 
-    Where nothing tells the hand from the object, the object is as probably among them as they are many.
+    If the hand cannot be told from the object, the probability of that is their share.
     """
     share = float(np.mean(np.abs(distance) > _EXPLAINED))
     return share * np.diag([_TURNED**2] * 3 + [float(np.var(points, axis=0).max())] * 3)
 
 
 def _spin_information(object_model: ObjectModel) -> FloatArray:
-    """What fixes the angle about the object's axes of continuous symmetry, of the increment, shape (6, 6)."""
+    """Information on the angles about the object's axes of continuous symmetry, which fixes them, shape (6, 6)."""
     axes = np.array([symmetry.axis for symmetry in object_model.continuous_symmetries]).reshape(-1, 3)
     information = np.zeros((6, 6))
     information[:3, :3] = axes.T @ axes / _SPIN**2
@@ -190,7 +190,7 @@ def _least_squares(
     expected: FloatArray,
     model: DepthTrackerModel,
 ) -> FloatArray | None:
-    """The pose near the expected one that fits the points best, by reweighting what does not fit."""
+    """The pose near the expected one that best fits the points, by iteratively reweighted least squares."""
     pose, information, sigma = expected, np.linalg.inv(model.motion), sigmas(points, picture)
     for width in model.widths:
         gate = model.gate * max(1.0, width / (model.first_width * model.width_factor**2))

@@ -1,4 +1,4 @@
-"""A grid's values between its nodes, asked for at one point after the other."""
+"""Interpolation of a grid's values at single points, compiled."""
 
 from tactopose_drake.core.compilation import kernel
 from tactopose_drake.core.kernel_types import Floats3, Triple
@@ -6,9 +6,9 @@ from tactopose_drake.core.kernel_types import Floats3, Triple
 
 @kernel
 def depth_inside(values: Floats3, origin: Triple, spacing: float, x: float, y: float, z: float) -> float:
-    """By how much a point lies within what is negative: the grid's interpolated values, with their sign turned.
+    """The negative of the grid's values, interpolated at a point: positive where they are negative.
 
-    Beyond the grid its outermost cells go on.
+    Beyond the grid its outermost cells are extrapolated.
     """
     at = (x - origin[0]) / spacing, (y - origin[1]) / spacing, (z - origin[2]) / spacing
     i = min(max(int(at[0]), 0), values.shape[0] - 2)

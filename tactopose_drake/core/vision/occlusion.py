@@ -1,4 +1,4 @@
-"""How much of an object the hand hides from a camera."""
+"""The share of an object that the hand hides from a camera."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ from tactopose_drake.core.validation import FloatArray
 def hidden_share(p_CQ: FloatArray, n_CQ: FloatArray, p_CH: FloatArray, radius: FloatArray) -> float:
     """The share of the object's camera side that spheres hide.
 
-    The camera side is the surface that faces the camera; that the object hides some of it itself is left out.
+    The camera side is the surface that faces the camera; self-occlusion is neglected.
 
     Args:
         p_CQ: points on the object's surface, spread evenly, in the camera's frame C, shape (n, 3), m.
@@ -18,7 +18,7 @@ def hidden_share(p_CQ: FloatArray, n_CQ: FloatArray, p_CH: FloatArray, radius: F
         radius: their radii, shape (h,), m.
 
     Returns:
-        From 0 (all is seen) to 1; 0 where nothing faces the camera.
+        From 0 (all is visible) to 1; 0 if nothing faces the camera.
     """
     facing = np.einsum("ni,ni->n", p_CQ, n_CQ) < 0.0
     if not facing.any():
@@ -27,7 +27,7 @@ def hidden_share(p_CQ: FloatArray, n_CQ: FloatArray, p_CH: FloatArray, radius: F
 
 
 def segments_hit_spheres(p_CQ: FloatArray, p_CH: FloatArray, radius: FloatArray) -> NDArray[np.bool_]:
-    """Which segments from the origin of C to the points Q pass through a sphere.
+    """Tests which segments from the origin of C to the points Q pass through a sphere.
 
     Args:
         p_CQ: end points, shape (n, 3), m.
@@ -39,7 +39,7 @@ def segments_hit_spheres(p_CQ: FloatArray, p_CH: FloatArray, radius: FloatArray)
     """
     length = np.linalg.norm(p_CQ, axis=1)
     direction = p_CQ / np.where(length > 0.0, length, 1.0)[:, None]
-    along = np.clip(direction @ p_CH.T, 0.0, length[:, None])  # of the segment's point that is nearest to the centre
+    along = np.clip(direction @ p_CH.T, 0.0, length[:, None])  # position of the segment's point nearest to the centre
     squared = np.sum(p_CH**2, axis=1) - 2.0 * along * (direction @ p_CH.T) + along**2
     hit: NDArray[np.bool_] = np.any(squared < radius**2, axis=1)
     return hit

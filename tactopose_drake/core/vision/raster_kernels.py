@@ -1,11 +1,11 @@
-"""Which triangle each pixel sees, and how bright it is."""
+"""Rasterisation and shading of triangles, compiled."""
 
 import numpy as np
 
 from tactopose_drake.core.compilation import kernel
 from tactopose_drake.core.kernel_types import Floats1, Floats2, Ints2, Singles2, Singles3
 
-# How pictures look; nothing is measured in them. Fixed, so that the loop over the pixels knows the exponent.
+# The look of pictures; nothing is measured in them. Constants, so that the compiler knows the exponent.
 # Directions towards the lights in the camera's frame (right, down, forward), and their strengths.
 _KEY_LIGHT, _KEY = (-0.45, -0.65, -0.61), 0.62
 _FILL_LIGHT, _FILL = (0.80, -0.10, -0.59), 0.22
@@ -17,7 +17,7 @@ _GLOSS, _GLOSS_EXPONENT = 0.16, 40
 def rasterize(
     pixels: Floats2, inverse_depths: Floats1, faces: Ints2, width: int, height: int
 ) -> tuple[Singles2, Ints2, Singles3]:
-    """For each pixel the nearest face, its inverse depth, and the weights of its corners there."""
+    """For each pixel the nearest face, its inverse depth, and the barycentric weights of its corners there."""
     nearest = np.zeros((height, width), dtype=np.float32)
     face = np.full((height, width), -1, dtype=np.int32)
     weights = np.zeros((height, width, 3), dtype=np.float32)
@@ -54,7 +54,7 @@ def rasterize(
 def shade(
     face: Ints2, weights: Singles3, faces: Ints2, p_C: Floats2, n_C: Floats2, albedo: Floats2
 ) -> tuple[Singles3, Singles3]:
-    """Colour and cosine of the angle of view at each pixel; the highlight is [B77]'s."""
+    """Colour and cosine of the viewing angle at each pixel; the highlight is that of [B77]."""
     height, width = face.shape
     colour = np.zeros((height, width, 3), dtype=np.float32)
     facing = np.zeros((height, width), dtype=np.float32)

@@ -1,4 +1,4 @@
-"""A small depth-buffer renderer, for pictures where there is no display, GPU or browser; its loops compiled by numba.
+"""A small depth-buffer renderer, for pictures without a display, GPU or browser; its loops are compiled.
 
 Sources: [B77] J. Blinn, Models of light reflection for computer synthesized pictures, SIGGRAPH, 1977.
 """
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.core.vision.raster_kernels import rasterize, shade
 
-# Surfaces nearer to the camera than this are not drawn, m: no pinhole shows what lies beside or behind it.
+# Surfaces nearer to the camera than this are not drawn, m, as a pinhole camera cannot show what is beside or behind it.
 _NEAR = 1e-3
 
 
@@ -42,7 +42,7 @@ class Camera:
         field_of_view: float = 0.45,
         margin: float = 0.03,
     ) -> Self:
-        """A camera that sees all of the points, and fills the image with them but for a margin.
+        """A camera that sees all of the points, which fill the image up to a margin.
 
         Args:
             points: shape (n, 3), m.
@@ -107,7 +107,7 @@ class Layer:
 
 
 def render(surface: DrawnSurface, camera: Camera) -> Layer:
-    """Draws a surface: nearest triangle per pixel, smooth normals, two lights that go with the camera."""
+    """Draws a surface: nearest triangle per pixel, smooth normals, two lights fixed to the camera."""
     R_CP, p_CP = camera.X_CP[:, :3], camera.X_CP[:, 3]
     p_C = surface.vertices @ R_CP.T + p_CP
     inverse_depth, face, weights, faces = _nearest_faces(p_C, surface.faces, camera)
@@ -116,12 +116,12 @@ def render(surface: DrawnSurface, camera: Camera) -> Layer:
 
 
 def inverse_depths(vertices: FloatArray, faces: NDArray[np.int32], camera: Camera) -> NDArray[np.float32]:
-    """What a depth camera sees of triangles: 1 / z of the nearest one at each pixel, 0 where there is none.
+    """The depth image of triangles: 1 / z of the nearest one at each pixel, 0 if there is none.
 
     Args:
         vertices: in the scene's frame, shape (v, 3), m.
         faces: vertex indices, shape (f, 3).
-        camera: where it is seen from.
+        camera: the viewpoint.
 
     Returns:
         Shape (height, width), 1/m.
@@ -133,7 +133,7 @@ def inverse_depths(vertices: FloatArray, faces: NDArray[np.int32], camera: Camer
 def _nearest_faces(
     p_C: FloatArray, faces: NDArray[np.int32], camera: Camera
 ) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32], NDArray[np.int32]]:
-    """Inverse depth, face and weights of its corners at each pixel; the faces that lie before the camera."""
+    """Inverse depth, face and weights of its corners at each pixel; and the faces in front of the camera."""
     depth = np.maximum(p_C[:, 2], 1e-9)
     pixels = camera.focal_length * p_C[:, :2] / depth[:, None] + 0.5 * np.array([camera.width, camera.height])
     before = p_C[:, 2] > _NEAR

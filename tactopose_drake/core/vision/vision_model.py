@@ -1,4 +1,4 @@
-"""A model of visual pose estimation: the more of the object is hidden, the larger the error."""
+"""A model of visual pose estimation, whose error grows with the hidden share of the object."""
 
 import dataclasses
 import math
@@ -14,11 +14,11 @@ from tactopose_drake.core.validation import FloatArray, finite_array
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class VisionModel:
-    """The size of the error: it grows linearly with the object's hidden share, until the view is lost."""
+    """The magnitude of the error: it grows linearly with the object's hidden share, until the view is lost."""
 
     translation_clear: float = 0.005  # error when nothing is hidden, m
     translation_hidden: float = 0.036  # error when the view is lost, m
-    rotation_clear_deg: float = 2.0  # likewise, deg
+    rotation_clear_deg: float = 2.0  # the same for the rotation, deg
     rotation_hidden_deg: float = 18.0  # deg
     lost_share: float = 0.25  # the hidden share at which the view is lost, up to 1
 
@@ -30,17 +30,17 @@ class VisionModel:
 def measure_pose(
     X_PO: FloatArray, hidden: float, normal_noise: FloatArray, model: VisionModel, stretch: float = 1.0
 ) -> GaussianPrior:
-    """What vision makes of the object's true pose.
+    """Simulates a pose from vision, given the object's true pose.
 
-    The size of the error follows from the hidden share alone, its direction is random. An error of length e in a random
-    direction has a standard deviation of e / sqrt(3) along each axis, which is what the prior states.
+    The magnitude of the error follows from the hidden share alone, its direction is random. An error of length e in a
+    random direction has a standard deviation of e / sqrt(3) along each axis, which is that of the prior.
 
     Args:
         X_PO: true pose in the palm frame, shape (3, 4).
         hidden: the hidden share, 0 to 1.
         normal_noise: standard normal numbers, shape (6,): directions of the rotation (in O) and the translation (in P).
-        model: size of the error, valid.
-        stretch: by which this one error is larger than the prior states, see `tail_stretch`.
+        model: magnitude of the error, valid.
+        stretch: factor by which this error is larger than the prior states, see `tail_stretch`.
     """
     lost = min(hidden / model.lost_share, 1.0)
     translation = (1.0 - lost) * model.translation_clear + lost * model.translation_hidden
@@ -54,10 +54,10 @@ def measure_pose(
 
 
 def tail_stretch(normal_noise: float, degrees_of_freedom: float) -> float:
-    """What makes a Gaussian error one of Student's t: the square root of nu over a chi-squared number of nu.
+    """The factor that turns a Gaussian error into a Student-t one: sqrt(nu / chi-square with nu degrees of freedom).
 
     Args:
-        normal_noise: a standard normal number, by which the chi-squared number is drawn.
+        normal_noise: a standard normal number, from which the chi-square one is computed.
         degrees_of_freedom: nu, > 0; the fewer, the heavier the tails.
     """
     share = float(np.clip(ndtr(normal_noise), 1e-12, 1.0))
