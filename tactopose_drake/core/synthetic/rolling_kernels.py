@@ -1,4 +1,4 @@
-"""The nearest points of a mesh to points that roll along it."""
+"""Nearest points of a mesh, for fingertips that roll along it, compiled."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from tactopose_drake.core.shape.distance_kernels import closest_weights
 
 @kernel
 def nearest_points(packed: Floats2, middle: Floats2, reach: Floats1, q: Floats2, nearest: OutFloats2) -> None:
-    """The mesh's points (k, 3) that are nearest to the points q (k, 3); faces out of reach are passed over."""
+    """Fills the mesh's points (k, 3) nearest to the points q (k, 3); faces out of reach are skipped."""
     for i in range(q.shape[0]):
         least = np.inf
         for f in range(packed.shape[0]):

@@ -1,10 +1,10 @@
-"""Fingertips that roll and slide on a moving object: touch over time without a simulator, on the true mesh.
+"""Fingertips that roll and slide on a moving object: simulated touch over time on the exact mesh, without a simulator.
 
-A fingertip is a sphere whose centre keeps one radius from the mesh. Where it rolls or sticks, the points that touch
-have one velocity: an object of spatial velocity V and a fingertip turning at w, whose centre is by r n from the
-contact, give the centre v = V(p_C) + w x r n. Where it slides, the centre stays, but for what keeps it touching. The
-contact is the mesh's nearest point to the centre, and its normal points from there to it: at an edge, between the
-faces' normals.
+A fingertip is a sphere whose centre stays one radius from the mesh. Where it rolls or sticks, the touching points have
+the same velocity: an object of spatial velocity V and a fingertip with angular velocity w, whose centre is at r n from
+the contact, give the centre v = V(p_C) + w x r n. Where it slides, the centre stays, except for keeping in touch. The
+contact is the mesh's point nearest to the centre, and its normal points from there to the centre: at an edge, it is
+between the faces' normals.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class FingertipNoise:
-    """How far what is measured of a fingertip is off: standard deviations about or along each axis."""
+    """Errors of a fingertip's measurements: standard deviations along or about each axis."""
 
     position: float = 0.00075  # of the contact's position, new at each time, m
     normal_deg: float = 4.3  # of its normal, new at each time, deg
-    stable_position: float = 0.0005  # of the position, the same at all times: the hand's calibration, m
-    stable_normal_deg: float = 2.5  # of the normal, likewise, deg
-    velocity: float = 0.002  # of the fingertip's velocity where it touches, m/s
+    stable_position: float = 0.0005  # of the position, constant: the hand's calibration, m
+    stable_normal_deg: float = 2.5  # of the normal, constant, deg
+    velocity: float = 0.002  # of the fingertip's velocity at the contact, m/s
     angular_velocity: float = 0.02  # of its angular velocity, rad/s
 
 
@@ -41,7 +41,7 @@ class RollingTouch:
     Attributes:
         X_PO: the object's true pose, shape (3, 4).
         p_PF: the fingertips' true centres in P, shape (k, 3), m.
-        p_PC: the points that they truly touch, shape (k, 3), m.
+        p_PC: the true contact points, shape (k, 3), m.
         n_PC: the outward normals there, shape (k, 3).
     """
 
@@ -54,14 +54,14 @@ class RollingTouch:
         noise: FingertipNoise | None = None,
         radius: float = 0.009,
     ) -> None:
-        """Puts the fingertips on the object, and draws the errors of their calibration.
+        """Places the fingertips on the object, and draws their calibration errors.
 
         Args:
             model: the object.
             X_PO: its pose, shape (3, 4).
-            p_OC: about where the fingertips touch it, shape (k, 3), m, in O.
+            p_OC: approximate contact points, shape (k, 3), m, in O.
             generator: of the random numbers.
-            noise: of the measurement.
+            noise: of the measurements.
             radius: of a fingertip, m.
         """
         self._noise = FingertipNoise() if noise is None else noise
@@ -86,7 +86,7 @@ class RollingTouch:
         Args:
             twist: the object's spatial velocity [w, v] at P's origin, in P, rad/s and m/s.
             tip_turn: angular velocities of the fingertips, shape (k, 3), rad/s.
-            slides: whether the object slides under the fingertips, which then stay, rather than rolling on them.
+            slides: whether the object slides under the fingertips, which then stay, instead of rolling on it.
             duration: s.
 
         Raises:
@@ -118,12 +118,12 @@ class RollingTouch:
         )
         error = self._generator.normal(size=(count, 6)) * np.repeat([noise.angular_velocity, noise.velocity], 3)
         measured = self._tip_velocity + error
-        # The velocity's error is where the fingertip touches; the velocity is given at P's origin.
+        # The error is that of the velocity at the contact; the velocity is given at P's origin.
         measured[:, 3:] -= np.cross(error[:, :3], self.p_PC)
         return contacts, dict(zip(self.sources, measured, strict=True))
 
     def _touch(self) -> None:
-        """Finds where the fingertips touch, and puts their centres one radius from there."""
+        """Finds the contact points, and moves the centres to one radius from there."""
         R, p = self.X_PO[:, :3], self.X_PO[:, 3]
         q = np.ascontiguousarray((self.p_PF - p) @ R)
         nearest = np.empty_like(q)

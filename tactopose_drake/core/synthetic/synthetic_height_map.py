@@ -1,4 +1,4 @@
-"""Height maps of a gel that an object is pressed into, from the object's distance field."""
+"""Height maps of a gel that an object is pressed into, simulated from the object's distance field."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,7 +9,7 @@ from tactopose_drake.core.sensing.height_maps import HeightMapSensor
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
-_STEP = 1e-4  # between two looks into the gel, m
+_STEP = 1e-4  # between samples along a ray into the gel, m
 
 
 def press_gel(
@@ -22,7 +22,7 @@ def press_gel(
     *,
     sigma_depth: float = 2e-5,
 ) -> FloatArray:
-    """The depth map of a flat gel that gives way exactly where the object is.
+    """The depth map of a flat gel that yields exactly where the object is.
 
     The gel is a bed of springs: it neither bulges beside the object nor smooths its edges.
 
@@ -30,10 +30,10 @@ def press_gel(
         model: the object.
         X_PO: its true pose, shape (3, 4).
         X_PT: the pad's true pose, shape (3, 4); the object may be in front of it, and up to `most_depth` in it.
-        sensor: what the map means.
+        sensor: the interpretation of the map.
         shape: rows and columns of pixels.
         generator: of the noise.
-        sigma_depth: of each touched pixel's depth, m.
+        sigma_depth: standard deviation of each touched pixel's depth, m.
 
     Returns:
         Shape `shape`, m.
@@ -45,7 +45,7 @@ def press_gel(
     p_TQ = np.stack([*(axis.ravel() for axis in np.meshgrid(x, y)), np.zeros(rows * columns)], axis=1)
     depth, before = np.zeros(rows * columns), model.grid.distance(transform_points(X_OT, p_TQ))
     for z in np.arange(0.0, sensor.most_depth, _STEP) + _STEP:
-        # Only where the object reaches so deep can it be deeper.
+        # Only pixels with the object at this depth can be deeper.
         inside = np.flatnonzero(before < 0.0)
         if not len(inside):
             break

@@ -1,4 +1,4 @@
-"""Patches made up from an object's surface: for tests, benchmarks, and studies without a simulator."""
+"""Synthetic patches on an object's surface, for tests, benchmarks, and studies without a simulator."""
 
 import math
 from dataclasses import dataclass
@@ -16,17 +16,17 @@ from tactopose_drake.errors import InvalidInputError
 
 @dataclass(frozen=True, kw_only=True)
 class PadTouchParams:
-    """What the pads are made of, and how places for them are found."""
+    """The pads' layer, and how places for pads are chosen."""
 
     alpha: float = 1e-7  # depth over pressure, m/Pa: 1 mm deep for 10 kPa
-    places_per_pad: int = 10  # random ones, of which the farthest from the earlier pads is taken
-    tries_per_place: int = 4  # points of the surface, at most, until one suits
-    fewest_cells: int = 3  # that a place presses
-    ray_steps: int = 60  # from a cell inwards, between which it leaves the object; four times the depth in all
+    places_per_pad: int = 10  # random ones, of which the one farthest from the earlier pads is taken
+    tries_per_place: int = 4  # most points of the surface that are tried per place
+    fewest_cells: int = 3  # that must be pressed at a place
+    ray_steps: int = 60  # samples along the ray from a cell inwards out of the object, up to four times the depth
 
 
 def flat_pad(rows: int = 8, columns: int = 3, pitch: float = 0.0025) -> FloatArray:
-    """Cells of a flat pad about its middle, shape (rows columns, 3), m; its z axis points out of it."""
+    """Cells of a flat pad centred on the origin, shape (rows columns, 3), m; its z axis points out of it."""
     x, y = (np.arange(rows) - 0.5 * (rows - 1)) * pitch, (np.arange(columns) - 0.5 * (columns - 1)) * pitch
     return np.array([[a, b, 0.0] for a in x for b in y])
 
@@ -45,26 +45,26 @@ def touch_with_pads(
     sigma_depth: float = 0.0001,
     params: PadTouchParams = PadTouchParams(),
 ) -> tuple[Patch, ...]:
-    """Flat pads whose middle is pressed into random points of the surface, measured with noise.
+    """Flat pads whose centre is pressed into random points of the surface, measured with noise.
 
-    The pads' soft layers are beds of springs: a cell's pressure is how deep the object is in the pad there. What the
-    hand's joints get wrong shifts and turns a pad as a whole.
+    The pads' soft layers are beds of springs: a cell's pressure is proportional to how deep the object is in the pad
+    there. Errors of the hand's joints shift and rotate a pad as a whole.
 
     Args:
         model: the object.
         X_PO: its true pose, shape (3, 4).
-        count: number of pads, >= 1; each is the farthest from the earlier ones of some random places.
+        count: number of pads, >= 1; each is the one of some random places that is farthest from the earlier ones.
         generator: of the random numbers.
-        cells: of each pad about its middle, shape (n, 3), m; those of `flat_pad()` by default.
-        depth: of a pad's middle in the surface, m.
-        lean: standard deviation of the turn of a pad from the surface about each axis, rad.
-        sigma_position: of each coordinate of a pad's place, m.
-        sigma_rotation: of a small rotation of a pad about each axis, rad.
-        sigma_depth: of each active cell's depth, m.
-        params: what the pads are made of, and how places for them are found.
+        cells: of each pad relative to its centre, shape (n, 3), m; those of `flat_pad()` by default.
+        depth: of a pad's centre in the surface, m.
+        lean: standard deviation of a pad's tilt from the surface about each axis, rad.
+        sigma_position: standard deviation of each coordinate of a pad's position, m.
+        sigma_rotation: standard deviation of a small rotation of a pad about each axis, rad.
+        sigma_depth: standard deviation of each active cell's depth, m.
+        params: the pads' layer, and how places are chosen.
 
     Raises:
-        InvalidInputError: hardly a place on the object that enough cells can be pressed on.
+        InvalidInputError: too few places on the object on which enough cells can be pressed.
     """
     cells = flat_pad() if cells is None else cells
     places = _places(model, cells, depth, lean, params.places_per_pad * count, generator, params)
@@ -93,7 +93,7 @@ def _places(
     generator: np.random.Generator,
     params: PadTouchParams,
 ) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
-    """Pads' places p_OT (3,) and R_OT (3, 3), and the depths of the object at their cells (n,), m; `count` of them."""
+    """Pads' poses p_OT (3,) and R_OT (3, 3), and the depths of the object at their cells (n,), m; `count` of them."""
     tries = params.tries_per_place * count
     points, normals = random_surface_points(model, tries, generator)
     z = (exp_so3(generator.normal(size=(tries, 3)) * lean) @ -normals[..., None])[..., 0]
@@ -112,7 +112,9 @@ def _places(
 
 
 def _depths(grid: DistanceGrid, p_OT: FloatArray, inward: FloatArray, way: FloatArray) -> FloatArray:
-    """How far from each cell (n, 3) the way (s,), m, inward (3,) leaves the object, shape (n,), m; infinite if not."""
+    """Distance along the ray inward (3,), sampled at way (s,), m, at which each cell (n, 3) leaves the object, shape
+    (n,), m; 0 outside it, infinite if it does not leave it.
+    """
     phi = grid.distance(p_OT[:, None] + way[:, None] * inward)
     inside = phi[:, 0] < 0
     depths = np.where(inside, np.inf, 0.0)

@@ -1,4 +1,4 @@
-"""Touches made up from an object's surface: for tests, benchmarks, and studies without a simulator."""
+"""Synthetic contacts on an object's surface, for tests, benchmarks, and studies without a simulator."""
 
 import math
 
@@ -27,9 +27,9 @@ def touch_surface(
         X_PO: its true pose, shape (3, 4).
         count: number of contacts.
         generator: of the random numbers.
-        sigma_position: of each coordinate of a point, m; 0 gives exact points (the contacts then claim 0.1 mm).
-        sigma_normal: of a small rotation of a normal about each axis, rad; 0 gives exact normals (claiming 0.5 deg).
-        spread: each contact is the farthest from the earlier ones of ten random points; otherwise uniform by area.
+        sigma_position: standard deviation of each coordinate of a point, m; 0 for exact points (which claim 0.1 mm).
+        sigma_normal: of a small rotation of a normal about each axis, rad; 0 for exact normals (which claim 0.5 deg).
+        spread: each contact is the one of ten random points farthest from the earlier ones; otherwise uniform by area.
     """
     candidates = 10 if spread else 1
     p_OQ, n_O = random_surface_points(model, candidates * count, generator)
