@@ -10,7 +10,7 @@ _ROOMS = frozenset({
 
 
 def __getattr__(name: str) -> ModuleType:
-    """One of the folders, imported when it is first asked for."""
+    """Imports a subpackage when it is first accessed."""
     if name not in _ROOMS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return importlib.import_module(f"{__name__}.{name}")

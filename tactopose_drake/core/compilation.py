@@ -1,20 +1,20 @@
-"""How inner loops are compiled: by numba, each for one signature, which its annotations say.
+"""Compilation of inner loops with numba, each for the one signature that its annotations declare.
 
-A function under `@kernel` is compiled when it is first called, for the types of its annotations and for no others, and
-cached on disk. So each kernel exists once. Arrays that it reads may be writable or read-only; all are contiguous in C's
-order. What does not fit is refused rather than compiled anew. The arithmetic is IEEE's, in the order of the source: no
+A function decorated with `@kernel` is compiled at its first call, for the types of its annotations and no others, and
+cached on disk. So each kernel exists once. Arrays that it reads may be writable or read-only; all are C-contiguous.
+Arguments of other types are rejected rather than compiled for. The arithmetic is IEEE's, in the order of the source: no
 sums are reordered and no products fused, so equal arguments give equal bits, whatever was compiled before.
 
     @kernel
     def retract(X: Floats3, increment: Floats2, out: OutFloats3) -> None: ...
 
-One under `@part` is a kernel that only other kernels call; it has no entry for Python, which takes long to compile for
-many arguments, and no machine code but theirs. A function under `@inlined` becomes part of its callers, for whatever
-types they have. It is LLVM that puts it there: where numba does, it infers the types of each copy anew, which takes a
-third as long again.
+A function decorated with `@part` is a kernel that only other kernels call; it has no entry point for Python, which
+takes long to compile for many arguments, and no machine code of its own. A function decorated with `@inlined` becomes
+part of its callers, for whatever types they have. It is inlined by LLVM: numba's own inlining infers the types of each
+copy anew, which takes a third longer.
 
-Where one array is assigned to another's slice or row, numba compiles what it says of shapes that differ, strings and
-all, for seconds; `sorting_kernels.copy_vector` and `copy_matrix` say nothing.
+Assigning an array to another's slice or row makes numba compile an error message about shapes, with all its string
+operations, for seconds; `sorting_kernels.copy_vector` and `copy_matrix` avoid that.
 """
 
 import contextlib
@@ -42,7 +42,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 @contextlib.contextmanager
 def _without_collections() -> Iterator[None]:
-    """Python looks for no garbage meanwhile: what numba makes of a kernel sets it off often, and is hardly any yet."""
+    """Disables garbage collection: numba's many allocations trigger it often, and hardly any are garbage yet."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -53,13 +53,14 @@ def _without_collections() -> Iterator[None]:
 
 
 class _Lean(CPUDispatcher):
-    """A function that counts references to arrays only where it makes some: each count is an atomic instruction.
+    """A function that counts references to arrays only if it creates some, as each count is an atomic instruction.
 
-    Whoever calls it holds its arguments meanwhile. What it has not made it must not return, nor a part of that.
+    Callers hold references to its arguments meanwhile. It must not return an array that it has not created, or a view
+    of one.
     """
 
     def compile(self, sig: Any) -> Any:
-        """What numba asks for: code for this signature."""
+        """Called by numba: compiles the function for this signature."""
         counts = self.targetoptions["_nrt"] = _makes_arrays(self.py_func)
         entry = super().compile(sig)
         if not counts and any(_holds_arrays(signature.return_type) for signature in self.nopython_signatures):
@@ -68,7 +69,7 @@ class _Lean(CPUDispatcher):
 
 
 def _makes_arrays(function: Callable[..., Any]) -> bool:
-    """Whether a function makes arrays, or calls one that does; other ways to make one numba refuses without counts."""
+    """Whether a function creates arrays, or calls one that does; without counts, numba rejects other ways to do so."""
     names, own = function.__code__.co_names, function.__globals__
     if {"empty", "zeros", "full"} & set(names):
         return True
@@ -82,7 +83,7 @@ def _holds_arrays(returned: types.Type) -> bool:
 
 
 class Kernel(_Lean):
-    """A function that is compiled for the one signature that its annotations say."""
+    """A function that is compiled for the one signature that its annotations declare."""
 
     _can_compile: bool
     _cache: Any
@@ -118,35 +119,35 @@ class Kernel(_Lean):
         return [types.BaseTuple.from_types(t.types) if hasattr(t, "types") else t for t in self.declared]
 
     def add_overload(self, cres: Any) -> None:
-        """What numba asks for once it is compiled, for calls from Python and from other kernels."""
+        """Called by numba after compilation: registers the code for calls from Python and from other kernels."""
         self._insert([plain._code for plain in self._plain], cres.entry_point, cres.objectmode)
         self.overloads[self.declared] = cres
 
     def _search_new_conversions(self, *args: Any) -> bool:
-        """What numba asks for at the first call with arguments of other types, as of arrays that may be written."""
+        """Called by numba at the first call with arguments of other types, such as writable arrays."""
         given = [self.typeof_pyval(arg) for arg in args]
         return bool(self.typingctx.install_possible_conversions(given, self._plain))
 
     def _compile_for_args(self, *args: Any, **kws: Any) -> Any:
-        """What numba asks for at the first call: what to call with these arguments."""
+        """Called by numba at the first call: returns what to call with these arguments."""
         self.make_ready()
         return self
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """What numba asks for when another kernel calls this one."""
+        """Called by numba when another kernel calls this one."""
         self.make_ready()
         return super().get_call_template(args, kws)
 
 
 class _OfTuples(Kernel):
-    """A kernel that takes named tuples.
+    """A kernel with named tuples among its arguments.
 
-    It is called with plain ones, for numba spells the names of a named one's fields at each call.
+    It is called with plain tuples, because numba would look up the names of a named tuple's fields at each call.
     """
 
     @functools.cached_property
     def _named(self) -> list[int]:
-        """Which arguments they are."""
+        """Indices of the arguments that are named tuples."""
         return [i for i, annotation in enumerate(_arguments(self.py_func)) if is_named_tuple(annotation)]
 
     def __call__(self, *args: Any) -> Any:
@@ -158,16 +159,16 @@ class _OfTuples(Kernel):
 
 
 def _arguments(function: Callable[..., Any]) -> list[Any]:
-    """Their annotations."""
+    """The annotations of a function's arguments."""
     return [annotation for name, annotation in function.__annotations__.items() if name != "return"]
 
 
 class _WithoutEntry(_Lean):
-    """What has no entry for Python: called from there, as tests do, it is compiled once more, with one."""
+    """A function without an entry point for Python: a call from Python, as in tests, compiles it once more with one."""
 
     @functools.cached_property
     def by_itself(self) -> CPUDispatcher:
-        """The same with an entry."""
+        """The same function with an entry point."""
         return CPUDispatcher(py_func=self.py_func, targetoptions={"nopython": True, **_OPTIONS})
 
     def __call__(self, *args: Any) -> Any:
@@ -195,30 +196,30 @@ def kernel(function: Function) -> Function:
 
 
 def part(function: Function) -> Function:
-    """Likewise, a function that only other kernels call."""
+    """Compiles a function that only other kernels call, for the types of its annotations."""
     return typing.cast(Function, _cached(_linked(Part, function)))
 
 
 def inlined(function: Function) -> Function:
-    """Makes a function part of the kernels that call it, for the types that they give it."""
+    """Makes a function part of the kernels that call it, for the types of their arguments."""
     return typing.cast(Function, _linked(Inlined, function, forceinline=True))
 
 
 def _linked(kind: type[CPUDispatcher], function: Callable[..., Any], **options: bool) -> Any:
-    """A function that becomes part of others, and nothing by itself."""
+    """A dispatcher for a function that is linked into others, and has no code of its own."""
     told = {"nopython": True, **_OPTIONS, "no_cpython_wrapper": True, **options}
     return kind(py_func=function, targetoptions=told, pipeline_class=linked_code.LinkedCompiler)
 
 
 def _cached(compiled: Kernel) -> Kernel:
-    """With its cache on disk."""
+    """Attaches the cache on disk to a kernel."""
     module = compiled.py_func.__module__.rsplit(".", 1)[-1]
     compiled._cache = kernel_cache(compiled.py_func, _fingerprint(module))
     return compiled
 
 
 def read_only(array: Any) -> Any:
-    """An array as the fields of kernels' named tuples are: contiguous and read-only."""
+    """An array in the form of the fields of kernels' named tuples: contiguous and read-only."""
     if isinstance(array, np.ndarray) and not (flags := array.flags).writeable and flags.c_contiguous:
         return array
     contiguous = np.ascontiguousarray(array).view()
@@ -227,21 +228,21 @@ def read_only(array: Any) -> Any:
 
 
 def named_files(source: bytes) -> list[str]:
-    """The files of kernels that a source names, without their endings."""
+    """The kernel files that a source refers to, without their endings."""
     return re.findall(r"\w+_kernels", source.decode())
 
 
 @functools.cache
 def _kernel_files() -> dict[str, Path]:
-    """The package's files of kernels, by name; none occurs twice."""
+    """The package's kernel files, by name; names are unique."""
     return {path.stem: path for path in Path(__file__).parent.rglob("*_kernels.py")}
 
 
 @functools.cache
 def _fingerprint(name: str) -> bytes:
-    """Of how kernels are compiled, and the file of that name with all that it names and so may have compiled in it.
+    """A hash of how kernels are compiled, and of the named kernel file with all kernel files that it refers to.
 
-    Files of kernels take nothing else that is compiled in: a constant of another file would go unnoticed.
+    Kernel files must not compile in anything else: a change of a constant in another file would not be noticed.
     """
     files, todo = _kernel_files(), [name]
     how = __file__, kernel_types.__file__, linked_code.__file__, str(Path(__file__).parent / "kernels" / "prefetch.py")

@@ -10,17 +10,17 @@ from tactopose_drake.core.number_kinds import entry_of
 from tactopose_drake.core.validation import FloatArray, check_finite, finite_array, is_between, number_array
 from tactopose_drake.errors import InvalidInputError
 
-# Coordinates, m, and components of unit vectors count in steps of this: about 1e-9, and exact in binary.
+# Coordinates, m, and components of unit vectors are rounded to multiples of this: about 1e-9, and exact in binary.
 _STEP = 2.0**-30
 _LONG = 1e3
 _UNIT_TOLERANCE = 1e-3
 
 FARTHEST = 10.0
-"""No point in the palm frame is so far from it, m: one that is must be in millimetres."""
+"""Largest coordinate of a point in the palm frame, m: a larger one must be in millimetres."""
 
 
 def points_near(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
-    """Returns points (n, 3), m, none of which is evidently in millimetres.
+    """Returns points (n, 3), m, unless any is evidently in millimetres.
 
     Raises:
         InvalidInputError: if one is farther than `FARTHEST` from the origin, or they are not finite or of that shape.
@@ -48,7 +48,7 @@ def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     """
     rows = finite_array(name, value, shape)
     largest = np.abs(rows).max(axis=-1, initial=0.0)
-    scale = np.where(largest > _LONG, largest, 1.0)  # Squares of more might overflow.
+    scale = np.where(largest > _LONG, largest, 1.0)  # Avoids overflow of the squares.
     with np.errstate(over="ignore"):
         length = scale * np.linalg.norm(rows / scale[..., None], axis=-1)
     worst = np.abs(length - 1.0)
@@ -62,7 +62,7 @@ def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
 
 
 def _is_rotation(columns: list[list[float]]) -> bool:
-    """Whether three vectors are orthonormal, within 1e-6, and right-handed; for one, numpy's calls take long."""
+    """Whether three vectors are orthonormal, within 1e-6, and right-handed; for a single one numpy's calls are slow."""
     x, y, z = columns
     products = [sum(map(mul, a, b)) for a, b in ((x, x), (y, y), (z, z), (x, y), (y, z), (z, x))]
     is_orthonormal = all(abs(p - one) <= 1e-6 for p, one in zip(products, (1, 1, 1, 0, 0, 0), strict=True))
@@ -90,10 +90,10 @@ def pose_matrix(name: str, value: object) -> FloatArray:
 
 
 def pose_near(name: str, value: object, most: float = FARTHEST) -> FloatArray:
-    """As `pose_matrix`, of a pose whose translation is not evidently in millimetres: of coordinates up to `most`, m.
+    """The same as `pose_matrix`, for a pose whose coordinates of the translation are at most `most`, m.
 
     Raises:
-        InvalidInputError: if it is no pose, or farther away.
+        InvalidInputError: if the pose is invalid, or farther away.
     """
     X = pose_matrix(name, value)
     if not is_between(X[:, 3], -most, most):

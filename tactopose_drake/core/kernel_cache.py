@@ -1,13 +1,13 @@
-"""Where compiled kernels are kept between runs; no fault of it is an error.
+"""The cache of compiled kernels on disk; failures of it are never errors.
 
-Numba keeps them in the first folder that can be written: `NUMBA_CACHE_DIR`, the package's own `__pycache__`, the user's
-cache folder. Where none can, as in a read-only installation whose user has no home, they go to a folder among the
-temporary files, and where that cannot be trusted, each process compiles them anew. Either is told in one line.
+Numba puts it into the first writable folder: `NUMBA_CACHE_DIR`, the package's own `__pycache__`, the user's cache
+folder. If none is writable, as in a read-only installation whose user has no home, a folder among the temporary files
+is used, and if that cannot be trusted, each process compiles the kernels anew. Either is logged in one line.
 
-A cache of kernels is code: who can write to its folder decides what is run. So the folder among the temporary files is
-taken only if it belongs to this user, and nobody else may open it.
+A cache of kernels contains code: whoever can write to its folder determines what is run. So the folder among the
+temporary files is used only if it belongs to this user, and is accessible to nobody else.
 
-Before all of these comes what a wheel has brought, see `shipped_kernels`.
+Kernels shipped with a wheel take precedence over all of these, see `shipped_kernels`.
 """
 
 import contextlib
@@ -28,10 +28,10 @@ from tactopose_drake.core.shipped_kernels import are_there, run_here, shipped_fi
 
 
 def kernel_cache(function: Callable[..., Any], fingerprint: bytes) -> Any:
-    """The cache of one function's compiled code, which is fresh while its file and the fingerprint are the same."""
+    """The cache of a function's compiled code, which is valid as long as its file and the fingerprint are unchanged."""
     try:
         return KernelCache(function, fingerprint)
-    except RuntimeError:  # numba's, where there is no folder
+    except RuntimeError:  # raised by numba if there is no folder
         _tell("there is no folder for compiled kernels, so each process compiles them anew, for a minute or more")
         return _NoCache()
 
@@ -41,7 +41,7 @@ class _TemporaryFolder(UserWideCacheLocator):
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> Any:
-        """What numba asks for: the place of a function's code, or None."""
+        """Called by numba: locates a function's code, or returns None."""
         try:
             folder = own_folder()
             self = cls(py_func, py_file)
@@ -57,38 +57,38 @@ class _Places(CompileResultCacheImpl):
     _locator_classes = [*CompileResultCacheImpl._locator_classes, _TemporaryFolder]  # noqa: RUF012 (as in the base class)
 
     def rebuild(self, target_context: Any, payload: Any) -> Any:
-        """Compiled code from what is kept of it."""
+        """Restores compiled code from its cached form."""
         return load_result(target_context, payload)
 
 
 class _NoCache(NullCache):
-    """Keeps nothing."""
+    """A cache that stores nothing."""
 
     def holds(self, sig: Any, target_context: Any) -> bool:
-        """As `KernelCache.holds`."""
+        """See `KernelCache.holds`."""
         return False
 
 
 class KernelCache(FunctionCache):
-    """Numba's cache of one function: what is damaged is compiled anew, what cannot be written is not kept."""
+    """Numba's cache of a function: damaged entries are compiled anew, and write errors are ignored."""
 
     _impl_class = _Places
 
     def __init__(self, function: Callable[..., Any], fingerprint: bytes) -> None:
-        """Finds a folder.
+        """Locates the folder.
 
         Args:
-            function: whose code is kept.
-            fingerprint: of all files that are compiled into it; numba itself looks at its own file alone.
+            function: whose code is cached.
+            fingerprint: of all files that are compiled into it; numba itself only checks the function's own file.
         """
         super().__init__(function)
         self._cache_file._source_stamp = (self._cache_file._source_stamp, fingerprint)
         self._shipped = shipped_file(self._impl.filename_base, self._cache_file._source_stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The compiled code; None where there is none.
+        """Loads the compiled code, or returns None.
 
-        Of the compiler it needs the run-time system alone. The rest takes longer to load than all kernels together.
+        This needs only the run-time system of the compiler; the rest takes longer to load than all kernels together.
         """
         try:
             rtsys.initialize(target_context)
@@ -100,13 +100,13 @@ class KernelCache(FunctionCache):
             if found is None and are_there():
                 _tell_of_others()
             return found
-        except Exception:  # a damaged file makes pickle and LLVM raise almost anything
+        except Exception:  # for a damaged file, pickle and LLVM raise almost anything
             with contextlib.suppress(OSError):
                 self.flush()
             return None
 
     def holds(self, sig: Any, target_context: Any) -> bool:
-        """Whether there is compiled code of this signature."""
+        """Whether there is compiled code for this signature."""
         try:
             key = self._index_key(sig, target_context.codegen())
             shipped = run_here() and shipped_key(key) in self._shipped._load_index()
@@ -115,16 +115,16 @@ class KernelCache(FunctionCache):
             return False
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keeps compiled code."""
+        """Stores compiled code."""
         with contextlib.suppress(OSError):
             super().save_overload(sig, data)
 
 
 def own_folder() -> Path:
-    """The folder among the temporary files, which it makes if need be.
+    """The folder among the temporary files, created if necessary.
 
     Raises:
-        OSError: if it cannot be made, is another user's, or others may open it.
+        OSError: if it cannot be created, belongs to another user, or is accessible to others.
     """
     folder = Path(tempfile.gettempdir()) / f"tactopose_drake-{os.getuid()}"
     with contextlib.suppress(FileExistsError):
@@ -146,5 +146,5 @@ def _tell_of_others() -> None:
 
 @functools.cache
 def _tell(message: str) -> None:
-    """Says something once."""
+    """Logs a message once."""
     logging.getLogger("tactopose_drake").warning("%s; NUMBA_CACHE_DIR names another folder", message)

@@ -1,7 +1,7 @@
-"""All kernels of the package: which there are, which are not compiled yet, and making them ready before they are used.
+"""All kernels of the package: listing them, finding those not compiled yet, and making them ready before use.
 
-What is compiled or loaded in a control loop makes it wait, for seconds or for milliseconds. Whoever is going to run one
-makes ready all kernels of the modules that are imported by then.
+Compiling or loading a kernel inside a control loop delays it by seconds or milliseconds. Code that is about to run such
+a loop should first make ready all kernels of the modules imported by then.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _CORE = Path(__file__).parent
 
 
 def make_kernels_ready() -> None:
-    """Compiles or loads all kernels of the modules that are imported, but parts of others; later calls take no time."""
+    """Compiles or loads all kernels of imported modules, except parts of others; later calls take no time."""
     for name in [name for name in sys.modules if name.startswith(__package__) and name.endswith("_kernels")]:
         for kernel in _kernels_of(name):
             if not isinstance(kernel, Part):
@@ -38,7 +38,7 @@ def kernel_modules() -> dict[str, set[str]]:
 
 
 def missing_kernels() -> dict[str, list[str]]:
-    """The names of the kernels that are not compiled yet, on this machine and of this version, by module."""
+    """The names of the kernels that are not compiled yet, for this machine and version, by module."""
     missing = {}
     for module in kernel_modules():
         importlib.import_module(module)
@@ -49,7 +49,7 @@ def missing_kernels() -> dict[str, list[str]]:
 
 
 class Compiled(NamedTuple):
-    """A module whose kernels are compiled: how many, and how long that took, s."""
+    """A compiled module: its number of kernels, and how long that took, s."""
 
     module: str
     kernels: int
@@ -57,11 +57,11 @@ class Compiled(NamedTuple):
 
 
 def compile_kernels(missing: dict[str, list[str]], submit: Callable[..., Future[Compiled]]) -> Iterator[Compiled]:
-    """Compiles kernels in other processes, each after those that become part of it; yields what is done.
+    """Compiles kernels in other processes, each module after those it depends on; yields each when done.
 
     Args:
         missing: from `missing_kernels`.
-        submit: an executor's.
+        submit: the method of an executor.
     """
     waiting = {module: _all_named(module) & missing.keys() for module in missing}
     running: dict[Future[Compiled], str] = {}
@@ -78,7 +78,7 @@ def compile_kernels(missing: dict[str, list[str]], submit: Callable[..., Future[
 
 
 def compile_module(module: str, names: list[str]) -> Compiled:
-    """Compiles kernels of a module, in this process."""
+    """Compiles kernels of a module in this process."""
     started = time.perf_counter()
     content = vars(importlib.import_module(module))
     for name in names:
@@ -92,7 +92,7 @@ def _kernels_of(module: str) -> list[Kernel]:
 
 
 def _all_named(module: str) -> set[str]:
-    """The modules that one names, and that they name in turn."""
+    """The modules that a module depends on, directly or indirectly."""
     modules = kernel_modules()
     found, todo = set[str](), [module]
     while todo:

@@ -1,4 +1,4 @@
-"""What the annotations of kernels' arguments stand for: arrays by their numbers, axes and use, numbers, and tuples."""
+"""The meaning of kernels' argument annotations: arrays by element type, dimensions and access; scalars; and tuples."""
 
 import typing
 from typing import Annotated, Any, NamedTuple, TypeAlias
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 class _Array(NamedTuple):
-    """What an annotation says of an array beyond its type in Python."""
+    """The properties of an array annotation beyond its type in Python."""
 
     dtype: types.Number
     dimensions: int
@@ -23,7 +23,7 @@ _Doubles: TypeAlias = NDArray[np.float64]
 _Singles: TypeAlias = NDArray[np.float32]
 _Longs: TypeAlias = NDArray[np.int64]
 
-# Arrays that a kernel reads, by the type of their numbers and how many axes they have ...
+# Arrays that a kernel reads, by element type and number of dimensions ...
 Floats1: TypeAlias = Annotated[_Doubles, _Array(types.float64, 1, False)]
 Floats2: TypeAlias = Annotated[_Doubles, _Array(types.float64, 2, False)]
 Floats3: TypeAlias = Annotated[_Doubles, _Array(types.float64, 3, False)]
@@ -59,10 +59,10 @@ OutShorts2: TypeAlias = Annotated[NDArray[np.int16], _Array(types.int16, 2, True
 OutUnsignedBytes2: TypeAlias = Annotated[NDArray[np.uint8], _Array(types.uint8, 2, True)]
 OutFlags1: TypeAlias = Annotated[NDArray[np.bool_], _Array(types.boolean, 1, True)]
 OutFlags2: TypeAlias = Annotated[NDArray[np.bool_], _Array(types.boolean, 2, True)]
-# Numbers that come together.
+# Small fixed-size tuples.
 Triple: TypeAlias = tuple[float, float, float]
 Shape3: TypeAlias = tuple[int, int, int]
-# An unsigned number: an offset by one needs no check of its sign.
+# An unsigned integer: an index offset needs no check of its sign.
 Unsigned: TypeAlias = Annotated[int, types.uint64]
 
 
@@ -70,7 +70,7 @@ def numba_type(annotation: Any) -> types.Type:
     """The numba type that an annotation stands for.
 
     Raises:
-        TypeError: an annotation that stands for none.
+        TypeError: an annotation without a numba type.
     """
     for said in getattr(annotation, "__metadata__", ()):
         if isinstance(said, _Array):

@@ -1,12 +1,11 @@
-"""Compiled code as the package makes and keeps it: without what nobody is going to use.
+"""A faster configuration of numba's compiler, without what kernels do not use.
 
-Numba looks, in each function, for closures, branches on the types of arguments, containers of mixed types and more that
-kernels have none of, and analyses it anew after each search. At each place where an operator stands it asks all that it
-knows of the operator. It makes machine code of each function that it compiles, also of those that are only linked into
-others, where they are compiled once more; it optimises each function before all are put together, and then again; and
-it reads, beside the machine code of a kernel from its cache, what others may link, which takes longer and more memory.
-Where a processor has instructions for 16 singles, it makes loops of these, to which the kernels' many loops over eight
-are too short.
+For each function, numba looks for closures, branches on argument types, containers of mixed types and more that kernels
+do not contain, and analyses it anew after each search. For each operator it tries all known overloads. It generates
+machine code for every function it compiles, even for those that are only linked into others, where they are compiled
+again; it optimises each function before they are linked, and then again; and from its cache it reads not only a
+kernel's machine code but also the bitcode that others may link, which takes more time and memory. For processors with
+vectors of 16 singles, it vectorises loops to that width, for which the kernels' many loops over eight are too short.
 """
 
 import copy
@@ -20,7 +19,7 @@ from numba.core.compiler import CompilerBase, DefaultPassBuilder, compile_result
 from numba.core.compiler_machinery import PassManager
 from numba.core.typing.context import Context
 
-_TOLD: Any = config  # by numba's user; has no types
+_TOLD: Any = config  # numba's user configuration; has no types
 _FRONT = (
     untyped_passes.TranslateByteCode,
     untyped_passes.FixupArgs,
@@ -35,7 +34,7 @@ _FRONT = (
 
 
 class KernelCompiler(CompilerBase):
-    """Numba's compiler, of whose passes over a function only those are run that kernels need."""
+    """Numba's compiler with only those passes that kernels need."""
 
     def __init__(self, typingctx: Any, targetctx: Any, *rest: Any) -> None:
         super().__init__(_remembering(typingctx), targetctx, *rest)
@@ -47,7 +46,7 @@ class KernelCompiler(CompilerBase):
         return library
 
     def define_pipelines(self) -> list[PassManager]:
-        """What numba asks for: the passes, in their order."""
+        """Called by numba: the passes in their order."""
         passes = PassManager("kernel")
         for each in _FRONT:
             passes.add_pass(each, each.__name__)
@@ -57,12 +56,12 @@ class KernelCompiler(CompilerBase):
 
 
 class _RememberingContext(Context):
-    """Numba's knowledge of types, which remembers what an operator gives for arguments of some types."""
+    """Numba's typing context, which caches the result types of operators."""
 
     _known: dict[Any, Any]
 
     def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
-        """What numba asks for: the signature, or None."""
+        """Called by numba: the signature, or None."""
         if kws or isinstance(func, types.Dispatcher) or not all(isinstance(arg, types.Type) for arg in args):
             return super().resolve_function_type(func, args, kws)
         key = func, *args
@@ -73,7 +72,7 @@ class _RememberingContext(Context):
 
 @functools.cache
 def _remembering(context: Any) -> _RememberingContext:
-    """The same knowledge, shared with numba's own context."""
+    """A caching copy of numba's own context that shares its data."""
     remembering = copy.copy(context)
     remembering.__class__, remembering._known = _RememberingContext, {}
     return remembering
@@ -81,7 +80,7 @@ def _remembering(context: Any) -> _RememberingContext:
 
 @functools.cache
 def _for_256_bits(codegen: Any) -> Any:
-    """Numba's maker of machine code, with the same engine, whose loops take 256 bits to an instruction at the most."""
+    """Numba's code generator, with the same engine, limited to vectors of 256 bits."""
     options: dict[str, Any] = {"opt": _TOLD.OPT}
     codegen._customize_tm_options(options)
     if "+avx512f" not in options["features"]:
@@ -93,30 +92,30 @@ def _for_256_bits(codegen: Any) -> Any:
 
 
 class LinkedCompiler(KernelCompiler):
-    """Numba's compiler, for code that is only linked into other code."""
+    """Numba's compiler for code that is only linked into other code."""
 
     def _library(self, codegen: Any) -> JITCodeLibrary:
         return LinkedLibrary(codegen, "linked")
 
 
 class _KernelLibrary(JITCodeLibrary):
-    """Code of a kernel, with all that is linked into it."""
+    """The code of a kernel, including all that is linked into it."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
-        """Where all of it is in one module it is optimised; what is linked has been before."""
+        """Does nothing: linked code is already optimised, and the whole is optimised as one module."""
         ll_module.data_layout = self._codegen._data_layout
 
 
 class LinkedLibrary(JITCodeLibrary):
-    """Code that is not made machine code of by itself, and has no address."""
+    """Code without machine code or address of its own."""
 
     @property
     def codegen(self) -> Any:
-        """Where numba tells a function's environment; there is nobody to be told."""
+        """The target to which numba registers a function's environment; here it is ignored."""
         return _NoEngine
 
     def _optimize_final_module(self) -> None:
-        """Where it is linked it is optimised, together with its callers."""
+        """Does nothing: the code is optimised where it is linked, together with its callers."""
 
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
@@ -124,22 +123,22 @@ class LinkedLibrary(JITCodeLibrary):
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
-        """None."""
+        """There is none."""
         return 0
 
     def serialize_using_object_code(self) -> tuple[str, str, bytes]:
-        """For the cache: there is no object code."""
+        """Called for the cache: there is no object code, only bitcode."""
         return self.name, "linked", self._get_module_for_linking().as_bitcode()
 
 
 class _NoEngine:
     @staticmethod
     def set_env(env_name: str, env: Any) -> None:
-        """Nothing."""
+        """Does nothing."""
 
 
 class _LoadedLibrary(JITCodeLibrary):
-    """Machine code from the cache, and what others may link, which is read when they do."""
+    """Machine code from the cache, and bitcode for others to link, which is parsed on demand."""
 
     _bitcode: bytes
 
@@ -150,7 +149,7 @@ class _LoadedLibrary(JITCodeLibrary):
 
 
 def load_result(target_context: Any, payload: Any) -> Any:
-    """What numba's `CompileResult._reduce` has made plain data of, as its `_rebuild` does it but for the libraries."""
+    """Inverts numba's `CompileResult._reduce`; the same as its `_rebuild`, except for the libraries."""
     (name, kind, data), fndesc, env, signature, _, _, annotation, reload_init, environments = payload
     for initialise in reload_init:
         initialise()

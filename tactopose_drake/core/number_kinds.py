@@ -1,8 +1,8 @@
-"""What counts as a number.
+"""The definition of a number in input values.
 
 Numbers are integers and floats of any width, Python's or numpy's, alone, in lists and tuples, or in arrays. All are
-taken as float64. Nothing else is a number: no boolean, no string of digits, no complex, decimal or fraction, no date,
-no object, and no masked entry of an array (whatever stands behind the mask).
+converted to float64. Nothing else is a number: no boolean, no string of digits, no complex, decimal or fraction, no
+date, no object, and no masked entry of an array (whatever is behind the mask).
 """
 
 from collections.abc import Iterable
@@ -12,14 +12,14 @@ import numpy as np
 
 from tactopose_drake.errors import InvalidInputError, shown
 
-_DEEPEST = 8  # lists in lists
+_DEEPEST = 8  # nesting of lists
 
 
 def as_numbers(name: str, value: object) -> np.ndarray[Any, Any]:
-    """Returns `value` as an array of integers or floats, of whatever width.
+    """Returns `value` as an array of integers or floats of any width.
 
     Raises:
-        InvalidInputError: if there is anything but numbers in it, or if it is ragged.
+        InvalidInputError: if it contains anything but numbers, or if it is ragged.
     """
     try:
         _check_numbers(name, value)
@@ -36,7 +36,7 @@ def as_numbers(name: str, value: object) -> np.ndarray[Any, Any]:
 
 
 def _check_numbers(name: str, value: object, depth: int = 0) -> None:
-    """Raises if there is anything but numbers in a value: numpy would turn some of it into numbers."""
+    """Raises if a value contains anything but numbers, some of which numpy would silently convert."""
     if isinstance(value, np.ma.MaskedArray):
         masked = np.argwhere(np.ma.getmaskarray(value))
         if len(masked):
@@ -54,13 +54,13 @@ def _check_numbers(name: str, value: object, depth: int = 0) -> None:
 
 
 def _are_large(value: object) -> bool:
-    """Whether a value that numpy keeps as objects is of Python's integers and floats alone."""
+    """Whether a value that numpy stores as objects consists of Python's integers and floats only."""
     if isinstance(value, list | tuple):
         return all(_are_large(entry) for entry in value)
     return isinstance(value, int | float)
 
 
 def entry_of(name: str, index: Iterable[Any]) -> str:
-    """What messages call an entry of an array."""
+    """The name of an array's entry in messages."""
     inside = ", ".join(str(int(i)) for i in index)
     return f"{name}[{inside}]" if inside else name

@@ -1,4 +1,4 @@
-"""Checks of dataclasses of parameters, each with one clear error that names the parameter and what is allowed."""
+"""Checks of parameter dataclasses, each with one clear error that names the parameter and what is allowed."""
 
 import dataclasses
 import math
@@ -10,7 +10,7 @@ from tactopose_drake.core.validation import instance_of, positive_number, whole_
 
 
 class Checked(Protocol):
-    """Parameters that say what is wrong with them."""
+    """Parameters that can be validated."""
 
     def validate(self) -> None:
         """Raises InvalidInputError if a parameter is out of its range."""
@@ -20,10 +20,10 @@ Params = TypeVar("Params", bound=Checked)
 
 
 def params_of(kind: type[Params], value: Params | None) -> Params:
-    """Returns parameters that were given, or for None the default ones, which are in their ranges.
+    """Returns the given parameters after validation, or the default ones for None.
 
     Raises:
-        InvalidInputError: a value of another type, or a parameter that is out of its range.
+        InvalidInputError: a value of another type, or a parameter out of its range.
     """
     params = kind() if value is None else value
     instance_of("params", params, kind)
@@ -32,14 +32,14 @@ def params_of(kind: type[Params], value: Params | None) -> Params:
 
 
 def check_parts(params: object, **kinds: type[Checked]) -> None:
-    """Checks parameters that are made of others.
+    """Validates parameters that consist of others.
 
     Args:
-        params: of all.
-        kinds: of what type each part is, by its name.
+        params: the whole.
+        kinds: type of each part, by its name.
 
     Raises:
-        InvalidInputError: a part of another type, or a parameter in it that is out of its range.
+        InvalidInputError: a part of another type, or a parameter in it out of its range.
     """
     for name, kind in kinds.items():
         part = getattr(params, name)
@@ -55,19 +55,19 @@ def check_numbers(
     most: Mapping[str, float] = MappingProxyType({}),
     units: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
-    """Checks the numbers of a dataclass by their defaults: integers from 1 on, and other numbers above 0.
+    """Checks the numbers of a dataclass, by the type of their defaults: integers from 1 on, and floats above 0.
 
-    A field that is None by default is a number where it is not.
+    A field whose default is None is checked as a float if it is set.
 
     Args:
         name: of the dataclass, for messages.
-        params: the dataclass; fields with another default are left aside.
-        may_be_zero: names of fields that may be 0, too.
+        params: the dataclass; fields with other defaults are ignored.
+        may_be_zero: names of fields that may also be 0.
         most: the largest value of a field, by its name.
-        units: of such values, where a number may be one of another unit.
+        units: of such values, to be stated where a number may be in another unit.
 
     Raises:
-        InvalidInputError: a number that is out of its range, or a value that is none.
+        InvalidInputError: a number out of its range, or a value of another type.
     """
     for field in dataclasses.fields(params):
         place, value, zero = f"{name}.{field.name}", getattr(params, field.name), field.name in may_be_zero

@@ -1,4 +1,4 @@
-"""What frozen dataclasses of arrays and numbers have in common: equality by value, and dictionaries of plain data."""
+"""Common behaviour of frozen dataclasses of arrays and numbers: equality by value, and dictionaries of plain data."""
 
 import dataclasses
 import math
@@ -12,13 +12,13 @@ from tactopose_drake.errors import InvalidInputError, UnknownNameError
 
 Frozen = TypeVar("Frozen", bound=Any)
 
-_ROUNDING = 1e-12  # what normalising a unit vector or a rotation once more may change
+_ROUNDING = 1e-12  # largest change by normalising a unit vector or a rotation once more
 
 
 class PlainValue:
-    """The base of a frozen dataclass whose fields are arrays, numbers, texts, poses, None, or tuples of such.
+    """Base class of frozen dataclasses whose fields are arrays, numbers, texts, poses, None, or tuples of these.
 
-    Fields that its repr leaves out are no part of the value; for those that are not compared equality has no regard.
+    Fields excluded from the repr are not part of the value; fields excluded from comparison do not affect equality.
     """
 
     def __eq__(self, other: object) -> bool:
@@ -31,25 +31,25 @@ class PlainValue:
         return hash(tuple((name, _hashable(value)) for name, value in _compared(self).items()))
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        # Copies, and those in other processes, are read-only too: kernels may round otherwise for writable arrays.
+        # Copies, also in other processes, are read-only too: kernels may round differently for writable arrays.
         for value in state.values():
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
         self.__dict__.update(state)
 
     def to_dict(self) -> dict[str, Any]:
-        """The fields by name, as JSON and YAML take them: arrays as lists, poses as their rows, m and rad as here.
+        """The fields by name, for JSON and YAML: arrays as lists, poses as their rows, units unchanged.
 
-        What is infinite is None.
+        Infinite numbers become None.
         """
         return {name: _plain(value) for name, value in _fields(self).items()}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What `to_dict` has made it of, to the last bit.
+        """Inverts `to_dict`, to the last bit.
 
         Raises:
-            InvalidInputError: for an unknown or missing name, or a value that the class does not take.
+            InvalidInputError: for an unknown or missing name, or a value that the class does not accept.
         """
         instance_of(f"{cls.__name__}.from_dict", data, Mapping)
         known = [field.name for field in dataclasses.fields(cls) if field.repr]  # type: ignore[arg-type]
@@ -60,7 +60,7 @@ class PlainValue:
             made = cls(**data)
         except TypeError as error:
             raise InvalidInputError(f"{cls.__name__}.from_dict: {error}.") from None
-        # What the class has normalised once more is to be what it was.
+        # Undo changes by repeated normalisation.
         for name, value in _fields(made).items():
             given = np.asarray(data.get(name)) if isinstance(value, np.ndarray) else None
             if given is not None and given.shape == value.shape and np.abs(given - value).max(initial=0.0) < _ROUNDING:
@@ -71,9 +71,9 @@ class PlainValue:
 
 
 def copied(value: Frozen, **fields: Any) -> Frozen:
-    """A frozen dataclass with other values of some fields, by name, which are not checked anew.
+    """A copy of a frozen dataclass with some fields replaced, by name, without checking them.
 
-    What it has cached is of the values before, and is left out.
+    Cached properties are not copied, as they belong to the former values.
     """
     known, other = type(value).__dataclass_fields__, object.__new__(type(value))
     assert fields.keys() <= known.keys(), fields.keys()
@@ -85,7 +85,7 @@ def copied(value: Frozen, **fields: Any) -> Frozen:
 
 
 def seal(value: object) -> None:
-    """Makes the arrays of a frozen dataclass, of all that it holds and has cached, or of a tuple, read-only."""
+    """Makes the arrays of a frozen dataclass, including all that it holds and has cached, or of a tuple read-only."""
     if isinstance(value, np.ndarray):
         value.setflags(write=False)
     elif isinstance(value, tuple):
@@ -97,12 +97,12 @@ def seal(value: object) -> None:
 
 
 def numbers(values: Any, digits: int) -> str:
-    """Numbers in brackets with so many decimals, as short representations have them."""
+    """Formats numbers in brackets with this number of decimals, for representations."""
     return "[" + ", ".join(f"{value + 0.0:.{digits}f}" for value in np.round(values, digits)) + "]"
 
 
 def counted(count: int, singular: str, plural: str) -> str:
-    """A number of things, with their name."""
+    """Formats a number of things with their name."""
     return f"{count} {singular if count == 1 else plural}"
 
 

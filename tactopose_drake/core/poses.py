@@ -13,7 +13,7 @@ import numpy as np
 from tactopose_drake.core.validation import FloatArray
 
 RANDOM_ROTATION_VARIANCE = (np.pi**2 / 3.0 + 2.0) / 3.0
-"""The mean square of each coordinate of a uniformly random rotation's vector, rad^2: nothing is known of such a one."""
+"""Mean square of each coordinate of the rotation vector of a uniformly random rotation, rad^2."""
 
 ANY_POSE = np.repeat([3.0, 0.3], 3)
 """Standard deviations of the increments (w, v) of a pose in the hand of which nothing is known, rad and m."""
@@ -21,7 +21,7 @@ ANY_POSE.setflags(write=False)
 
 
 def make_poses(R: FloatArray, p: FloatArray) -> FloatArray:
-    """Joins rotations (..., 3, 3) and translations (..., 3) to poses (..., 3, 4)."""
+    """Combines rotations (..., 3, 3) and translations (..., 3) to poses (..., 3, 4)."""
     return np.concatenate([R, p[..., None]], axis=-1)
 
 
@@ -59,7 +59,7 @@ def skew(v: FloatArray) -> FloatArray:
 
 
 def point_jacobians(p: FloatArray) -> FloatArray:
-    """The matrices [-[p]x 1] that make velocities of points (k, 3) of a twist (w, v) at the origin, (k, 3, 6)."""
+    """The matrices [-[p]x 1] that map a twist (w, v) at the origin to velocities of points (k, 3), shape (k, 3, 6)."""
     out = np.zeros((len(p), 3, 6))
     out[:, :, :3] = -skew(p)
     out[:, [0, 1, 2], [3, 4, 5]] = 1.0
@@ -115,7 +115,7 @@ def retract(X: FloatArray, increment: FloatArray) -> FloatArray:
 
 
 def increments_between(X_from: FloatArray, X_to: FloatArray) -> FloatArray:
-    """The increments (..., 6) that `retract` needs to take X_from to X_to."""
+    """The increments (..., 6) with which `retract` takes X_from to X_to."""
     w = log_so3(np.swapaxes(X_from[..., :3], -1, -2) @ X_to[..., :3])
     return np.concatenate([w, X_to[..., 3] - X_from[..., 3]], axis=-1)
 
@@ -140,7 +140,7 @@ def rotation_angles(R_A: FloatArray, R_B: FloatArray) -> FloatArray:
 
 
 def matrix_from_quaternion(q: FloatArray) -> FloatArray:
-    """Rotation matrices (..., 3, 3) from quaternions wxyz (..., 4) of any length but zero. [B16] eq. 2.19."""
+    """Rotation matrices (..., 3, 3) from quaternions wxyz (..., 4) of any non-zero length. [B16] eq. 2.19."""
     w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -153,7 +153,7 @@ def matrix_from_quaternion(q: FloatArray) -> FloatArray:
 def quaternion_from_matrix(R: FloatArray) -> FloatArray:
     """Unit quaternions wxyz (..., 4), w >= 0, from rotation matrices (..., 3, 3).
 
-    Each of the four candidates divides by one component; the largest component gives the most exact one.
+    Each of four candidates divides by one component; the one with the largest component is the most accurate.
     """
     m = R
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]

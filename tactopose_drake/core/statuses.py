@@ -1,11 +1,11 @@
-"""The words for what a pose is worth: one list for the estimate of one instant and the belief over time."""
+"""The possible statuses of a pose, for estimates of one instant and for beliefs over time."""
 
 from typing import Literal
 
 Status = Literal["ok", "ambiguous", "no_solution"]
 BeliefStatus = Literal["ok", "ambiguous", "slipping", "no_contact", "lost"]
 
-# What an estimate would say where a belief says so.
+# The status of an estimate that corresponds to each status of a belief.
 STATUS_OF_BELIEF: dict[BeliefStatus, Status] = {
     "ok": "ok",
     "ambiguous": "ambiguous",

@@ -1,6 +1,6 @@
 """Checks of input values, each with one clear error that names the value and what is allowed.
 
-What counts as a number is told in `number_kinds`.
+`number_kinds` defines what counts as a number.
 """
 
 import contextlib
@@ -22,27 +22,26 @@ FloatArray = NDArray[np.float64]
 _LEAST, _MOST = np.nextafter(0.0, 1.0), np.finfo(np.float64).max
 
 LATEST = 1e12
-"""Times are up to this, s: far beyond any clock's, and still told apart to a millisecond."""
+"""Largest time, s: far beyond any clock's, and still resolved to a millisecond."""
 MOST_FORCE = 1e6
-"""No contact's force is above this, N: simulated ones are large where bodies begin inside of each other."""
+"""Largest force of a contact, N: simulated ones are large if bodies start inside each other."""
 MOST_MEASURED_FORCE = 1e3
-"""No fingertip's sensor measures more than this, N: what does must be in millinewtons."""
+"""Largest force that a fingertip's sensor measures, N: a larger one must be in millinewtons."""
 MOST_FRICTION = 1e3
-"""A coefficient of friction is not above this."""
+"""Largest coefficient of friction."""
 MOST_ALPHA = 1.0
-"""The depth over pressure of a soft pad, m/Pa, is not above this."""
+"""Largest depth over pressure of a soft pad, m/Pa."""
 MOST_OUTLIERS = 0.99
-"""More contacts than this share are not taken to be of something else."""
+"""Largest probability that a contact is with something else than the object."""
 
 
 def finite_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -> FloatArray:
     """Returns `value` as a float64 array of one of the shapes (None: any length) with finite entries only.
 
-    It is a new array, contiguous in C's order, aligned and of the machine's byte order, so that what is computed from
-    it depends on nothing but the numbers.
+    It is a new array, C-contiguous, aligned and in native byte order, so that results depend on the numbers only.
 
     Raises:
-        InvalidInputError: if it is not of numbers, of another shape, or holds a NaN or an infinite number.
+        InvalidInputError: if it does not consist of numbers, has another shape, or contains a NaN or an infinity.
     """
     array = number_array(name, value, *shapes)
     check_finite(name, array)
@@ -50,22 +49,22 @@ def finite_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -
 
 
 def check_finite(name: str, array: FloatArray) -> None:
-    """Raises InvalidInputError that names the first entry which is a NaN or infinite."""
+    """Raises InvalidInputError that names the first entry that is NaN or infinite."""
     if not np.isfinite(array).all():
         bad = np.argwhere(~np.isfinite(array))[0]
         raise InvalidInputError(f"{entry_of(name, bad)}: is {array[tuple(bad)]}; allowed are finite numbers.")
 
 
 def number_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -> FloatArray:
-    """As `finite_array`, but NaN and infinite numbers may be among the entries."""
+    """The same as `finite_array`, but entries may be NaN and infinite."""
     if type(value) is np.ndarray and value.dtype.char == "d" and any(_fits(value.shape, shape) for shape in shapes):
-        return np.array(value, dtype=np.float64, order="C")  # Nothing is wrong: some times as fast.
+        return np.array(value, dtype=np.float64, order="C")  # The common case, several times as fast.
     array = as_numbers(name, value)
     if not any(_fits(array.shape, shape) for shape in shapes):
         wanted = [str(shape).replace("None", "n") for shape in shapes]
         allowed = f"is {wanted[0]}" if len(wanted) == 1 else f"are {' and '.join(wanted)}"
         raise InvalidInputError(f"{name}: has shape {array.shape}; allowed {allowed}.")
-    with np.errstate(over="ignore"):  # What a wider float holds beyond float64 is infinite.
+    with np.errstate(over="ignore"):  # Numbers of a wider float beyond float64 become infinite.
         return np.array(array, dtype=np.float64, order="C")
 
 
@@ -76,20 +75,20 @@ def _fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
 
 
 def is_between(array: FloatArray, least: float, most: float) -> bool:
-    """Whether no entry is a NaN or outside of two limits: soon told, where nothing is wrong."""
+    """Whether all entries are within the limits and none is NaN; fast if so."""
     return not array.size or bool(least <= array.min() and array.max() <= most)
 
 
 def positive_number(
     name: str, value: float, *, allow_zero: bool = False, least: float = 0.0, most: float = np.inf, unit: str = ""
 ) -> float:
-    """Returns `value` as a float if it is finite, above zero (or zero, where allowed), and between two limits.
+    """Returns `value` as a float if it is finite, above zero (or zero, if allowed), and within the limits.
 
     Raises:
         InvalidInputError: otherwise.
     """
     if type(value) is float and 0.0 < value < np.inf and least <= value <= most:
-        return value  # Ten times as fast as what says what is wrong.
+        return value  # The common case, ten times as fast.
     return float(positive_numbers(name, value, (), allow_zero=allow_zero, least=least, most=most, unit=unit))
 
 
@@ -102,12 +101,12 @@ def positive_numbers(
     most: float = np.inf,
     unit: str = "",
 ) -> FloatArray:
-    """Returns an array of finite numbers above zero (or zero, where allowed), and between two limits.
+    """Returns an array of finite numbers above zero (or zero, if allowed), and within the limits.
 
-    A unit stands in messages about limits, where a number may be one of another unit.
+    A unit is stated in messages about limits, where a number may be in another unit.
 
     Raises:
-        InvalidInputError: if it is not one, or of another shape.
+        InvalidInputError: if it is not, or of another shape.
     """
     array = number_array(name, value, *shapes)
     if is_between(array, least or (0.0 if allow_zero else _LEAST), min(most, _MOST)):
@@ -128,7 +127,7 @@ def limited(name: str, value: ArrayLike, *shapes: tuple[int | None, ...], most: 
     """Returns an array of finite numbers whose absolute values are at most `most`.
 
     Raises:
-        InvalidInputError: if it is not one, or of another shape.
+        InvalidInputError: if it is not, or of another shape.
     """
     array = number_array(name, value, *shapes)
     if not is_between(array, -most, most):
@@ -140,10 +139,10 @@ def limited(name: str, value: ArrayLike, *shapes: tuple[int | None, ...], most: 
 
 
 def whole_number(name: str, value: object, *, least: int, most: int | None = None) -> int:
-    """Returns an integer, Python's or numpy's, that is not below `least`, nor above `most`.
+    """Returns an integer, Python's or numpy's, that is at least `least` and at most `most`.
 
     Raises:
-        InvalidInputError: if it is out of this range, or of another type; True and False are no integers.
+        InvalidInputError: if it is out of this range, or of another type; True and False are not integers.
     """
     allowed = f">= {least}" if most is None else f"from {least} to {most}"
     if isinstance(value, bool | np.timedelta64) or not isinstance(value, numbers.Integral):  # A time is no number.
@@ -179,10 +178,10 @@ def known_name(what: str, value: object, valid: Iterable[str]) -> str:
 
 @contextlib.contextmanager
 def told_of(place: str) -> Iterator[None]:
-    """Puts where a value stands before what is wrong with it.
+    """Prefixes errors raised inside with the place of the value.
 
     Raises:
-        InvalidInputError: whatever error of that kind comes from inside.
+        InvalidInputError: for any such error raised inside.
     """
     try:
         yield
@@ -194,7 +193,7 @@ def instance_of(name: str, value: object, kind: type) -> None:
     """Checks a value's type.
 
     Raises:
-        InvalidInputError: if it is another.
+        InvalidInputError: if it is of another type.
     """
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIO" else "a"
@@ -202,10 +201,10 @@ def instance_of(name: str, value: object, kind: type) -> None:
 
 
 def path_of(name: str, value: object) -> Path:
-    """Returns a file's or folder's path, whether there is one or not.
+    """Returns the path of a file or folder, which need not exist.
 
     Raises:
-        InvalidInputError: if it is neither text nor a path.
+        InvalidInputError: if it is neither a string nor a path.
     """
     if not isinstance(value, str | os.PathLike):
         raise InvalidInputError(f"{name}: is {shown(value)}; allowed is a path.")
