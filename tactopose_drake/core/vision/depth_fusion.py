@@ -4,6 +4,7 @@ The images are fused into a truncated signed distance on a grid [C96], whose zer
 has seen is taken to be solid, up to where some image has seen through, and within the bounds that are known otherwise,
 such as a table top: the backs of a reconstructed object are too large, rarely too small. The error of such a back is
 estimated by leaving each image out in turn, and comparing with the one left out.
+
 Sources: [C96] B. Curless and M. Levoy, A volumetric method for building complex models from range images, SIGGRAPH,
 1996.
 """
