@@ -1,4 +1,4 @@
-"""The closed bodies of a mesh: which are turned inside out, which are cavities, debris, or overlap."""
+"""The closed bodies of a mesh: finds which are inside out, cavities or debris, and unites those that overlap."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from tactopose_drake.core.plain_values import counted
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 
-_SAME = 1e-6  # relative difference of a volume or an area that is rounding
-_TOUCHING = 1e-9  # gap that is rounding, as a share of the size
-_SLIVER = 1e-12  # area of a face that is nothing but rounding, as a share of all
-# What is allowed, because more takes all time or memory there is.
+_SAME = 1e-6  # relative tolerance of volumes and areas
+_TOUCHING = 1e-9  # tolerance of gaps, as a share of the size
+_SLIVER = 1e-12  # area of a degenerate face, as a share of all
+# Limits beyond which time or memory would be exhausted.
 _MOST_FACES_OF_UNION = 10  # as a multiple of the bodies' faces
 _MOST_BODIES = 5000
-_MOST_ENCLOSED_FACES = 20_000_000  # solid angles that are summed up to tell which body lies within which
+_MOST_ENCLOSED_FACES = 20_000_000  # solid angles that are summed to find which body is inside which
 
 
 @dataclass(frozen=True, kw_only=True)
 class DebrisParams:
     """Which pieces of a mesh are debris."""
 
-    share: float = 1e-3  # of the largest piece's volume, below which another is debris
-    total_share: float = 1e-2  # of the volume, above which such pieces together are what the object is made of
+    share: float = 1e-3  # of the largest piece's volume, below which a piece is debris
+    total_share: float = 1e-2  # of the total volume, above which such pieces together are not debris but the object
 
 
 def cross_products(vertices: FloatArray, faces: AnyIntArray) -> FloatArray:
@@ -48,9 +48,9 @@ def volumes(vertices: FloatArray, faces: AnyIntArray, body: IntArray | None = No
 
 
 def is_debris(volume: FloatArray, params: DebrisParams) -> NDArray[np.bool_]:
-    """Which of many pieces of these volumes (unsigned, m^3) are debris, shape (pieces,).
+    """Which pieces with these volumes (unsigned, m^3) are debris, shape (pieces,).
 
-    None is where small pieces together hold much of the volume: then they are what the object is made of.
+    None is if the small pieces together have much of the volume: then the object consists of them.
     """
     debris: NDArray[np.bool_] = volume < params.share * volume.max()
     if volume[debris].sum() > params.total_share * volume.sum():
@@ -61,15 +61,15 @@ def is_debris(volume: FloatArray, params: DebrisParams) -> NDArray[np.bool_]:
 def arrange(
     vertices: FloatArray, faces: IntArray, repairs: list[str], params: DebrisParams = DebrisParams()
 ) -> tuple[FloatArray, IntArray]:
-    """Makes of closed bodies one solid whose winding number is one inside and zero outside.
+    """Turns closed bodies into one solid whose winding number is one inside and zero outside.
 
-    Debris is dropped (see `is_debris`), bodies turned inside out are flipped unless they are cavities
-    (inside-out shells within a body), those that overlap, or touch along faces, are united: nobody can touch what is
-    between them. Each step but the cavities is stated.
+    Debris is dropped (see `is_debris`); inside-out bodies are flipped unless they are cavities (inside-out shells
+    within a body); those that overlap, or touch along faces, are united, as nobody can touch the faces between them.
+    Each step except for cavities is stated.
 
     Args:
         vertices: shape (v, 3), m.
-        faces: closed, linked faces showing the same side, shape (f, 3).
+        faces: closed, linked faces with consistent orientation, shape (f, 3).
         repairs: statements are appended to it.
         params: what is debris.
 
@@ -109,9 +109,9 @@ def arrange(
 
 
 def _inverted(volume: FloatArray, parents: list[IntArray]) -> NDArray[np.bool_]:
-    """Which bodies are inside out: outermost ones and those within a cavity should be positive.
+    """Which bodies are inside out: those at even depth, outermost or within a cavity, should have positive volume.
 
-    A mesh that is wholly inside out is flipped as a whole, so that its cavities stay cavities.
+    A mesh that is inside out as a whole is flipped as a whole, so that its cavities stay cavities.
     """
     whole = volume.sum() < 0
     sign = np.where(whole, -volume, volume)
@@ -122,7 +122,7 @@ def _inverted(volume: FloatArray, parents: list[IntArray]) -> NDArray[np.bool_]:
 
 
 def _faces_of_bodies(body: IntArray) -> list[NDArray[np.intp]]:
-    """The faces of each body, from each face's body."""
+    """Indices of the faces of each body, from each face's body."""
     return np.split(np.argsort(body, kind="stable"), np.cumsum(np.bincount(body))[:-1])
 
 
@@ -130,7 +130,7 @@ def _enclosing_bodies(vertices: FloatArray, faces: IntArray, body: IntArray) -> 
     """For each body, the bodies that enclose a point of it, by winding number.
 
     Raises:
-        InvalidMeshError: if so many boxes lie within others that it would take too long.
+        InvalidMeshError: if so many bounding boxes are nested that it would take too long.
     """
     count = int(body.max()) + 1
     if count == 1:
@@ -169,7 +169,7 @@ def _winding_number(point: FloatArray, vertices: FloatArray, faces: IntArray) ->
 
 
 class _United(NamedTuple):
-    """A union's mesh, and what its bodies were: "overlapping", or "touching" along faces."""
+    """The mesh of a union, and the relation of its bodies: "overlapping", or "touching" along faces."""
 
     vertices: FloatArray
     faces: IntArray
@@ -209,16 +209,16 @@ def _unite(
         np.array(mesh.tri_verts).astype(np.int64),
         "overlapping" if overlap else "touching",
     )
-    # Faces that coincide but for rounding may leave slivers: such bodies stay as they are.
+    # Faces that coincide up to rounding may leave slivers: such bodies are not united.
     slivers = np.linalg.norm(cross_products(united.vertices, united.faces), axis=1) <= _SLIVER * area
     return None if not overlap and slivers.any() else united
 
 
 def _union(parts: list[manifold3d.Manifold]) -> manifold3d.Manifold:
-    """The union of solids, two by two.
+    """The union of solids, computed pairwise.
 
     Raises:
-        InvalidMeshError: if it takes so many faces that the bodies must pass through themselves all over.
+        InvalidMeshError: if it has so many faces that the bodies must intersect themselves all over.
     """
     most = _MOST_FACES_OF_UNION * sum(part.num_tri() for part in parts)
     while len(parts) > 1:
@@ -232,10 +232,10 @@ def _union(parts: list[manifold3d.Manifold]) -> manifold3d.Manifold:
 
 
 def _manifold(vertices: FloatArray, faces: IntArray) -> manifold3d.Manifold:
-    """A solid for boolean operations.
+    """Converts a body for boolean operations.
 
     Raises:
-        InvalidMeshError: if it is refused.
+        InvalidMeshError: if it is rejected.
     """
     used, index = np.unique(faces, return_inverse=True)
     solid = manifold3d.Manifold(

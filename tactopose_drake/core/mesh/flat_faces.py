@@ -1,8 +1,8 @@
 """Removes faces without area from a closed mesh, which stays closed.
 
-Where two corners are in one place but for rounding, they are merged. Otherwise such a face has a corner on its longest
-edge, which joins it to a face beyond; turned, so that it runs from the corner to the far side of the face beyond, the
-edge leaves two faces that cover the same surface.
+If two corners coincide up to rounding, they are merged. Otherwise such a face has a corner on its longest edge.
+Flipping this edge, so that it runs from that corner to the opposite corner of the adjacent face, leaves two faces that
+cover the same surface.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from tactopose_drake.core.plain_values import counted
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 
-# What is zero but for rounding.
+# Tolerances for rounding.
 _FLAT_FACE = 1e-14  # area as a share of the squared size
 _ONE_PLACE = 1e-6  # length as a share of the size
-_MOST_ROUNDS = 60  # after which a mesh is refused: edges that are turned to and fro never end
+_MOST_ROUNDS = 60  # after which a mesh is rejected: edges may be flipped back and forth without end
 
 
 def without_flat_faces(vertices: FloatArray, faces: IntArray, size: float, repairs: list[str]) -> IntArray:
-    """The faces of a closed mesh such that each has an area; what was done is stated.
+    """Removes the faces without area from a closed mesh; states what was done.
 
     Args:
         vertices: shape (v, 3), m.
-        faces: shape (f, 3); every edge is of two faces, once each way.
+        faces: shape (f, 3); every edge belongs to two faces, once in each direction.
         size: diagonal of the mesh's box, m.
         repairs: the statement is appended to it.
 
@@ -61,7 +61,7 @@ def _flat(vertices: FloatArray, faces: IntArray, size: float) -> NDArray[np.bool
 
 
 def _turn_longest_edges(vertices: FloatArray, faces: IntArray, flat: NDArray[np.bool_]) -> IntArray | None:
-    """Turns the longest edges of flat faces, each face being touched once; None if there is none to turn."""
+    """Flips the longest edges of flat faces, with each face changed at most once; None if there is none to flip."""
     start, end = half_edges(faces)
     stride = int(faces.max()) + 1
     code = start * stride + end
@@ -90,15 +90,15 @@ def _turn_longest_edges(vertices: FloatArray, faces: IntArray, flat: NDArray[np.
 
 
 def _opposite(faces: IntArray, half_edge: IntArray) -> IntArray:
-    """The corners that half edges' faces have beside them."""
+    """The corners opposite to half edges in their faces."""
     opposite: IntArray = faces[half_edge // 3, (half_edge + 2) % 3]
     return opposite
 
 
 def _merge_short_edges(vertices: FloatArray, faces: IntArray, flat: NDArray[np.bool_], size: float) -> IntArray | None:
-    """Merges the ends of flat faces' edges of no length, none beside another; None if there is none to merge.
+    """Collapses edges of flat faces without length, no two of them adjacent; None if there is none to collapse.
 
-    Two vertices may become one if they have no common neighbours but those of the edge's two faces.
+    Two vertices may be merged if their only common neighbours are those of the edge's two faces.
     """
     corners = faces[flat]
     length = np.linalg.norm(vertices[np.roll(corners, -1, axis=1)] - vertices[corners], axis=2)

@@ -1,4 +1,4 @@
-"""Holes of open meshes: found, measured, and closed where inside can be told from outside without the lid."""
+"""Holes of open meshes: found, measured, and closed if inside and outside are distinguishable without the lids."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from tactopose_drake.core.plain_values import counted
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 
-_NO_AREA = 1e-9  # as a share of the squared size: rounding
-_STATED_HOLES = 5  # in a message
+_NO_AREA = 1e-9  # tolerance for rounding, as a share of the squared size
+_STATED_HOLES = 5  # most holes listed in a message
 _DEBRIS = DebrisParams()
 
 
 @dataclass(frozen=True, kw_only=True)
 class HoleParams:
-    """When inside can be told from outside without the lids."""
+    """When inside and outside are distinguishable without the lids."""
 
     agreement: float = 0.98  # share of the nodes near the surface at which views from six sides must agree
-    voting_nodes: int = 200_000  # of the grid that is looked at
+    voting_nodes: int = 200_000  # number of nodes of the grid that is evaluated
 
 
 def close_holes(
@@ -36,10 +36,10 @@ def close_holes(
     repairs: list[str],
     params: HoleParams = HoleParams(),
 ) -> tuple[FloatArray, IntArray]:
-    """Closes every hole by a fan of faces around the middle of its rim; open pieces without volume are dropped.
+    """Closes every hole by a fan of faces around the centre of its rim; drops open pieces without volume.
 
     Raises:
-        InvalidMeshError: if nothing encloses a volume, or inside cannot be told from outside.
+        InvalidMeshError: if nothing encloses a volume, or inside and outside are not distinguishable.
     """
     if not len(mesh_topology.link_faces(faces).open):
         return vertices, faces
@@ -67,7 +67,7 @@ def close_holes(
 
 
 def _put_lids(vertices: FloatArray, faces: IntArray) -> tuple[list[IntArray], FloatArray, IntArray]:
-    """The rims of all holes, and the vertices and faces with a fan on each: its middle follows the old vertices."""
+    """The rims of all holes, and the mesh with a fan on each, whose centres are appended to the vertices."""
     loops = mesh_topology.boundary_loops(faces, mesh_topology.link_faces(faces).open)
     middles = [vertices[loop].mean(axis=0, keepdims=True) for loop in loops]
     lids = [
@@ -78,7 +78,7 @@ def _put_lids(vertices: FloatArray, faces: IntArray) -> tuple[list[IntArray], Fl
 
 
 def _without_open_debris(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> IntArray:
-    """Drops open pieces that are debris even with lids on."""
+    """Drops open pieces that are debris even with lids."""
     _, closed_vertices, closed_faces = _put_lids(vertices, faces)
     body = mesh_topology.body_labels(closed_faces)
     volume = np.abs(mesh_bodies.volumes(closed_vertices, closed_faces, body))
@@ -96,7 +96,7 @@ def _without_open_debris(vertices: FloatArray, faces: IntArray, repairs: list[st
 
 
 def _describe(vertices: FloatArray, loops: list[IntArray]) -> str:
-    """Where the largest holes are, and how big."""
+    """Lists the positions and sizes of the largest holes."""
     middles = [vertices[loop].mean(axis=0) for loop in loops]
     across = [_across(vertices[loop]) for loop in loops]
     largest = np.argsort(across)[::-1][:_STATED_HOLES]
@@ -109,7 +109,7 @@ def _describe(vertices: FloatArray, loops: list[IntArray]) -> str:
 
 
 def _across(rim: FloatArray) -> float:
-    """How far the vertices (n, 3) of a rim are apart, m: from the one that is farthest from their middle."""
+    """The approximate diameter of a rim with vertices (n, 3), m: from the vertex farthest from their centroid."""
     farthest = rim[np.argmax(np.linalg.norm(rim - rim.mean(axis=0), axis=1))]
     return float(np.linalg.norm(rim - farthest, axis=1).max())
 
@@ -117,14 +117,14 @@ def _across(rim: FloatArray) -> float:
 def _agreement(vertices: FloatArray, faces: IntArray, closed_faces: IntArray, size: float, nodes: int) -> float:
     """The share of nodes near the surface at which five of the six axis directions agree on inside or outside.
 
-    Each direction counts signed crossings from its far end. A hole misleads the columns that pass through it, from one
-    end; with its opposite open too, from both.
+    Each direction counts signed crossings from its far end. A hole corrupts the columns that pass through it in one
+    direction; if the opposite side is open too, in both.
     """
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     extent = upper - lower + 0.04 * size
     spacing = math.cbrt(np.prod(extent) / nodes)
     nx, ny, nz = (int(n) for n in np.ceil(extent / spacing) + 1)
-    # Columns that stand a little beside the vertices of any regular mesh.
+    # Slightly shifted columns, which miss the vertices of regular meshes.
     origin = lower - 0.02 * size + spacing * np.array([1.3e-4, 2.7e-4, 1.9e-4])
     body = mesh_topology.body_labels(closed_faces)
     inverted = mesh_bodies.volumes(vertices, closed_faces, body)[body[: len(faces)]] < 0

@@ -1,14 +1,13 @@
 """Triangle meshes from files, in the formats of meshes that trimesh reads, or from trimesh's own objects.
 
-What comes out is bounded before the work: the file's size, the size that an archive unpacks to, the numbers of parts,
-vertices and faces with every instance counted. Of other files a mesh file may name only buffers in its own folder or
-below.
+Sizes are limited before the work: the file's size, the unpacked size of an archive, and the numbers of parts, vertices
+and faces with every instance counted. A mesh file may refer only to buffers in its own folder or below.
 
-Files of Collada (dae, zae) and 3MF say which unit their numbers are in, a 3MF file that names none means millimetres by
-its specification: they come out in metres. Those of other formats, and trimesh's own objects, are taken in metres.
+Collada (dae, zae) and 3MF files state the unit of their numbers (millimetres by 3MF's specification if a file names
+none), and are converted to metres. Files of other formats, and trimesh's own objects, are assumed to be in metres.
 
-trimesh takes most of a second to load. That is left until a mesh is read, which the kept model of a file does without,
-as do plain OBJ files.
+trimesh takes most of a second to load. This is deferred until a mesh must be read with it, which is not the case for a
+file with a cached model, nor for plain OBJ files.
 """
 
 from __future__ import annotations
@@ -31,17 +30,17 @@ if TYPE_CHECKING:
     import trimesh
 
 LARGEST_FILE = 256 * 2**20
-"""Of a mesh file, of what an archive unpacks to, and of a buffer it names, bytes."""
+"""Largest size of a mesh file, of the unpacked content of an archive, and of a buffer it refers to, bytes."""
 
 MOST_FACES = 2_000_000
 MOST_VERTICES = 3 * MOST_FACES
 
 _FORMATS = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl", ".xaml", ".zae")
-_WITH_MATERIALS = (".glb", ".gltf", ".obj", ".ply")  # whose readers can leave the materials alone
+_WITH_MATERIALS = (".glb", ".gltf", ".obj", ".ply")  # whose readers can skip materials
 _WITH_UNITS = (".3mf", ".dae", ".zae")  # whose files state the unit of their numbers
 _LONGEST_REASON = 300
 
-# What a reader stumbled over is in the error; on its own it would print a traceback of it where no handler is set.
+# Errors already contain what a reader fails on; without a handler it would also print a traceback.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 MeshSource: TypeAlias = "str | Path | trimesh.Trimesh | trimesh.Scene"
@@ -49,7 +48,7 @@ MeshSource: TypeAlias = "str | Path | trimesh.Trimesh | trimesh.Scene"
 
 @dataclass(frozen=True, eq=False)
 class RawMesh:
-    """The triangles of a source as they are, nothing checked.
+    """The triangles of a source, unchecked.
 
     Attributes:
         vertices: shape (v, 3), m where the source states its unit, otherwise in the unit of the source.
@@ -61,7 +60,7 @@ class RawMesh:
 
 
 def mesh_name(source: MeshSource) -> str:
-    """What to call the object: the file's name without its ending, or "mesh"."""
+    """The object's name: the file's name without its ending, or "mesh"."""
     return Path(source).stem if isinstance(source, str | Path) else "mesh"
 
 
@@ -70,12 +69,12 @@ def mesh_file(source: str | Path) -> Path:
 
     Raises:
         InvalidFileError: if there is no such file, or it is a folder.
-        UnknownNameError: if no reader is known for the file name's ending.
+        UnknownNameError: if there is no reader for the file name's ending.
     """
     try:
         path = Path(source).expanduser()
         there, is_folder = path.is_file(), path.is_dir()
-    except (OSError, RuntimeError, ValueError) as error:  # too long, no such home, or a character that no path has
+    except (OSError, RuntimeError, ValueError) as error:  # too long, no such home, or an invalid character
         reason = getattr(error, "strerror", None) or error
         raise InvalidFileError(f"{shown(str(source))}: is no file's path ({reason}).") from None
     if is_folder:
@@ -91,14 +90,14 @@ def mesh_file(source: str | Path) -> Path:
 
 
 def load_mesh(source: MeshSource) -> RawMesh:
-    """Reads a mesh file, or takes over a mesh or a scene (its meshes placed and joined).
+    """Reads a mesh file, or converts a mesh or a scene (its meshes placed and joined).
 
     A file that states its unit (dae, zae, 3mf) is converted to metres.
 
     Raises:
         InvalidFileError: if a file is missing, too large, cannot be read as a mesh, or states a unit that is none.
         InvalidMeshError: if there are too many faces or vertices.
-        UnknownNameError: if a file's format is not one that can be read.
+        UnknownNameError: if a file's format cannot be read.
         InvalidInputError: if the source is of another type.
     """
     if isinstance(source, str | Path):
@@ -113,10 +112,10 @@ def load_mesh(source: MeshSource) -> RawMesh:
 
 
 def _read(path: Path) -> RawMesh:
-    """What trimesh's reader for the file's format makes of it, or the reader for plain OBJ files, which is the same.
+    """Reads a file with trimesh's reader for its format, or with that for plain OBJ files, which gives the same.
 
-    The readers raise whatever their parsing stumbles over, and numpy warns of numbers that overflow: both mean no more
-    than that the file is damaged.
+    The readers raise arbitrary errors while parsing, and numpy warns of numbers that overflow: both mean just that the
+    file is damaged.
     """
     ending = path.suffix.lower()
     try:
@@ -174,7 +173,7 @@ def _check_counts(name: str, faces: int, vertices: int) -> None:
 
 
 def _joined(source: trimesh.Trimesh | trimesh.Scene, name: str) -> RawMesh:
-    """The triangles of a mesh, or of a scene's meshes, placed; the size is known before anything is joined."""
+    """The triangles of a mesh, or of a scene's meshes, placed; their number is checked before anything is joined."""
     import trimesh
 
     if isinstance(source, trimesh.Scene):

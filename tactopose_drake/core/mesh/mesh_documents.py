@@ -1,6 +1,6 @@
-"""How large a mesh becomes that a file describes in few words: archives, and parts that consist of parts.
+"""Limits the size of meshes from files that expand: archives, and parts that consist of parts.
 
-Both are told from the file itself, before a reader unpacks the one and places the other.
+Both are determined from the file itself, before a reader unpacks the former and places the latter.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from xml.parsers import expat
 from tactopose_drake.errors import InvalidFileError
 
 MOST_PARTS = 2000
-"""Times that a file may place meshes, those within placed groups counted each time the group is placed."""
+"""How often a file may place meshes; those within groups count each time the group is placed."""
 
 # The elements that define a part or group, and those that place one, with the attribute that names it.
 _DEFINING = {"object": "id", "node": "id", "visual_scene": "id"}
 _PLACING = {"component": "objectid", "item": "objectid", "instance_node": "url", "instance_visual_scene": "url"}
 _WHOLE = ""  # stands for the file itself among the names of parts
 
-_MOST_GLTF_NUMBERS = 60_000_000  # rows of all accessors, which are made of nothing where no buffer is named
+_MOST_GLTF_NUMBERS = 60_000_000  # rows of all accessors, which need no data in the file unless they name a buffer
 
 
 def check_document(path: Path, largest: int) -> None:
-    """Refuses a file that unpacks to more than `largest` bytes, or that places more than `MOST_PARTS` parts.
+    """Rejects a file that unpacks to more than `largest` bytes, or that places more than `MOST_PARTS` parts.
 
     Raises:
         InvalidFileError: if it does.
         zipfile.BadZipFile: if an archive is damaged.
-        expat.ExpatError, ValueError: if a description is.
+        expat.ExpatError, ValueError: if a description is damaged.
     """
     ending = path.suffix.lower()
     if ending in (".gltf", ".glb"):
@@ -49,7 +49,7 @@ def check_document(path: Path, largest: int) -> None:
 
 
 def _gltf_tree(content: bytes, ending: str) -> dict[str, Any]:
-    """What a glTF file says, apart from its buffers."""
+    """The JSON content of a glTF file, without its buffers."""
     if ending == ".glb":
         (length,) = struct.unpack_from("<I", content, 12)
         content = content[20 : 20 + length]
@@ -58,12 +58,12 @@ def _gltf_tree(content: bytes, ending: str) -> dict[str, Any]:
 
 
 def _descriptions(path: Path, largest: int) -> Iterator[bytes]:
-    """The texts that say which parts a file consists of."""
+    """The XML documents that define a file's parts."""
     if path.suffix.lower() == ".dae":
         yield path.read_bytes()
     elif path.suffix.lower() in (".3mf", ".zae"):
         with zipfile.ZipFile(path) as archive:
-            # No reader unpacks more of a file than the archive's directory says.
+            # No reader unpacks more of an entry than the archive's directory states.
             size = sum(entry.file_size for entry in archive.infolist())
             if size > largest:
                 raise InvalidFileError(f"{path}: unpacks to {size} bytes; allowed are {largest} and fewer.")
@@ -73,7 +73,7 @@ def _descriptions(path: Path, largest: int) -> Iterator[bytes]:
 
 
 def _count_parts(content: bytes) -> int:
-    """How many parts are placed, at most one more than allowed; a part that contains itself is placed without end."""
+    """Number of parts placed, at most one above the limit; a part that contains itself is placed infinitely often."""
     children: dict[str, list[str]] = {_WHOLE: []}
     open_parts: list[tuple[str, str]] = []
 

@@ -1,7 +1,7 @@
-"""OBJ files of nothing but vertices and triangles, as this package's own are, read without loading trimesh.
+"""Reads OBJ files of vertices and triangles only, such as this package's own, without loading trimesh.
 
-That takes most of a second, and its reader twenty times as long as this one. What it would make of such a file is known
-and the same: the numbers as they stand. Any other file is left to it.
+Loading trimesh takes most of a second, and its reader twenty times as long as this one. The result is the same as its
+reader's. Any other file is left to trimesh.
 """
 
 import numpy as np
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from tactopose_drake.core.validation import FloatArray
 
 LARGEST_PLAIN = 32 * 2**20
-"""Bytes of a file; in a larger one the numbers, each a text of its own for a while, would take gigabytes."""
+"""Largest file, bytes; in a larger one the numbers, each temporarily a string, would take gigabytes."""
 
 
 def plain_obj(content: bytes) -> tuple[FloatArray, NDArray[np.int64]] | None:
-    """Vertices (v, 3) and faces (f, 3) of a file of one part; None if there is more in it, or anything is amiss.
+    """Vertices (v, 3) and faces (f, 3) of a file with one part; None if it contains anything else, or is malformed.
 
-    A face names three vertices, or vertices with the normals of the same numbers, and each vertex belongs to a face.
+    A face has three vertices, optionally with the normals of the same numbers, and each vertex belongs to a face.
     """
     rows = [row for row in map(bytes.split, content.splitlines()) if row and not row[0].startswith(b"#")]
     vertices = [row[1:] for row in rows if row[0] == b"v"]

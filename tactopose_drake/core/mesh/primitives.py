@@ -1,4 +1,4 @@
-"""Meshes of simple bodies about their own middle, fine enough that no touch tells them from the true ones."""
+"""Meshes of simple bodies centred on the origin, fine enough that no touch tells them from the exact bodies."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tactopose_drake.core.validation import finite_array, positive_number
 if TYPE_CHECKING:
     import trimesh
 
-_SECTIONS = 96  # around a cylinder: its facets lie 0.05 % of its radius below it
+_SECTIONS = 96  # around a cylinder: its facets lie 0.05 % of the radius inside it
 
 
 def box_mesh(size: ArrayLike) -> trimesh.Trimesh:
@@ -37,7 +37,7 @@ def sphere_mesh(radius: float) -> trimesh.Trimesh:
 
 
 def capsule_mesh(radius: float, length: float) -> trimesh.Trimesh:
-    """Hemispheres on a cylinder of this length along z, m."""
+    """A cylinder of this length with hemispherical ends, along z, m."""
     radius, length = positive_number("radius", radius), positive_number("length", length)
     larger = _whole_scale(radius)
     mesh = _creation().capsule(height=larger * length, radius=larger * radius, count=[_SECTIONS, _SECTIONS])
@@ -60,6 +60,6 @@ def _scaled(mesh: trimesh.Trimesh, scale: float) -> trimesh.Trimesh:
 
 
 def _creation() -> Any:
-    import trimesh.creation  # As late as in `loading`.
+    import trimesh.creation  # Deferred as in `loading`.
 
     return trimesh.creation

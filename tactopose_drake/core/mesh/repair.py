@@ -1,4 +1,4 @@
-"""From raw triangles to a closed, consistently oriented mesh in metres: checked, repaired, every repair stated."""
+"""Converts raw triangles to a closed, consistently oriented mesh in metres: checks, repairs, and states each repair."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from tactopose_drake.errors import InvalidMeshError, MeshUnitsError
 
 LARGEST_SIZE = 3.0
 SMALLEST_SIZE = 0.002
-"""Diagonals, m, between which a mesh may be one of an object in metres."""
+"""Range of diagonals, m, of a plausible object in metres."""
 
 FARTHEST = 20.0
-"""How far from its frame's origin a mesh may lie, in sizes: beyond, poses of the frame say little of the object."""
+"""Largest distance of a mesh from its frame's origin, in sizes: beyond, poses of the frame say little of the object."""
 
-_MERGE_DISTANCE = 1e-7  # duplicates of one vertex, as a share of the size: rounding of single precision
-_MOST_NEIGHBOURS = 50  # pairs of vertices within that distance, per vertex: there are no cracks in a heap of vertices
-# Of cracks that are closed where that makes the mesh closed, as shares of the size, tried one after the other.
+_MERGE_DISTANCE = 1e-7  # between duplicates of a vertex, as a share of the size: single-precision rounding
+_MOST_NEIGHBOURS = 50  # pairs of vertices within a welding distance, per vertex: more are no cracks
+# Widths of cracks that are welded if that closes the mesh, as shares of the size, tried in turn.
 _WELD_DISTANCES = (1e-5, 1e-4)
 
 
 class MeshRepairWarning(UserWarning):
-    """A mesh that could be used only after the repair that the message states."""
+    """A mesh needed the repair that the message states."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +42,10 @@ class RepairedMesh:
 
     Attributes:
         vertices: shape (v, 3), m.
-        faces: vertex indices, anticlockwise seen from outside, shape (f, 3); none of zero area, and every edge of two
-            that run along it once each way.
+        faces: vertex indices, anticlockwise seen from outside, shape (f, 3); none of zero area, and every edge belongs
+            to two, once in each direction.
         repairs: one sentence for each repair.
-        properties: volume, centroid and inertia, which are those of a body.
+        properties: volume, centroid and inertia, which are physically possible.
     """
 
     vertices: FloatArray
@@ -57,20 +57,19 @@ class RepairedMesh:
 def repair_mesh(raw: RawMesh, name: str) -> RepairedMesh:
     """Checks a mesh, and repairs what can be repaired without guessing at the shape.
 
-    Repaired with a statement: faces without area, repeated faces, faces that show the wrong side, inside-out bodies,
-    edges where bodies touch, cracks, holes small enough to tell inside from outside, debris, bodies that overlap or
-    touch along faces.
-    Duplicate vertices are merged silently. Separate bodies are kept as one rigid object, with a statement; inside-out
-    shells within a body are its cavities.
+    Repaired with a statement: faces without area, repeated faces, faces with the wrong orientation, inside-out bodies,
+    edges where bodies touch, cracks, holes that leave inside and outside distinguishable, debris, bodies that overlap
+    or touch along faces. Duplicate vertices are merged silently. Separate bodies are kept as one rigid object, with a
+    statement; inside-out shells within a body are its cavities.
 
     Args:
         raw: the triangles.
-        name: what error messages call the mesh.
+        name: of the mesh, in error messages.
 
     Raises:
         InvalidMeshError: if there are no faces, a vertex is not finite, the mesh is not manifold, has no volume, is so
-            open that inside cannot be told from outside, passes through itself so that its inertia is that of no body,
-            or lies so far from its frame's origin that digits are lost.
+            open that inside and outside are not distinguishable, passes through itself so that its inertia is that of
+            no body, or lies so far from its frame's origin that precision is lost.
         MeshUnitsError: if its size is not that of an object in metres.
     """
     repairs: list[str] = []
@@ -87,7 +86,7 @@ def repair_mesh(raw: RawMesh, name: str) -> RepairedMesh:
 
 
 def _check(raw: RawMesh) -> float:
-    """The size of a mesh that has faces, sound indices, finite vertices and the size of an object in metres."""
+    """Checks faces, indices and vertices, and that the size is that of an object in metres; returns the size."""
     if not len(raw.faces):
         raise InvalidMeshError("has no faces: it is empty, cut short, or made of points alone.")
     bad = np.flatnonzero(np.any((raw.faces < 0) | (raw.faces >= len(raw.vertices)), axis=1))
@@ -100,7 +99,7 @@ def _check(raw: RawMesh) -> float:
     if len(bad):
         raise InvalidMeshError(f"vertex {bad[0]} is {raw.vertices[bad[0]].tolist()}; allowed are finite numbers.")
     lower, upper = raw.vertices[used].min(axis=0), raw.vertices[used].max(axis=0)
-    with np.errstate(over="ignore"):  # an infinite size is refused below
+    with np.errstate(over="ignore"):  # an infinite size is rejected below
         extents = upper - lower
         size = float(np.linalg.norm(extents))
     if size == 0.0:
@@ -142,7 +141,7 @@ def _connect(vertices: FloatArray, faces: IntArray, size: float, repairs: list[s
 
 
 def _merge(vertices: FloatArray, faces: IntArray, distance: float) -> tuple[FloatArray, IntArray]:
-    """Makes vertices one that round to the same multiple of `distance`; drops the unused."""
+    """Merges vertices that round to the same multiple of `distance`; drops unused ones."""
     used = np.unique(faces)
     cell = np.round((vertices[used] - vertices[used].min(axis=0)) / distance).astype(np.int64)
     order = np.lexsort(cell.T)
@@ -155,7 +154,7 @@ def _merge(vertices: FloatArray, faces: IntArray, distance: float) -> tuple[Floa
 
 
 def _weld(vertices: FloatArray, faces: IntArray, distance: float) -> tuple[FloatArray, IntArray] | None:
-    """Makes vertices one that are within `distance` of each other, or linked by a chain of such; None if most are."""
+    """Merges vertices that chains of steps up to `distance` connect; None if there are too many such pairs."""
     tree = scipy.spatial.cKDTree(vertices)
     if tree.count_neighbors(tree, distance) > _MOST_NEIGHBOURS * len(vertices):
         return None
@@ -169,7 +168,7 @@ def _weld(vertices: FloatArray, faces: IntArray, distance: float) -> tuple[Float
 
 
 def _make_manifold(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> tuple[FloatArray, IntArray]:
-    """Removes collapsed and repeated faces, makes neighbours agree on their side, and separates bodies that touch."""
+    """Removes degenerate and repeated faces, makes orientations consistent, and separates bodies that touch."""
     collapsed = np.any(faces == np.roll(faces, 1, axis=1), axis=1)
     if collapsed.any():
         repairs.append(f"removed {counted(collapsed.sum(), 'face', 'faces')} with two corners in one place")
@@ -197,7 +196,7 @@ def _make_manifold(vertices: FloatArray, faces: IntArray, repairs: list[str]) ->
 
 
 def _without_repeated_faces(faces: IntArray, repairs: list[str]) -> IntArray:
-    """Drops faces that repeat an earlier one on the same side; a sheet that is all double keeps one side."""
+    """Drops faces that repeat an earlier one with the same orientation; keeps one side of a wholly doubled sheet."""
     first_corner = np.argmin(faces, axis=1)
     rolled = np.take_along_axis(faces, (first_corner[:, None] + np.arange(3)) % 3, axis=1)
     _, kept = np.unique(rolled, axis=0, return_index=True)

@@ -1,4 +1,4 @@
-"""What a mesh must be so that it is a body: closed, oriented, and with the volume and inertia of one."""
+"""Checks that a mesh is the surface of a body: closed, oriented, and with a physically possible volume and inertia."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidMeshError
 
 DENSITY = 1000.0
-"""Assumed density where no mass is given, kg/m^3."""
+"""Assumed density if no mass is given, kg/m^3."""
 
-_FLAT_BODY = 1e-6  # volume over area as a share of the size, which is none but for rounding
-_ROUNDING = 1e-9  # relative, of the integrals
+_FLAT_BODY = 1e-6  # volume over area, as a share of the size, below which a body is flat
+_ROUNDING = 1e-9  # relative tolerance of the integrals
 
 
 @dataclass(frozen=True, eq=False)
 class SolidProperties:
-    """The integrals over a uniform body of density `DENSITY`.
+    """Integrals over a uniform body of density `DENSITY`.
 
     Attributes:
         volume: m^3.
@@ -35,15 +35,15 @@ class SolidProperties:
 
 
 def solid_properties(vertices: FloatArray, faces: AnyIntArray) -> SolidProperties:
-    """The volume, centroid and inertia of a mesh that has to be a body's surface.
+    """Computes volume, centroid and inertia of a mesh that must be the surface of a body.
 
     Args:
         vertices: shape (v, 3), m.
         faces: vertex indices, anticlockwise seen from outside, shape (f, 3).
 
     Raises:
-        InvalidMeshError: if a number is not finite, an index out of range, an edge not of two faces that run along it
-            once each way, or the volume, the centroid or the inertia that of no body.
+        InvalidMeshError: if a number is not finite, an index out of range, an edge does not belong to two faces, once
+            in each direction, or volume, centroid or inertia are physically impossible.
     """
     if not len(faces) or faces.min() < 0 or faces.max() >= len(vertices) or not np.isfinite(vertices).all():
         raise InvalidMeshError("has no faces, or faces of vertices that do not exist.")
@@ -57,7 +57,7 @@ def solid_properties(vertices: FloatArray, faces: AnyIntArray) -> SolidPropertie
     volume, centroid, inertia = _integrals((vertices - middle)[faces])
     centroid += middle
     moments = np.linalg.eigvalsh(inertia)
-    # The mean squares of the distances from the three principal planes, which no body has below zero.
+    # The mean squared distances from the three principal planes, which are positive for any body.
     squares = (0.5 * moments.sum() - moments) / (DENSITY * volume)
     margin = _ROUNDING * size
     if (
@@ -74,7 +74,7 @@ def solid_properties(vertices: FloatArray, faces: AnyIntArray) -> SolidPropertie
 
 
 def _integrals(corners: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-    """Volume, centroid and inertia about it, of the tetrahedra between the origin and triangles (f, 3, 3)."""
+    """Volume, centroid, and inertia about it, of the tetrahedra between the origin and triangles (f, 3, 3)."""
     weight = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
     sums = corners.sum(axis=1)
     volume = float(weight.sum())
@@ -85,7 +85,7 @@ def _integrals(corners: FloatArray) -> tuple[float, FloatArray, FloatArray]:
 
 
 def _check_closed(faces: AnyIntArray) -> None:
-    """Refuses a mesh some of whose edges are not of two faces that run along them once each way."""
+    """Rejects a mesh with edges that do not belong to two faces, once in each direction."""
     start, end = half_edges(faces.astype(np.int64))
     stride = int(faces.max()) + 1
     there, back = np.sort(start * stride + end), np.sort(end * stride + start)

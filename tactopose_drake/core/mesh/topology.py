@@ -1,4 +1,4 @@
-"""How the faces of a triangle mesh hang together: across which edges, in which bodies, around which holes."""
+"""The topology of a triangle mesh: which faces share edges, which form bodies, and which edges bound holes."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from tactopose_drake.errors import InvalidMeshError
 IntArray = NDArray[np.int64]
 AnyIntArray = NDArray[np.int32] | IntArray
 
-_COINCIDENT = 1e-5  # rad between two faces at an edge: rounding of single precision
+_COINCIDENT = 1e-5  # angle between two faces at an edge, rad, up to which they coincide: single-precision rounding
 
 
 @dataclass(frozen=True, eq=False)
 class FaceLinks:
-    """Which half edges of which faces meet. Half edge 3 f + c runs from corner c of face f to the next corner.
+    """Which half edges of faces meet. Half edge 3 f + c runs from corner c of face f to the next corner.
 
     Attributes:
         pairs: half edges that meet, shape (m, 2).
         open: half edges that meet no other, shape (b,).
-        crowded: groups of half edges of one edge that more than two faces share.
+        crowded: groups of half edges of an edge that more than two faces share.
     """
 
     pairs: IntArray
@@ -39,7 +39,7 @@ def half_edges(faces: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def link_faces(faces: IntArray) -> FaceLinks:
-    """Matches half edges by their two vertices, whatever their direction."""
+    """Matches half edges by their two vertices, regardless of direction."""
     start, end = half_edges(faces)
     code = np.minimum(start, end) * (int(faces.max()) + 1) + np.maximum(start, end)
     order = np.argsort(code, kind="stable")
@@ -51,10 +51,10 @@ def link_faces(faces: IntArray) -> FaceLinks:
 
 
 def agree_on_sides(faces: IntArray, pairs: IntArray) -> tuple[IntArray, int]:
-    """Turns faces until linked faces show the same side, and says how many it turned: the fewer of each body.
+    """Flips faces until linked faces are consistently oriented, in each body the minority; returns the number flipped.
 
     Raises:
-        InvalidMeshError: if that is impossible, as on a Moebius strip.
+        InvalidMeshError: if it is not orientable, like a Moebius strip.
     """
     start, _ = half_edges(faces)
     clash = start[pairs[:, 0]] == start[pairs[:, 1]]
@@ -82,8 +82,8 @@ def agree_on_sides(faces: IntArray, pairs: IntArray) -> tuple[IntArray, int]:
 def pair_around_edge(vertices: FloatArray, faces: IntArray, crowd: IntArray) -> IntArray:
     """Pairs the half edges of an edge that several bodies share, so that each pair bounds one wedge of solid.
 
-    Seen along the edge, solid lies clockwise of a face that runs with the edge and anticlockwise of one that runs
-    against it. So, sorted by angle, each face against the edge is paired with the next one, which must run with it.
+    Seen along the edge, solid is clockwise of a face that runs with the edge and anticlockwise of one that runs against
+    it. So, sorted by angle, each face against the edge is paired with the next one, which must run with it.
 
     Args:
         vertices: shape (v, 3), m.
@@ -110,7 +110,7 @@ def pair_around_edge(vertices: FloatArray, faces: IntArray, crowd: IntArray) -> 
     first = int(np.argmin(along))
     across = np.cross(edge, arm[first])
     angle = np.mod(np.arctan2(arm @ across, arm @ arm[first]), 2 * np.pi)
-    # Where two faces coincide, the wedge that ends there comes before the one that begins.
+    # If two faces coincide, the wedge that ends there comes before the one that begins.
     angle[(angle >= 2 * np.pi - _COINCIDENT) | ((angle <= _COINCIDENT) & along)] = 2 * np.pi
     angle[first] = 0.0
     rising = np.argsort(angle)
@@ -123,10 +123,10 @@ def pair_around_edge(vertices: FloatArray, faces: IntArray, crowd: IntArray) -> 
 
 
 def split_vertices(faces: IntArray, pairs: IntArray) -> tuple[IntArray, IntArray]:
-    """Gives every fan of linked faces around a vertex a vertex of its own.
+    """Splits vertices so that every fan of linked faces around a vertex has its own.
 
     Args:
-        faces: vertex indices, shape (f, 3), linked faces showing the same side.
+        faces: vertex indices, shape (f, 3), linked faces consistently oriented.
         pairs: half edges that meet, shape (m, 2).
 
     Returns:
@@ -134,7 +134,7 @@ def split_vertices(faces: IntArray, pairs: IntArray) -> tuple[IntArray, IntArray
     """
     start, _ = half_edges(faces)
     count = len(start)
-    after = pairs - pairs % 3 + (pairs + 1) % 3  # the half edge that begins where this one ends
+    after = pairs - pairs % 3 + (pairs + 1) % 3  # the half edge that starts where this one ends
     rows = np.concatenate([pairs[:, 0], after[:, 0]])
     columns = np.concatenate([after[:, 1], pairs[:, 1]])
     graph = scipy.sparse.coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(count, count))
@@ -145,14 +145,14 @@ def split_vertices(faces: IntArray, pairs: IntArray) -> tuple[IntArray, IntArray
 
 
 def edge_labels(count: int, pairs: IntArray) -> IntArray:
-    """A number for each half edge of `count` faces, shape (3 count,): the same for the two of a pair."""
+    """A label for each half edge of `count` faces, shape (3 count,): the same for the two of a pair."""
     label = np.arange(3 * count)
     label[pairs[:, 1]] = label[pairs[:, 0]]
     return label
 
 
 def split_repeated_edges(vertices: FloatArray, faces: IntArray, label: IntArray) -> tuple[FloatArray, IntArray]:
-    """Gives an edge that joins the same two vertices as another a vertex in its middle.
+    """Inserts a vertex into the middle of each edge that joins the same two vertices as another edge.
 
     Args:
         vertices: shape (v, 3), m.
@@ -191,7 +191,7 @@ def body_labels(faces: IntArray) -> IntArray:
 
 
 def boundary_loops(faces: IntArray, open_half_edges: IntArray) -> list[IntArray]:
-    """The rims of a mesh's holes as closed chains of vertices; every vertex is on one rim at most."""
+    """The rims of a mesh's holes as closed chains of vertices; every vertex must be on at most one rim."""
     start, end = half_edges(faces)
     following = dict(zip(start[open_half_edges].tolist(), end[open_half_edges].tolist(), strict=True))
     loops = []

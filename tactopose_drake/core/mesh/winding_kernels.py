@@ -1,4 +1,4 @@
-"""Which nodes of a regular grid lie inside a mesh: winding numbers by signed crossings, compiled by numba."""
+"""Winding numbers of the nodes of a regular grid by signed crossings, compiled."""
 
 import numpy as np
 
@@ -12,8 +12,8 @@ def winding_numbers(
 ) -> tuple[Shorts3, Shorts2]:
     """Winding numbers of the nodes, by signed crossings counted upwards along z.
 
-    An edge's side test is computed with its vertices in one order for both of its faces, so no column slips through a
-    shared edge, nor counts it twice.
+    An edge's side test is computed with its vertices in the same order for both of its faces, so a column neither
+    misses a shared edge nor counts it twice.
 
     Args:
         vertices: shape (v, 3), m; the columns must not pass through them (shift `origin` by a little).
@@ -50,7 +50,7 @@ def winding_numbers(
                 if (ea > 0.0) != (eb > 0.0) or (ea > 0.0) != (ec > 0.0):
                     continue
                 z = (ea * a[2] + eb * b[2] + ec * c[2]) / (ea + eb + ec)
-                step = -1 if ea > 0.0 else 1  # upwards through a face that looks up leaves the solid
+                step = -1 if ea > 0.0 else 1  # going upwards through a face that looks up leaves the solid
                 rest[i, j] += step
                 k = max(0, int(np.ceil((z - origin[2]) / spacing)))
                 if k < nz:
