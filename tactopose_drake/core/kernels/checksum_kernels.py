@@ -1,4 +1,4 @@
-"""A checksum at the speed of memory: one that notices every flipped bit, and blocks that have changed places.
+"""A checksum at memory speed, which detects every flipped bit and every exchange of blocks.
 
 Source: [C12] Y. Collet, xxHash (XXH64), 2012, of whole stripes of 32 bytes.
 """
@@ -10,7 +10,7 @@ import numpy as np
 from tactopose_drake.core.compilation import inlined, kernel
 from tactopose_drake.core.kernel_types import Unsigned, UnsignedLongs1
 
-# Numbers without a sign, and so are all that they meet: with any other they would become floats.
+# All numbers are unsigned: mixed with signed ones they would become floats.
 _P1: Any = np.uint64(0x9E3779B185EBCA87)
 _P2: Any = np.uint64(0xC2B2AE3D27D4EB4F)
 _P3: Any = np.uint64(0x165667B19E3779F9)
@@ -22,7 +22,7 @@ _NOTHING: Any = np.uint64(0)
 
 @kernel
 def checksum(words: UnsignedLongs1, seed: Unsigned) -> int:
-    """The XXH64 of words (4 n,), n at least one; another for each seed."""
+    """The XXH64 hash of words (4 n,), n >= 1; different for each seed."""
     a, b, c, d = seed + _P1 + _P2, seed + _P2, seed + _NOTHING, seed - _P1
     for i in range(0, words.shape[0] - 3, 4):
         a, b = _add(a, words[i]), _add(b, words[i + 1])

@@ -1,7 +1,8 @@
-"""What would be left of a cost's Hessian if one of its contacts were not as told, compiled.
+"""The Hessian of a cost that remains if one of its contacts is an outlier, compiled.
 
-The mixture's cost at a pose counts each contact by what it probably is. Its Hessian, less what one contact adds in so
-far as it is as told, is that of the cost in the case that this one is displaced or turned.
+The mixture's cost at a pose weights each contact by the posterior probabilities of its kinds. Its Hessian, less what
+one contact contributes as an inlier, is that of the cost in the case that this contact is displaced or its normal
+wrong.
 """
 
 import numpy as np
@@ -15,7 +16,7 @@ from tactopose_drake.core.kernels.surface_contact_kernels import Rows, WeightedC
 
 @inlined
 def _rows_facing(grid, touch, i, facing, n, X, own):
-    """A contact's rows by its normal times how far it faces as told, -1 where it is flipped; n (3,) is for work."""
+    """A contact's rows with its normal times `facing`, which is -1 for a flipped one; n (3,) is scratch."""
     for a in range(3):
         n[a] = facing * touch.n[i, a]
     contact_rows(grid, touch.p[i], n, touch.weight_p[i], touch.weight_n[i], X, own)
@@ -23,7 +24,7 @@ def _rows_facing(grid, touch, i, facing, n, X, own):
 
 @inlined
 def _normal_energy(residual):
-    """That of a normal, by the residuals (5,) of its contact."""
+    """Half the square of the four residuals that belong to the normal, of a contact's residuals (5,)."""
     return 0.5 * (residual[1] ** 2 + residual[2] ** 2 + residual[3] ** 2 + residual[4] ** 2)
 
 
@@ -31,10 +32,11 @@ def _normal_energy(residual):
 def find_alternatives(
     grid: Grid, touch: WeightedContacts, doubts: Doubts, X: Floats3, hessian: Floats3, left: OutFloats4
 ) -> None:
-    """What is left (B, 2 k, 6, 6) of each pose's Hessian (B, 6, 6), as of `mixture_equations`, with one contact false.
+    """Writes what remains (B, 2 k, 6, 6) of each pose's Hessian (B, 6, 6), see `mixture_equations`, without one
+    contact.
 
-    First each in turn is displaced, then each in turn has any normal. What is taken off is what the contact counts for
-    in it, no more, so that nothing negative is left.
+    In the first k, each contact in turn is displaced; in the last k, each in turn has an arbitrary normal. Only what
+    the contact's weight contributes is subtracted, so that the remainder is positive semidefinite.
     """
     k = touch.p.shape[0]
     facing, work = np.empty(3), make_work(k, doubts)

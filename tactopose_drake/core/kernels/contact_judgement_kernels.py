@@ -1,4 +1,4 @@
-"""What the exact likelihood says of contacts at poses, compiled; see `contact_mixture_kernels`."""
+"""Evaluates the exact likelihood of contacts at poses, compiled; see `contact_mixture_kernels`."""
 
 from typing import NamedTuple
 
@@ -14,14 +14,14 @@ from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContact
 
 
 class Exact(NamedTuple):
-    """The exact densities (B, k) of contacts, and the energy up to which they are known."""
+    """The exact densities (B, k) of contacts, and the energy up to which they are accurate."""
 
     density: OutFloats2
     reached: float
 
 
 class Judged(NamedTuple):
-    """What `judge` fills: see `ContactMixture.judge`."""
+    """The output of `judge`, see `ContactMixture.judge`."""
 
     cost: OutFloats1
     inlier_probability: OutFloats2
@@ -40,11 +40,11 @@ def judge(
     judged: Judged,
     whole: bool,
 ) -> None:
-    """Judges poses (B, 3, 4): as a whole, or by their costs alone, and then all else that is judged stays as it is.
+    """Judges poses (B, 3, 4). Unless `whole`, only their costs are written.
 
-    Where the contacts' exact densities are more than exp(-reached), they take the place of d + n. Farther off they are
-    cut, and the distance field is as good; how well a flipped normal fits is known by that field alone. The prior
-    counts in the costs alone.
+    Where the exact density of a contact is more than exp(-reached), -log of it replaces d + n. Farther away the exact
+    densities are truncated, and the distance field is as good; how well a flipped normal fits is always evaluated by
+    the distance field. The prior enters only the costs.
     """
     density, reached = exact
     k, least, u = touch.p.shape[0], np.exp(-reached), np.empty(6)

@@ -1,22 +1,23 @@
-"""The mixture likelihood of contacts that may be false, with noise that may be larger than told, compiled.
+"""The mixture likelihood of contacts that may be outliers, with noise that may exceed what is told, compiled.
 
-With d the energy of a contact's distance from the surface (half its whitened square), n that of its normal, m that of
-the normal flipped, and the variances of points and normals s and t times what is told, the contact's density over that
-of an exact one is
+Let d be the energy of a contact's distance from the surface (half its whitened square), n that of its normal, m that of
+the flipped normal, and let the variances of points and normals be s and t times what is told. Relative to the density
+of an exact contact, the density of each kind is
 
     as told                  exp(-d / s - n / t) / (sqrt(s) t),
-    with its normal flipped  f_m exp(-d / s - m / t) / (sqrt(s) t),
-    with another normal      f_n exp(-d / s) / sqrt(s),
+    with a flipped normal    f_m exp(-d / s - m / t) / (sqrt(s) t),
+    with an arbitrary normal f_n exp(-d / s) / sqrt(s),
     displaced                f_d exp(-c d - n / t) / t,
     of something else        f_p,
 
-summed, without t, n and m where there is no normal: a for each contact, with the odds f of that being so by itself, and
-b, of the false kinds alone, with the odds of it being the one of all that is so. The factors s and t are the same for
-all contacts: the likelihood is the sum over pairs of them of their prior probability times
+without t, n and m if there is no normal. Summed over all kinds with the odds f of independent outliers, these are a_i
+for contact i; summed over the false kinds with the odds of the single outlier among all contacts, they are b_i. The
+factors s and t are the same for all contacts: the likelihood is the sum over pairs (s, t) of their prior probability
+    times
 
     prod_i a_i (1 + sum_i b_i / a_i).
 
-They are powers of two, so that one exponential of each energy serves for all.
+The factors are powers of two, so that one exponential of each energy suffices for all.
 """
 
 import math
@@ -42,26 +43,26 @@ from tactopose_drake.core.kernels.lane_kernels import (
 )
 from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts
 
-# The factors of the variances are two to the powers 0 to this.
+# The factors of the variances are two to the powers 0 to MOST_DOUBLINGS.
 MOST_DOUBLINGS = 4
 _ROOT_2 = math.sqrt(2.0)
-# The series of exp(x); and up to which x its powers are numbers.
+# Taylor coefficients of exp(x), and the largest |x| for which it does not overflow.
 _SERIES = tuple(1.0 / math.factorial(order) for order in range(9))
 _MOST = 700.0
-# Where the rows of shares begin after the first: what a contact's distance and normal count for, and how it faces.
+# Where the rows of shares after the first begin: the weights of a contact's distance and normal, and how it faces.
 BY_D, BY_N, FACES = (np.uintp(LANES * row) for row in (1, 2, 3))
 
 
 class Doubts(NamedTuple):
-    """What is doubted of contacts, read-only.
+    """Prior probabilities of the kinds of contacts and of the noise's size, read-only.
 
     Attributes:
-        s, t: logarithms to base two of the pairs of factors, shape (q,); the first is 0, 0.
+        s, t: logarithms to base two of the pairs of factors, shape (q,); the first pair is (0, 0).
         per_s, per_t: one over the factors, shape (q,).
-        probability: of each pair over that of the first, shape (q,).
-        flipped, normal, displaced, other: f_m, f_n, f_d and f_p, of each by itself and of the one of all, shape (2, k);
-            0 where that cannot be, but for the f_p of each, which are above 0.
-        closeness: c, the contacts' variances over that of how far they are displaced, shape (k,).
+        probability: prior probability of each pair over that of the first, shape (q,).
+        flipped, normal, displaced, other: f_m, f_n, f_d and f_p, of independent outliers in row 0 and of the single one
+            in row 1, shape (2, k); 0 for impossible kinds, but f_p of independent ones is always above 0.
+        closeness: c, the contact's variance over that of its displacement if displaced, shape (k,).
         has_normals: whether there are normals.
     """
 
@@ -79,16 +80,17 @@ class Doubts(NamedTuple):
 
 
 class MixtureScratch(NamedTuple):
-    """What `mix` reads and fills, of k contacts, f factors of variances, q pairs of them and some lanes.
+    """Input and output of `mix`, for k contacts, f factors of the variances, q pairs of them, and the lanes.
 
     Attributes:
-        d, n, m: the energies of distances, of normals and of flipped ones, shape (k, lanes).
-        point, turn, back: what these make of a contact's density, by factor, shape (k, f, lanes).
-        moved: likewise if it is displaced, shape (k, lanes).
-        total: what the pairs weigh, shape (q, lanes); `most` the largest, shape (lanes,).
-        by_itself: what of that is of contacts that are each false by itself, if at all, shape (q, lanes).
+        d, n, m: the energies of distances, normals and flipped normals, shape (k, lanes).
+        point, turn, back: the factors of a contact's density that belong to d, n and m, shape (k, f, lanes).
+        moved: exp(-c d), the one that belongs to d if the contact is displaced, shape (k, lanes).
+        total: posterior probability of each pair of factors, shape (q, lanes).
+        by_itself: the part of it in which all outliers are independent, shape (q, lanes).
+        most: scratch, the largest total, shape (lanes,).
         cost: of each pose, shape (lanes,).
-        shares: what `find_shares` fills, four rows of lanes.
+        shares: the output of `find_shares`, four rows of lanes.
     """
 
     d: OutFloats2
@@ -107,7 +109,7 @@ class MixtureScratch(NamedTuple):
 
 @part
 def mix(lanes: int, doubts: Doubts, work: MixtureScratch) -> None:
-    """The costs of energies, 0 where those of distances and normals are; with the factors, and what the pairs weigh."""
+    """Costs from the energies, relative to contacts with d = n = 0; also fills the factors and the pairs' posterior."""
     point, turn, back, moved = work.point, work.turn, work.back, work.moved
     total, by_itself, most, cost = work.total, work.by_itself, work.most, work.cost
     pairs = total.shape[0]
@@ -132,7 +134,7 @@ def mix(lanes: int, doubts: Doubts, work: MixtureScratch) -> None:
             for lane in range(lanes):
                 most[lane] = max(most[lane], total[q, lane])
         for lane in range(lanes):
-            if not 1e-50 <= most[lane] <= 1e50:  # Many contacts' densities are too small or large for one number.
+            if not 1e-50 <= most[lane] <= 1e50:  # Rescaled, as the product of many densities would over- or underflow.
                 cost[lane] -= np.log(most[lane])
                 for q in range(pairs):
                     total[q, lane] /= most[lane]
@@ -149,15 +151,15 @@ def mix(lanes: int, doubts: Doubts, work: MixtureScratch) -> None:
 
 @inlined
 def _odds(doubts, row, i):
-    """Those of a contact's false kinds, by itself (row 0) or as the one of all (row 1)."""
+    """The odds of a contact's false kinds, as an independent outlier (row 0) or as the single one (row 1)."""
     return doubts.flipped[row, i], doubts.normal[row, i], doubts.displaced[row, i], doubts.other[row, i]
 
 
 @inlined
 def _exp_minus(x):
-    """exp(-x) as the 1024th power of a short series, to 1e-12 where that is not next to nothing.
+    """exp(-x) as the 1024th power of a short series, with relative error 1e-12 unless it is negligibly small.
 
-    NumPy's takes one number at a time; a loop of this takes as many as the processor can.
+    NumPy's exp is scalar here; a loop over this one is vectorised by the compiler.
     """
     y = max(min(x, _MOST), -_MOST) * (-1.0 / 1024.0)
     high = _SERIES[4] + y * (_SERIES[5] + y * (_SERIES[6] + y * (_SERIES[7] + y * _SERIES[8])))
@@ -169,7 +171,7 @@ def _exp_minus(x):
 
 @inlined
 def _find_factors(i, lanes, doubts, work):
-    """A contact's factors by its energies, for each of the noise's scales."""
+    """The factors of a contact's densities, from its energies, for each scale of the noise."""
     d, n, m, closeness = work.d, work.n, work.m, doubts.closeness[i]
     point, turn, back, moved = work.point, work.turn, work.back, work.moved
     least, root = 0.5**MOST_DOUBLINGS, 0.5 ** (0.5 * MOST_DOUBLINGS)
@@ -194,10 +196,11 @@ def _find_factors(i, lanes, doubts, work):
 
 @part
 def find_shares(i: int, lanes: int, doubts: Doubts, work: MixtureScratch) -> None:
-    """That a contact is as told, and what its distance and its normal count for, into four rows of shares.
+    """Fills the rows of shares: the contact's inlier probability, the weights of its distance and normal, and its
+    facing.
 
-    These are the derivatives of the cost by its energies, that by n and that by m together; what the first of the two
-    is more than the second, as a share of both, comes last.
+    The weights are the derivatives of the cost with respect to d, and to n and m together. With w_n and w_m those with
+    respect to n and m, the last row is (w_n - w_m) / (w_n + w_m).
     """
     shares, moved = work.shares, work.moved[i]
     for lane in range(FACES + np.uintp(LANES)):
@@ -211,7 +214,7 @@ def find_shares(i: int, lanes: int, doubts: Doubts, work: MixtureScratch) -> Non
             by_back, displaced = point[lane] * back[lane], moved[lane] * turn[lane]
             own = point[lane] * turn[lane] + ((f_m * back[lane] + f_n) * point[lane] + f_d * displaced + f_p)
             one = (g_m * back[lane] + g_n) * point[lane] + g_d * displaced + g_p
-            # What the other contacts weigh where none of them is the one, and where that may be.
+            # Posterior weight of the other contacts: without a single outlier among them, and with or without.
             per_own = 1.0 / own
             none = by_itself[lane] * per_own
             others = max((total[lane] - none * one) * per_own, none)
@@ -229,7 +232,7 @@ def find_shares(i: int, lanes: int, doubts: Doubts, work: MixtureScratch) -> Non
 
 @part
 def make_work(contacts: int, doubts: Doubts) -> MixtureScratch:
-    """Room for so many contacts."""
+    """Allocates scratch for a number of contacts."""
     each, factors, pairs = (contacts, LANES), (contacts, MOST_DOUBLINGS + 1, LANES), (len(doubts.s), LANES)
     return MixtureScratch(
         np.empty(each),
@@ -249,7 +252,7 @@ def make_work(contacts: int, doubts: Doubts) -> MixtureScratch:
 
 @part
 def find_energies(grid: Grid, touch: WeightedContacts, lanes: int, w: OutFloats1, work: MixtureScratch) -> None:
-    """The energies of each contact's distance, normal and flipped normal, by the distance field."""
+    """The energies of each contact's distance, normal and flipped normal, from the distance field."""
     for i in range(touch.p.shape[0]):
         read_grid(grid, touch.p[i], touch.n[i], lanes, w)
         weigh(grid.inverse_spacing, touch.weight_p[i], touch.weight_n[i], lanes, w)
@@ -262,10 +265,10 @@ def find_energies(grid: Grid, touch: WeightedContacts, lanes: int, w: OutFloats1
 def add_up_doubted(
     grid: Grid, touch: WeightedContacts, doubts: Doubts, X: Floats3, lanes: int, w: OutFloats1, work: MixtureScratch
 ) -> None:
-    """Costs, into the work's, and gradient and Hessian at so many poses X (3, 4), one in each lane of the rows w.
+    """Writes costs to `work`, and adds gradients and Hessians to the rows w, at poses X (3, 4), one per lane.
 
-    The gradient is exact. The Hessian is that of the contacts' squares by what each counts for, as in iteratively
-    reweighted least squares.
+    The gradient is exact. The Hessian is that of the weighted squares of the contacts, as in iteratively reweighted
+    least squares.
     """
     enter(X, 0, lanes, w)
     find_energies(grid, touch, lanes, w, work)

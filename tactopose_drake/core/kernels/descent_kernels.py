@@ -1,4 +1,4 @@
-"""Contacts, believed or doubted, with a prior or without one: normal equations, and a pose's whole descent in one loop.
+"""Normal equations of contacts, with or without outliers and a prior, and a pose's whole descent in one compiled loop.
 
 Source: [B16] J. Bimbo, thesis, 2016, eqs. 2.30 and 2.31, 3.3 and 3.5.
 """
@@ -34,7 +34,7 @@ from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContact
 
 
 class Ends(NamedTuple):
-    """Where descents end: cost (B,), gradient (B, 6), Hessian (B, 6, 6), steps tried (B,), at a minimum or not (B,)."""
+    """Where descents end: cost (B,), gradient (B, 6), Hessian (B, 6, 6), steps tried (B,), is at a minimum (B,)."""
 
     cost: OutFloats1
     gradient: OutFloats2
@@ -55,16 +55,15 @@ def descend(
     X: OutFloats3,
     ends: Ends,
 ) -> None:
-    """Levenberg-Marquardt from each pose X (B, 3, 4), which moves; as `LevenbergMarquardt.refine` does it in rounds.
+    """Moves poses X (B, 3, 4) by Levenberg-Marquardt, with the same result as `LevenbergMarquardt.refine`.
 
-    The cost is of the contacts' residuals, the prior's and the hand's volume; there is no prior where its weights are
-    zero, and the hand may be without spheres. Where doubts
-    say how much the noise may be larger, it is the mixture's. Where they do not, each pose is spared the contact whose
-    number stands in spared (B,), or none where that is empty. The exact gradient and the Gauss-Newton
-    Hessian are those at the poses where the descents end.
-    The Hessian is of the contacts' rows that carry information, see `surface_contact_kernels.contact_rows`.
+    The cost is that of the contacts' residuals, the prior, and the hand's volume. There is no prior if its weights are
+    zero; the hand may have no spheres. If `doubts` has pairs of noise factors, the contacts' cost is the mixture's.
+    Otherwise each pose ignores the contact with the index in `spared` (B,), or none if that is empty. `ends` holds the
+    exact gradient and the Gauss-Newton Hessian at the final poses; the Hessian is of the contacts' rows that carry
+    information, see `surface_contact_kernels.contact_rows`.
 
-    So many poses as there are lanes are on their way at a time; where one has arrived, the next begins.
+    As many poses as there are lanes descend at a time; where one has finished, the next begins.
     """
     w, there, index = np.zeros(SIZE), np.empty((LANES, 3, 4)), np.empty(LANES, dtype=np.int64)
     damping, promised, left_out = np.empty(LANES), np.empty(LANES), np.empty(LANES, dtype=np.int64)

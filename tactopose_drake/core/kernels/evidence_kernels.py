@@ -1,4 +1,4 @@
-"""The inner loops of the evidence of forces, in the style of `pose_kernels.py`: friction and balance.
+"""The inner loops of the evidence of forces, friction and balance, in the style of `pose_kernels.py`.
 
 Poses are (B, 3, 4); increments (w, v) as in `poses.py`.
 """
@@ -17,7 +17,7 @@ _SOFT_SINE = 1e-9
 
 
 class Forces(NamedTuple):
-    """Forces, read-only: points (k, 3) and directions (k, 3) in P, and the variance (k,) of their angle to normals."""
+    """Forces, read-only: points (k, 3) and directions (k, 3) in P, and variances (k,) of their angle to normals."""
 
     p: Floats2
     u: Floats2
@@ -28,7 +28,7 @@ class Forces(NamedTuple):
 def friction_residuals(
     grid: Grid, forces: Forces, cone: float, X: Floats3, residuals: OutFloats2, jacobian: OutFloats3
 ) -> None:
-    """Residuals (B, k), see `objectives.friction_cone`, and their Jacobian (B, k, 6) by the increment.
+    """Residuals (B, k), see `objectives.friction_cone`, and their Jacobian (B, k, 6) with respect to the increment.
 
     cone is the friction angle, rad.
     """
@@ -48,19 +48,19 @@ def friction_residuals(
             angle = np.arctan2(beside, along)
             if angle <= cone:
                 continue
-            # The mean of unit vectors is as short as they are spread, see `surface_contact_kernels.normal_weight`.
+            # The more unit vectors spread, the shorter is their mean, see `surface_contact_kernels.normal_weight`.
             total = variance[i] + 0.5 * max(0.0, 1.0 - square)
             weight = 1.0 / np.sqrt(total)
             residuals[b, i] = weight * (angle - cone)
             shrink = 0.5 * (angle - cone) / total if square < 1.0 else 0.0
             row[:] = 0.0
             for c in range(3):
-                # The derivative of the angle by the normal, and of the weight by its length.
+                # The derivative of the angle with respect to the normal, and of the weight to its length.
                 part = (along * (n[c] - along * f[c]) / beside - beside * f[c]) / (square + _SOFT_SINE) + shrink * n[c]
                 for a in range(3):
                     row[a] += part * slope[c + 1, a]
             chain(row, q, X[b], weight, jacobian[b, i])
-            # The force turns with the increment too: d(R^T u) = f x w.
+            # The force turns with the increment, too: d(R^T u) = f x w.
             weight /= beside
             jacobian[b, i, 0] -= weight * (n[1] * f[2] - n[2] * f[1])
             jacobian[b, i, 1] -= weight * (n[2] * f[0] - n[0] * f[2])
@@ -71,9 +71,9 @@ def friction_residuals(
 def balance_residuals(
     A: Floats2, offset: Floats1, c: Floats1, X: Floats3, residuals: OutFloats2, jacobian: OutFloats3
 ) -> None:
-    """Residuals (B, m) that are linear in where a point c (3,) of the object is: A (R c + t) + offset.
+    """Residuals (B, m) that are linear in the position of a point c (3,) of the object: A (R c + t) + offset.
 
-    A is (m, 3), offset (m,). With their Jacobian (B, m, 6) by the increment.
+    A is (m, 3) and offset (m,). Also writes their Jacobian (B, m, 6) with respect to the increment.
     """
     for b in range(X.shape[0]):
         for k in range(A.shape[0]):

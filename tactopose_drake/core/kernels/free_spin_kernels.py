@@ -1,4 +1,4 @@
-"""Turns of poses about axes that an object looks the same around, compiled."""
+"""Rotations of poses about the axes of rotational symmetry of an object, compiled."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
 
 @kernel
 def take_nearest_image(reference: Floats2, turns: Floats3, X: Floats3, out: OutFloats3) -> None:
-    """Of each pose X (B, 3, 4) the image by one of the turns (g, 3, 4) whose rotation is nearest to the reference's."""
+    """For each pose X (B, 3, 4), the image by one of the turns (g, 3, 4) whose rotation is nearest the reference's."""
     image = np.empty((3, 4))
     for b in range(X.shape[0]):
         most = -np.inf
@@ -27,10 +27,11 @@ def take_nearest_image(reference: Floats2, turns: Floats3, X: Floats3, out: OutF
 
 @kernel
 def turn_toward(reference: Floats3, choice: Longs1, axes: Floats2, points: Floats2, X: OutFloats3) -> None:
-    """Turns poses X (B, 3, 4) about the axes in turn until their rotations are nearest to those of their references.
+    """Rotates poses X (B, 3, 4) about each axis in turn so that their rotations are nearest to their references'.
 
-    The references (n, 3, 4) are chosen (B,) for each; axes (c, 3) are unit vectors, with points (c, 3) on them, in O.
-    The trace of R_reference^T R exp(t a) is a constant plus a cosine and a sine of t: its largest value is the nearest.
+    `choice` (B,) is the index of each pose's reference (n, 3, 4); axes (c, 3) are unit vectors in O, with points (c, 3)
+    on them. trace(R_reference^T R exp(t a)) is a constant plus a cosine and a sine of t; it is largest at the nearest
+    rotation.
     """
     for b in range(X.shape[0]):
         for c in range(axes.shape[0]):
@@ -45,7 +46,7 @@ def turn_toward(reference: Floats3, choice: Longs1, axes: Floats2, points: Float
                 sine += e * (q * z - r * y) + f * (r * x - p * z) + g * (p * y - q * x)
             length = np.sqrt(cosine * cosine + sine * sine)
             if length == 0.0:
-                continue  # All turns are as near.
+                continue  # All rotations are equally near.
             cosine, sine = cosine / length, sine / length
             for k in range(3):
                 p, q, r = X[b, k, 0], X[b, k, 1], X[b, k, 2]

@@ -1,4 +1,4 @@
-"""What an update by contacts makes of the covariances of modes, compiled; see `contact_update.py`."""
+"""The effect of an update by contacts on the covariances of modes, compiled; see `contact_update.py`."""
 
 import numpy as np
 
@@ -16,14 +16,14 @@ from tactopose_drake.core.kernels.matrix_kernels import (
 
 @kernel
 def inform(jacobian: Floats4, share: Floats3, information: OutFloats3, weighted: OutFloats3) -> None:
-    """What k contacts tell of n poses, by tangents, and what they tell where each row counts by a share.
+    """The information of k contacts on n poses, by their tangents, in full and with each row weighted.
 
     Args:
-        jacobian: of the contacts' rows, whitened, shape (n, k, 5, 6), of which the last row is none; see
+        jacobian: of the contacts' whitened rows, shape (n, k, 5, 6), the last of which carries no information; see
             `surface_contact_kernels.contact_rows`.
-        share: of the distances' and of the normals' information, shape (n, k, 2).
-        information: written, shape (n, 6, 6).
-        weighted: likewise.
+        share: weights of the distances' and of the normals' information, shape (n, k, 2).
+        information: output, the full information, shape (n, 6, 6).
+        weighted: output, the weighted information, shape (n, 6, 6).
     """
     for b in range(jacobian.shape[0]):
         for i in range(6):
@@ -48,7 +48,7 @@ def join_information(A: Floats3, gain: Floats3, variances: Floats2, information:
         A: inverses of P - C B^-1 C^T, shape (n, 6, 6).
         gain: C B^-1, shape (n, 6, m).
         variances: the diagonals of B, shape (n, m).
-        information: written.
+        information: output, the inverses.
     """
     m = gain.shape[2]
     for b in range(A.shape[0]):
@@ -71,10 +71,10 @@ def join_information(A: Floats3, gain: Floats3, variances: Floats2, information:
 
 @kernel
 def bound_covariances(before: Floats3, most: Floats3, after: OutFloats3) -> None:
-    """Widens what an update claims; see `contact_update.limit_gain`. All are (n, 6, 6).
+    """Widens the covariances that an update claims; see `contact_update.limit_gain`. All are (n, 6, 6).
 
     Raises:
-        LinAlgError: a covariance before it has no root.
+        LinAlgError: a covariance before the update is not positive definite.
     """
     L, Lt = np.empty((6, 6)), np.empty((6, 6))
     values, rows, work = np.empty(6), np.empty((6, 6)), np.empty((6, 6))
@@ -85,8 +85,8 @@ def bound_covariances(before: Floats3, most: Floats3, after: OutFloats3) -> None
         for i in range(6):
             for j in range(6):
                 Lt[i, j] = L[j, i] if i <= j else 0.0
-        # In the rows of `root`, whose outer products are what is left of the covariance at least, what was known is 1,
-        # and what the touch may tell are the values: the larger one of both holds. `unit` is the inverse of the root.
+        # The outer products of the rows of `root` sum to the least covariance that may remain. In these coordinates the
+        # information before the update is 1, and the touch's the eigenvalues; the larger holds. `unit` is root^-T.
         transform(Lt, most[b], work, A)
         diagonalize(A, values, rows)
         multiply(rows, Lt, root)
@@ -109,16 +109,16 @@ def follow_roughness(
     roughness: OutFloats3,
     C: OutFloats3,
 ) -> None:
-    """Roughness by source, and the covariances with the biases; see `contact_update.follow_roughness`.
+    """Updates the roughness by source, and the covariances with the biases; see `contact_update.follow_roughness`.
 
     Args:
-        now: roughness that is seen of k contacts, shape (n, k, 2).
-        lasting: what lasts of their errors otherwise, shape (k, 2).
-        source: of each, shape (k,).
-        variances: of a bias of the position and of the normal beside these, shape (2,).
-        gain: by which the roughness follows.
-        roughness: of s sources, shape (n, s, 2); written.
-        C: shape (n, 6, 6 s); written.
+        now: roughness observed at k contacts, shape (n, k, 2).
+        lasting: the variance of their other lasting errors, shape (k, 2).
+        source: of each contact, shape (k,).
+        variances: of a bias of the position and of the normal, without roughness, shape (2,).
+        gain: of the exponential smoothing of the roughness.
+        roughness: of s sources, shape (n, s, 2); updated.
+        C: shape (n, 6, 6 s); updated.
     """
     for b in range(now.shape[0]):
         for i in range(source.shape[0]):

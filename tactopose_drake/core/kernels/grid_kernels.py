@@ -1,6 +1,6 @@
-"""Look-ups in a distance grid, compiled: the distance and the normal at a point of O, and their slopes.
+"""Look-ups in a distance grid, compiled: the distance and the normal at a point in O, and their derivatives.
 
-A look-up is one gather: eight nodes of four float32 each (signed distance, normal), which lie in four runs of 32 bytes.
+A look-up is one gather of eight nodes of four float32 each (signed distance, normal), in four runs of 32 bytes.
 """
 
 from typing import NamedTuple
@@ -10,11 +10,11 @@ import numpy as np
 from tactopose_drake.core.compilation import inlined, part
 from tactopose_drake.core.kernel_types import Floats1, OutFloats1, OutFloats2, Singles4
 
-# Where interpolated normals nearly cancel (the middle of a thin wall) their direction means little: this bounds it.
+# Where interpolated normals nearly cancel (the middle of a thin wall) their direction is meaningless: this bounds it.
 SOFT_LENGTH = 0.05
 
 COARSENESS = 4
-"""The distances at each so-manieth node along each axis are a grid by themselves."""
+"""The distances at every fourth node along each axis form a grid of their own."""
 
 _U4 = np.uintp(4)
 
@@ -52,7 +52,7 @@ def cell(q, origin, inverse_spacing, limit):
 
 @part
 def look_up(grid: Grid, x: float, y: float, z: float, out: OutFloats1) -> None:
-    """Trilinear distance and normal at one point, out[0:4]; outside of the grid the way to it is added."""
+    """Trilinear distance and normal at a point, out[0:4]; outside the grid, the distance to the grid is added."""
     values, origin, inverse_spacing = grid.values, grid.origin, grid.inverse_spacing
     i, fx, ox = cell(x, origin[0], inverse_spacing, values.shape[0] - 1.0)
     j, fy, oy = cell(y, origin[1], inverse_spacing, values.shape[1] - 1.0)
@@ -108,7 +108,7 @@ def look_up_with_derivative(grid: Grid, x: float, y: float, z: float, out: OutFl
 
 @inlined
 def interpolate(flat, at, sx, sy, fx, fy, fz):
-    """One channel of the flattened grid in the cell whose first node is at `at`, and its slopes per cell.
+    """One channel of the flattened grid in the cell whose first node is at `at`, and its derivatives per cell.
 
     sx and sy are the strides to the next node along x and y; along z it is 4.
     """

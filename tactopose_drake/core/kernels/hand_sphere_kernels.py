@@ -1,4 +1,4 @@
-"""The spheres that fill the hand, in neighbourhoods, as kernels read them."""
+"""The spheres that fill the hand, grouped into neighbourhoods, as kernels read them."""
 
 from typing import NamedTuple
 
@@ -9,18 +9,18 @@ from tactopose_drake.core.kernel_types import Floats1, Floats2, Longs1, OutFlags
 
 
 class Spheres(NamedTuple):
-    """The hand's spheres in neighbourhoods, read-only: neighbourhood g is start[g]:start[g + 1].
+    """The hand's spheres by neighbourhoods, read-only: neighbourhood g is start[g]:start[g + 1].
 
     Attributes:
         p: centres in P, shape (h, 3), m.
         radius: shape (h,), m.
-        reach: no sphere of a neighbourhood, from this one on, reaches further from the centre of its first, shape (h,),
-            m.
-        start: shape (g + 1,).
-        leaders: coordinates of the centres of neighbourhoods' firsts, and their reach, shape (4, g), m.
-        allowed: how deep each neighbourhood may be in the object, shape (g,), m.
-        weight: by which what is beyond that counts, shape (g,), 1/m.
-        coarse: the object's distances at each fourth node of its grid, see `DistanceGrid.coarse_distances`.
+        reach: none of the spheres from this one to the neighbourhood's last reaches further than this from the centre
+            of the neighbourhood's first, shape (h,), m.
+        start: the first sphere of each neighbourhood, and one past the last, shape (g + 1,).
+        leaders: x, y and z of the centre of each neighbourhood's first sphere, and its reach, shape (4, g), m.
+        allowed: permitted penetration of each neighbourhood, shape (g,), m.
+        weight: of the penetration beyond that, shape (g,), 1/m.
+        coarse: the object's distances at every fourth node of its grid, see `DistanceGrid.coarse_distances`.
     """
 
     p: Floats2
@@ -44,16 +44,17 @@ NO_SPHERES = Spheres(
     _NO_NUMBERS,
     read_only(np.empty((0, 0, 0), dtype=np.float32)),
 )
-"""What kernels read where the hand's volume is not known."""
+"""Stands for the hand where its volume is unknown."""
 
 
 @kernel
 def gather_neighbourhoods(
     p: Floats2, order: Longs1, width: float, group: OutLongs1, distance: OutFloats1, leads: OutFlags1
 ) -> None:
-    """Parts points (h, 3) into groups (h,): the next in the order that is left takes all that are left within a width.
+    """Partitions points (h, 3) into groups (h,): each point in the order that is not in one yet leads a new group.
 
-    Such a one leads (h,) its group; distances (h,) are from there.
+    The group takes all ungrouped points within `width` of its leader. Writes the distances (h,) from the leaders, and
+    who leads (h,).
     """
     group[:] = -1
     leads[:] = False

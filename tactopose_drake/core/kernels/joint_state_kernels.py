@@ -1,7 +1,7 @@
-"""What the compiled updates of a mode share: their arrays, and the normal equations of pose and biases together.
+"""What the compiled updates of a mode share: arrays, and the normal equations of pose and biases together.
 
-The joint state is the pose and, for each source of contacts, six biases: of the contact's position in P, m, and a turn
-of its normal, rad, in P. Its increment (w, v, biases) has m = 6 + 6 s entries for s sources.
+The joint state is the pose and, for each source of contacts, six biases: of the contact's position in P, m, and a
+rotation of its normal in P, rad. Its increment (w, v, biases) has m = 6 + 6 s entries for s sources.
 """
 
 from typing import NamedTuple
@@ -19,9 +19,9 @@ class ContactArrays(NamedTuple):
     Attributes:
         p: points in P, shape (k, 3), m.
         n: outward unit normals in P, shape (k, 3).
-        weight_p: one over the points' standard deviations, shape (k,), 1/m.
-        weight_n: one over the normals', shape (k,), 1/rad; 0 where there is none.
-        source: the source of each, shape (k,).
+        weight_p: one over the standard deviations of the points, shape (k,), 1/m.
+        weight_n: one over the standard deviations of the normals, shape (k,), 1/rad; 0 where there is none.
+        source: the source of each contact, shape (k,).
     """
 
     p: Floats2
@@ -32,11 +32,11 @@ class ContactArrays(NamedTuple):
 
 
 class ModePriors(NamedTuple):
-    """Gaussians of the joint state, whose biases have mean zero, for B modes.
+    """Gaussians over the joint state of B modes; the biases have mean zero.
 
     Attributes:
         X: poses, shape (B, 3, 4).
-        information: inverse covariances of the joint increment from there, shape (B, m, m).
+        information: inverse covariances of the joint increment from X, shape (B, m, m).
     """
 
     X: Floats3
@@ -48,7 +48,8 @@ class PriorRows(NamedTuple):
 
     Attributes:
         increment: shape (1, 6).
-        jacobian: its derivative by an increment of the pose here, the inverse right Jacobian, shape (1, 6, 6).
+        jacobian: its derivative with respect to an increment of the current pose, the inverse right Jacobian, shape
+            (1, 6, 6).
     """
 
     increment: OutFloats2
@@ -57,7 +58,7 @@ class PriorRows(NamedTuple):
 
 @part
 def make_prior_rows() -> PriorRows:
-    """Room for `PriorRows`."""
+    """Allocates `PriorRows`."""
     return PriorRows(np.empty((1, 6)), np.empty((1, 6, 6)))
 
 
@@ -69,7 +70,7 @@ def compare_with_prior(X_prior: Floats2, X: Floats3, rows: PriorRows) -> None:
 
 @part
 def transport_information(jacobian: Floats2, H: OutFloats2) -> None:
-    """H (m, m) by increments of the pose at the prior becomes diag(A, 1)^T H diag(A, 1), with A the jacobian (6, 6)."""
+    """Replaces H (m, m), with respect to increments at the prior, by diag(A, 1)^T H diag(A, 1), with A the jacobian."""
     column, row = np.empty(6), np.empty(6)
     for c in range(H.shape[1]):
         for a in range(6):
@@ -91,15 +92,15 @@ def transport_information(jacobian: Floats2, H: OutFloats2) -> None:
 def add_normal_equations(
     source: int, G: Floats2, L: Floats2, R: Floats2, residual: Floats1, g: OutFloats1, H: OutFloats2
 ) -> None:
-    """Adds what one contact says: g += G^T residual and H += L^T R.
+    """Adds the normal equations of one contact: g += G^T residual and H += L^T R.
 
     Args:
         source: the contact's.
-        G: rows (4, 12) by the increment and the biases of that source, of the gradient.
-        L: likewise, of the Hessian.
-        R: likewise.
+        G: rows (4, 12) of the gradient, with respect to the increment and the biases of the source.
+        L: rows (4, 12) of the Hessian's left factor.
+        R: rows (4, 12) of the Hessian's right factor.
         residual: shape (4,).
-        g: gradient by the joint increment, shape (m,).
+        g: gradient with respect to the joint increment, shape (m,).
         H: Hessian, shape (m, m).
     """
     at = 6 * source

@@ -1,11 +1,11 @@
-"""Contacts on the distance grid, compiled for several poses at a time, so that the processor works on them together.
+"""Contacts on the distance grid, compiled for several poses at a time, so that the processor vectorises over them.
 
-Each number of a pose is one of sixteen that lie next to each other, a row of lanes. All rows are one array: of places
-in one array, so far apart, a compiler knows that they do not overlap. What differs from lane to lane (which nodes of
-the grid are read) is copied into rows first. A loop over lanes has no branches and no function that exists for single
-numbers only; then it becomes four numbers to an instruction.
+Each number of a pose is in a row of sixteen adjacent lanes. All rows are in one array: the compiler knows that places
+at fixed distances in one array do not overlap. Data whose address differs from lane to lane (the nodes of the grid) is
+gathered into rows first. Loops over lanes contain no branches and no functions that exist for scalars only, so that
+they compile to instructions on four numbers each.
 
-All is in the object's frame: increments are (w, R^T v) until `leave`. The formulas are those of `contact_rows`.
+Everything is in the object's frame: increments are (w, R^T v) until `leave`. The formulas are those of `contact_rows`.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ LANES = 16
 # Bounds the derivative of the square root in the residual that normalises the normals' likelihood.
 SOFT_ROOT = 1e-4
 # Where rows begin: of a pose; of a contact's point and normal in O; of its place in the grid; of the grid's values at
-# the cell's corners; of its energies, the last with its normal flipped, what it counts for, and how far its normal
+# the cell's corners; of the contact's energies, the last for a flipped normal; of its weights, and how far its normal
 # faces as told; of sums over the contacts.
 _POSE, _POINT, _NORMAL, _FRACTION, _OUTSIDE, _CORNERS = (np.uintp(LANES * row) for row in (0, 12, 15, 18, 21, 24))
 DISTANCE_ENERGY, NORMAL_ENERGY, FLIPPED_ENERGY = (np.uintp(LANES * row) for row in (56, 57, 58))
@@ -28,16 +28,16 @@ DISTANCE_SHARE, NORMAL_SHARE, FACING = (np.uintp(LANES * row) for row in (59, 60
 COST, _SPREAD, _GRADIENT, _HESSIAN = (np.uintp(LANES * row) for row in (62, 63, 64, 70))
 _NODE = np.uintp(LANES * 91)
 SIZE = LANES * 92
-"""Numbers that the rows take."""
+"""Size of the array that holds all rows."""
 
 _1, _2, _3, _4, _5 = (np.uintp(LANES * row) for row in range(1, 6))
-_Z, _Y, _X = (np.uintp(LANES * row) for row in (4, 8, 16))  # From corner to corner, each of four channels.
+_Z, _Y, _X = (np.uintp(LANES * row) for row in (4, 8, 16))  # From corner to corner, of four channels each.
 _LARGEST = 1e200
 
 
 @part
 def enter(X: Floats3, first: int, lanes: int, w: OutFloats1) -> None:
-    """The poses X[first : first + lanes], each of (3, 4), into lanes; the sums over contacts begin at zero."""
+    """Loads the poses X[first : first + lanes], (3, 4) each, into lanes, and zeroes the sums over contacts."""
     for lane in range(lanes):
         for a in range(3):
             for c in range(4):
@@ -50,7 +50,7 @@ def enter(X: Floats3, first: int, lanes: int, w: OutFloats1) -> None:
 
 @part
 def read_grid(grid: Grid, p: Floats1, n: Floats1, lanes: int, w: OutFloats1) -> None:
-    """What the grid says about a contact's point p and normal n (3,) in P: its cell's corners, by lanes."""
+    """Gathers, for each lane, the corners of the grid cell at a contact's point p and normal n (3,) in P."""
     values, origin, inverse_spacing = grid
     px, py, pz, nx, ny, nz = p[0], p[1], p[2], n[0], n[1], n[2]
     for lane in range(np.uintp(lanes)):
@@ -67,7 +67,7 @@ def read_grid(grid: Grid, p: Floats1, n: Floats1, lanes: int, w: OutFloats1) -> 
         node = 0
         for a in range(3):
             row, limit = np.uintp(LANES * a) + lane, values.shape[a] - 1.0
-            # A NaN, too, must not become an index.
+            # NaN must not become an index.
             at = (w[_POINT + row] - origin[a]) * inverse_spacing
             inside = min(max(at, 0.0), limit) if at == at else 0.0
             below = min(int(inside), values.shape[a] - 2)
@@ -93,7 +93,7 @@ def read_grid(grid: Grid, p: Floats1, n: Floats1, lanes: int, w: OutFloats1) -> 
 
 @inlined
 def _interpolate(w, row, fx, fy, fz):
-    """One channel between the corners, and its slopes per cell."""
+    """One channel interpolated between the corners, and its derivatives per cell."""
     v000, v001, v010, v011 = w[row], w[row + _Z], w[row + _Y], w[row + _Y + _Z]
     row += _X
     v100, v101, v110, v111 = w[row], w[row + _Z], w[row + _Y], w[row + _Y + _Z]
@@ -107,7 +107,7 @@ def _interpolate(w, row, fx, fy, fz):
 
 @part
 def weigh(inverse_spacing: float, weight_p: float, weight_n: float, lanes: int, w: OutFloats1) -> None:
-    """A contact's energies: half the squares of its whitened residuals, by distance, by normal, and by that flipped."""
+    """A contact's energies: half the squares of its whitened distance, of its normal, and of the normal flipped."""
     for lane in range(np.uintp(lanes)):
         fx, fy, fz = w[_FRACTION + lane], w[_FRACTION + _1 + lane], w[_FRACTION + _2 + lane]
         ox, oy, oz = w[_OUTSIDE + lane], w[_OUTSIDE + _1 + lane], w[_OUTSIDE + _2 + lane]
@@ -131,12 +131,12 @@ def weigh(inverse_spacing: float, weight_p: float, weight_n: float, lanes: int, 
 
 @inlined
 def _field_with_slopes(w, lane, inverse_spacing):
-    """Distance and mean normal at a contact's point, (4,), and their slopes along x, y and z, (4,) each."""
+    """Distance and mean normal at a contact's point, (4,), and their derivatives along x, y and z, (4,) each."""
     fx, fy, fz = w[_FRACTION + lane], w[_FRACTION + _1 + lane], w[_FRACTION + _2 + lane]
     ox, oy, oz = w[_OUTSIDE + lane], w[_OUTSIDE + _1 + lane], w[_OUTSIDE + _2 + lane]
     way = np.sqrt(ox * ox + oy * oy + oz * oz)
     per_way = 1.0 / way if way > 0.0 else 0.0
-    # Outside of the grid the field is its nearest point's, and the way there is added.
+    # Outside the grid the field is that of the nearest point, plus the distance to it.
     kx = inverse_spacing if ox == 0.0 else 0.0
     ky = inverse_spacing if oy == 0.0 else 0.0
     kz = inverse_spacing if oz == 0.0 else 0.0
@@ -152,13 +152,13 @@ def _field_with_slopes(w, lane, inverse_spacing):
 
 @inlined
 def _chained(x, y, z, qx, qy, qz):
-    """A derivative by the point in O as one by (w, R^T v): dq = [q]x w - R^T v."""
+    """Converts a derivative with respect to the point in O to one by (w, R^T v): dq = [q]x w - R^T v."""
     return y * qz - z * qy, z * qx - x * qz, x * qy - y * qx, -x, -y, -z
 
 
 @inlined
 def _add_squares(w, row, a, b, c, d):
-    """Adds the products of four rows' numbers (6,), the lower triangle of sums of squares."""
+    """Adds the lower triangle of the sum of the outer squares of four rows (6,)."""
     w[row] += a[0] * a[0] + b[0] * b[0] + c[0] * c[0] + d[0] * d[0]
     row += _1
     w[row] += a[1] * a[0] + b[1] * b[0] + c[1] * c[0] + d[1] * d[0]
@@ -189,10 +189,10 @@ def _add_squares(w, row, a, b, c, d):
 
 @part
 def add_equations(inverse_spacing: float, weight_p: float, weight_n: float, lanes: int, w: OutFloats1) -> None:
-    """Adds a contact's part of the cost, of its gradient, and of the Hessian, each energy times what it counts for.
+    """Adds a contact's part of the cost, of its gradient, and of the Hessian, each energy times its share.
 
-    The normal counts by its mean over what it may be: as told or flipped, that is told by how far it faces as told.
-    The cost lacks the logarithms of the normals' variances, which wait in one product; see `total_cost`.
+    The normal counts by its mean over the two cases that it is as told or flipped, which `FACING` weights. The cost
+    lacks the logarithms of the normals' variances, which accumulate in one product; see `total_cost`.
     """
     rest = 0.5 * SOFT_ROOT if weight_n > 0.0 else 0.0
     for lane in range(np.uintp(lanes)):
@@ -210,12 +210,12 @@ def add_equations(inverse_spacing: float, weight_p: float, weight_n: float, lane
         w[COST + lane] += rest if share_n > 0.0 else 0.0
         w[_SPREAD + lane] *= spread if share_n > 0.0 else 1.0
 
-        # The derivative of half the squared length of the mean normal, which says how its variance changes.
+        # The derivative of half the squared length of the mean normal, by which its variance changes.
         inside = 1.0 if square < 1.0 else 0.0
         ax = inside * (f1 * x[1] + f2 * x[2] + f3 * x[3])
         ay = inside * (f1 * y[1] + f2 * y[2] + f3 * y[3])
         az = inside * (f1 * z[1] + f2 * z[2] + f3 * z[3])
-        # The cost's derivative by the point in O, and by the turn of the normal.
+        # The cost's derivative with respect to the point in O, and to the rotation of the normal.
         by_d, by_n = share_d * weight_p * weight_p * f0, share_n * weight
         by_spread = by_n * (0.5 * misfit - 1.0)
         gx = by_d * x[0] + by_n * (ex * x[1] + ey * x[2] + ez * x[3]) + by_spread * ax
@@ -261,7 +261,7 @@ def total_cost(w, lane):
 
 @inlined
 def leave(w, lane, X, g, H, gradient, hessian):
-    """Gradient (6,) and Hessian (6, 6) by (w, v) at the pose X (3, 4) of a lane; g (6,) and H (6, 6) are for work."""
+    """Gradient (6,) and Hessian (6, 6) by (w, v) at the pose X (3, 4) of a lane; g (6,) and H (6, 6) are scratch."""
     row = _HESSIAN + lane
     for a in range(6):
         g[a] = w[_GRADIENT + np.uintp(LANES * a) + lane]

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt's steps, their acceptance and its damping, compiled: what all such minimisations share.
+"""The steps, acceptance and damping of Levenberg-Marquardt, compiled, which all such minimisations share.
 
 Source: [B16] J. Bimbo, thesis, 2016, section 2.6.2.2 (eqs. 2.30 and 2.31, and the damping rule).
 """
@@ -13,7 +13,7 @@ from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vecto
 
 
 class DescentRule(NamedTuple):
-    """What `searches.levenberg_marquardt.LevenbergMarquardt` goes by; see there."""
+    """The settings of `searches.levenberg_marquardt.LevenbergMarquardt`; see there."""
 
     max_iterations: int
     tolerance: float
@@ -23,7 +23,7 @@ class DescentRule(NamedTuple):
 
 
 class Problems(NamedTuple):
-    """Where a batch of problems stands: what is moved (B, s), cost (B,), gradient (B, m) and Hessian (B, m, m)."""
+    """The state of a batch of problems: variables (B, s), cost (B,), gradient (B, m) and Hessian (B, m, m)."""
 
     state: OutFloats2
     cost: OutFloats1
@@ -57,10 +57,10 @@ def form_normal_equations(
 
 @inlined
 def damped_step(m, H, g, damping, L, y, step):
-    """-(H + damping diag H)^-1 g into step (m,), by Cholesky, from the lower triangle of H; L and y are for work.
+    """Solves (H + damping diag H) step = -g, (m,), by Cholesky, from the lower triangle of H; L and y are scratch.
 
-    A pivot that vanishes (a direction that nothing determines) gets no step. It is no `matrix_kernels.cholesky`: that
-    refuses such a matrix, and its divisions would make a descent some 3 % slower.
+    A direction with a vanishing pivot, which nothing determines, gets no step. This does not call
+    `matrix_kernels.cholesky`, which rejects such a matrix, and whose divisions would slow a descent by about 3 %.
     """
     for i in range(m):
         for j in range(i + 1):
@@ -70,7 +70,7 @@ def damped_step(m, H, g, damping, L, y, step):
             for k in range(j):
                 s -= L[i, k] * L[j, k]
             if i == j:
-                # The diagonal holds the inverses: divisions are slow.
+                # The diagonal holds the inverses, as divisions are slow.
                 L[i, i] = 1.0 / np.sqrt(s) if s > 1e-12 * (H[i, i] + 1e-300) else 0.0
             else:
                 L[i, j] = s * L[j, j]
@@ -88,7 +88,7 @@ def damped_step(m, H, g, damping, L, y, step):
 
 @kernel
 def damped_steps(hessian: Floats3, gradient: Floats2, damping: Floats1, step: OutFloats2) -> None:
-    """Steps of each problem, see `damped_step`, into step (B, m); m is any size."""
+    """Writes the step (B, m) of each problem, see `damped_step`, for any m."""
     m = gradient.shape[1]
     L, y = np.empty((m, m)), np.empty(m)
     for b in range(gradient.shape[0]):
@@ -97,7 +97,7 @@ def damped_steps(hessian: Floats3, gradient: Floats2, damping: Floats1, step: Ou
 
 @inlined
 def promised_decrease(gradient, step):
-    """By how much the local model says that a step of least squares lowers the cost: half of -g s."""
+    """The decrease of the cost that the local model predicts for a least-squares step: -g s / 2."""
     promised = 0.0
     for i in range(step.shape[0]):
         promised -= 0.5 * gradient[i] * step[i]
@@ -106,16 +106,16 @@ def promised_decrease(gradient, step):
 
 @inlined
 def next_damping(damping, has_fallen, least_refused):
-    """A tenth of the damping after a step by which the cost has fallen; else tenfold, and no less than a limit."""
+    """A tenth of the damping after an accepted step; ten times after a rejected one, and at least `least_refused`."""
     return 0.1 * damping if has_fallen else max(10.0 * damping, least_refused)
 
 
 @inlined
 def has_converged(cost, decrease, promised, damping, rule):
-    """Whether a step from this cost, after which the damping is so large, was the last that pays.
+    """Whether to stop after a step from this cost.
 
-    It was where the cost fell, or was promised to fall, by less than the tolerance times cost + 1; or where it did not
-    fall and the damping exceeds its limit.
+    True if the cost decreased, or was predicted to decrease, by less than tolerance (1 + cost); or if it did not
+    decrease and the damping exceeds its limit.
     """
     least = rule.tolerance * (cost + 1.0)
     return promised < least or 0.0 < decrease < least or (not decrease > 0.0 and damping > rule.max_damping)
@@ -130,7 +130,7 @@ def accept_steps(
     rule: DescentRule,
     done: OutFlags1,
 ) -> None:
-    """Moves each problem by its step if its cost falls, changes its damping, and says whether it is done."""
+    """Moves each problem by its step if its cost decreases, updates its damping, and decides whether it is done."""
     state, cost, gradient, hessian = here
     for b in range(cost.shape[0]):
         decrease, promised = cost[b] - there.cost[b], promised_decrease(gradient[b], step[b])

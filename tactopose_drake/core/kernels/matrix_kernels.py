@@ -1,4 +1,4 @@
-"""Compiled algebra of small symmetric matrices, beside which numpy's calls would take most of the time.
+"""Compiled algebra of small symmetric matrices, for which calls of NumPy would take most of the time.
 
 Source: [GV] G. Golub and C. Van Loan, Matrix Computations, 4th ed., 2013, section 8.5 (Jacobi's method).
 """
@@ -9,13 +9,13 @@ from tactopose_drake.core.compilation import inlined, kernel, part
 from tactopose_drake.core.kernel_types import Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3
 from tactopose_drake.core.validation import FloatArray
 
-_MOST_SWEEPS = 30  # Six or seven are enough for any matrix of six rows.
+_MOST_SWEEPS = 30  # Six or seven suffice for any matrix of six rows.
 
 
 def inverses(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The inverses (B, n, n) of symmetric matrices (B, n, n), and the logarithms (B,) of their determinants.
 
-    Where a matrix is not positive definite the logarithm is infinite and the inverse not a number.
+    Where a matrix is not positive definite the logarithm is infinite and the inverse NaN.
     """
     inverse, logarithm = np.empty_like(matrices), np.empty(len(matrices))
     _invert_all(matrices, inverse, logarithm)
@@ -23,7 +23,7 @@ def inverses(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def eigenpairs(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues (B, n), in any order, and the eigenvectors (B, n, n), rows, of symmetric matrices (B, n, n)."""
+    """Eigenvalues (B, n), in any order, and eigenvectors (B, n, n), as rows, of symmetric matrices (B, n, n)."""
     values, rows = np.empty(matrices.shape[:2]), np.empty_like(matrices)
     _diagonalize_all(matrices.copy(), values, rows)
     return values, rows
@@ -31,16 +31,16 @@ def eigenpairs(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @kernel
 def _diagonalize_all(matrices: OutFloats3, values: OutFloats2, rows: OutFloats3) -> None:
-    """Each of them; the matrices are for work."""
+    """Diagonalises each matrix, which it overwrites."""
     for b in range(matrices.shape[0]):
         diagonalize(matrices[b], values[b], rows[b])
 
 
 @part
 def diagonalize(A: OutFloats2, values: OutFloats1, V: OutFloats2) -> None:
-    """Eigenvalues (n,), in any order, and eigenvectors (n, n), rows, of a symmetric A (n, n), which is for work.
+    """Eigenvalues (n,), in any order, and eigenvectors (n, n), as rows, of a symmetric A (n, n), which is overwritten.
 
-    Jacobi's rotations, row by row, until what is off the diagonal is rounding.
+    By cyclic Jacobi rotations, until the off-diagonal is down to rounding errors.
     """
     n = A.shape[0]
     size = 0.0
@@ -65,7 +65,7 @@ def diagonalize(A: OutFloats2, values: OutFloats1, V: OutFloats2) -> None:
 
 @inlined
 def _rotate(A, V, p, q):
-    """Makes A[p, q] vanish by a rotation in the plane of both axes. [GV] algorithm 8.5.1."""
+    """Zeroes A[p, q] by a rotation in the plane of both axes. [GV] algorithm 8.5.1."""
     tau = 0.5 * (A[q, q] - A[p, p]) / A[p, q]
     t = 1.0 / (tau + np.sqrt(1.0 + tau * tau)) if tau >= 0.0 else -1.0 / (np.sqrt(1.0 + tau * tau) - tau)
     c = 1.0 / np.sqrt(1.0 + t * t)
@@ -98,7 +98,7 @@ def multiply(A: Floats2, B: Floats2, C: OutFloats2) -> None:
 
 @part
 def transform(U: Floats2, A: Floats2, work: OutFloats2, out: OutFloats2) -> None:
-    """out = U A U^T of a symmetric A, likewise; work is (n, m) as U is."""
+    """out = U A U^T for a symmetric A (m, m); U and the scratch `work` are (n, m)."""
     multiply(U, A, work)
     for i in range(U.shape[0]):
         for j in range(i + 1):
@@ -118,9 +118,9 @@ def widen(
     rows: OutFloats2,
     work: OutFloats2,
 ) -> None:
-    """Makes a covariance (n, n) no less in any direction than another one, root^T root.
+    """Enlarges a covariance (n, n) so that in no direction it is less than another one, root^T root.
 
-    `unit` is the inverse of the root, transposed; what follows on the covariance is for work.
+    `unit` is the inverse of the root, transposed; the arguments after the covariance are scratch.
     """
     n = values.shape[0]
     transform(unit, covariance, work, A)
@@ -136,9 +136,9 @@ def widen(
 
 @part
 def orthonormalize(rows: OutFloats2, count: int) -> None:
-    """Makes so many of the rows (n, m) orthonormal, each less what of it is along those before it."""
+    """Orthonormalises the first `count` rows of (n, m) by Gram-Schmidt."""
     for c in range(count):
-        for _ in range(2):  # Once more, of what rounding has left.
+        for _ in range(2):  # The second pass removes what rounding has left.
             for before in range(c):
                 along = 0.0
                 for k in range(rows.shape[1]):
@@ -154,9 +154,9 @@ def orthonormalize(rows: OutFloats2, count: int) -> None:
 
 @inlined
 def cholesky(A, L):
-    """The lower triangle L of A = L L^T (n, n), from A's, or in its place; the logarithm of A's determinant.
+    """Writes the lower triangle L of A = L L^T (n, n), which may be A itself; returns the logarithm of A's determinant.
 
-    Where A is not positive definite the logarithm is infinite, and the diagonal of L not a number.
+    Reads only A's lower triangle. Where A is not positive definite the logarithm is infinite, and L's diagonal NaN.
     """
     total = 0.0
     for i in range(L.shape[0]):
@@ -177,7 +177,7 @@ def cholesky(A, L):
 
 @inlined
 def solve_transposed(L, z, u):
-    """u = L^-T z, which may be z's place: with H = L L^T and white z, u has the covariance H^-1."""
+    """u = L^-T z, in place if u is z: with H = L L^T and white z, u has the covariance H^-1."""
     n = L.shape[0]
     for i in range(n - 1, -1, -1):
         s = z[i]
@@ -188,7 +188,7 @@ def solve_transposed(L, z, u):
 
 @inlined
 def solve(L, x):
-    """(L L^T)^-1 x, in the place of x (n,)."""
+    """Replaces x (n,) by (L L^T)^-1 x."""
     for i in range(L.shape[0]):
         s = x[i]
         for k in range(i):
@@ -199,7 +199,7 @@ def solve(L, x):
 
 @inlined
 def invert(L, inverse):
-    """(L L^T)^-1 (n, n), column by column; L's own place is free for reuse afterwards."""
+    """(L L^T)^-1 (n, n), column by column; L may be reused afterwards."""
     n = L.shape[0]
     for j in range(n):
         for i in range(n):

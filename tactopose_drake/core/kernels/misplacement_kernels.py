@@ -1,4 +1,4 @@
-"""The misplacement of a tactile pad that makes its cost least, compiled, and how it follows the pose.
+"""The misplacement of a tactile pad that minimises its cost, compiled, and its derivative with respect to the pose.
 
 `grid`, `pads` and `sigmas` are those of `pad_kernels.py`. The misplacement is found in O, where the distances are.
 """
@@ -13,13 +13,13 @@ from tactopose_drake.core.kernels.matrix_kernels import cholesky, solve
 from tactopose_drake.core.kernels.pad_kernels import Cells, Pad, Pads, Run, enter, misplace, weigh_cells
 from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
 
-# Where the local model of a pad's cost promises less than this, it is taken at its word. That takes two steps or three;
-# at creases it may take many, which are not worth their time.
+# If the local model of a pad's cost predicts a smaller decrease than this, the decrease is taken for granted. That
+# takes two or three steps; at creases it may take many, which are not worth their time.
 _LEAST_PROMISE = 1e-6
 _MOST_STEPS = 4
-# The least damping after a step that was refused: a share of the Hessian's diagonal.
+# The least damping after a rejected step, a share of the Hessian's diagonal.
 _LEAST_REFUSED_DAMPING = 1.0
-# A pad that costs more than this after one step is explained by no noise; how far it is off is told well enough.
+# A pad that costs more than this after one step is not explained by any noise; a rough cost suffices.
 _HOPELESS = 30.0
 
 
@@ -33,7 +33,7 @@ def settle(
     cells: Cells,
     pad: Pad,
 ) -> float:
-    """A pad's least cost over its misplacement, by Levenberg and Marquardt's steps from 0; leaves the cells there."""
+    """A pad's least cost over its misplacement, by Levenberg-Marquardt steps from 0; leaves the cells there."""
     u, g, L, step, trial = pad.u, pad.g, pad.L, pad.step, pad.trial
     traits, run = pads[2], (pads[3][k], pads[3][k + 1])
     enter(pads, k, X, cells, pad)
@@ -78,7 +78,7 @@ def settle(
 
 @part
 def _expand(sigmas: tuple[float, float], run: Run, cells: Cells, pad: Pad) -> None:
-    """The gradient and Gauss-Newton Hessian of a pad's cost by its misplacement."""
+    """The gradient and Gauss-Newton Hessian of a pad's cost with respect to its misplacement."""
     g, H = pad.g, pad.H
     arms, slopes, weights, residual, rows = cells.arms, cells.slopes, cells.weights, cells.residual, cells.by_pad
     for a in range(6):
@@ -97,7 +97,7 @@ def _expand(sigmas: tuple[float, float], run: Run, cells: Cells, pad: Pad) -> No
 
 @part
 def make_rows(directions: Floats2, sigmas: tuple[float, float], run: Run, cells: Cells) -> None:
-    """The derivatives by misplacement and pose, given those by the places: the directions (n, 3)."""
+    """Derivatives by misplacement and pose, from those with respect to the cells' places: directions (n, 3)."""
     arms, places, by_pad, by_pose = cells.arms, cells.places, cells.by_pad, cells.by_pose
     for i in range(run[0], run[1]):
         _row(i, arms, directions, sigmas[0], sigmas[1], by_pad)
@@ -106,9 +106,9 @@ def make_rows(directions: Floats2, sigmas: tuple[float, float], run: Run, cells:
 
 @inlined
 def _row(i, levers, directions, turn, shift, rows):
-    """The derivatives by a turn and a shift of the i-th point at its lever, given those by the point, of (n, 3) each.
+    """The derivatives with respect to a turn and a shift of the i-th point at its lever, from those to the point.
 
-    Whole arrays are given, because a row of one that is given has its references counted.
+    `levers`, `directions` and `rows` are whole arrays, because numba counts references of a row that is passed.
     """
     x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
     rows[i, 0] = turn * (levers[i, 1] * z - levers[i, 2] * y)
@@ -119,7 +119,7 @@ def _row(i, levers, directions, turn, shift, rows):
 
 @part
 def couple(run: Run, cells: Cells, pad: Pad, C: OutFloats2) -> None:
-    """A pad's second derivatives: C (6, 6) by misplacement and pose; its factor L is of that by the misplacement."""
+    """A pad's second derivatives: C (6, 6) by misplacement and pose; `pad.L` factors those by the misplacement."""
     weights, by_pad, by_pose, L = cells.weights, cells.by_pad, cells.by_pose, pad.L
     C[:] = 0.0
     copy_matrix(pad.information, L)

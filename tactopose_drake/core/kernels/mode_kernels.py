@@ -1,4 +1,4 @@
-"""Which of many poses are the same mode, compiled: up to the object's symmetries and what is known of each."""
+"""Finds which of many poses are the same mode, up to the object's symmetries and each pose's uncertainty, compiled."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,10 @@ from tactopose_drake.core.validation import FloatArray
 def one_of_each(
     X_PO: FloatArray, information: FloatArray, symmetry_poses: FloatArray, sigmas: float, most: int | None = None
 ) -> NDArray[np.int64]:
-    """Which poses (n, 3, 4), the best one first, equal none before them that is one of these, up to a symmetry.
+    """The indices of distinct poses (n, 3, 4), which are sorted best first: each equals no earlier one of these.
 
-    Two are equal when they lie within so many standard deviations of the better one, by its information (n, 6, 6). No
-    more are looked for than `most`.
+    Two poses are equal if the Mahalanobis distance, by the information (n, 6, 6) of the better one, between the better
+    and some symmetric image of the other is below `sigmas`. At most `most` are found.
     """
     index = np.empty(len(X_PO) if most is None else min(most, len(X_PO)), dtype=np.int64)
     return index[: _find_distinct(X_PO, information, symmetry_poses, sigmas**2, index)]
@@ -24,13 +24,14 @@ def one_of_each(
 
 @kernel
 def _find_distinct(X: Floats3, information: Floats3, symmetries: Floats3, threshold: float, index: OutLongs1) -> int:
-    """Fills in which poses X (B, 3, 4) equal none of those before them up to a symmetry, and returns their number.
+    """Writes the indices of poses X (B, 3, 4) that equal none of the earlier ones, and returns their number.
 
-    It ends when the index is full.
+    Stops when `index` is full.
 
-    Two poses are equal when the squared Mahalanobis length of the increment between them, by the information (B, 6, 6)
-    of the better one, is below the threshold for one of the symmetries (g, 3, 4). Most are told apart sooner, by how
-    far such increments move and turn at the most: their squares are below the threshold times the covariance's traces.
+    Two poses are equal if the squared Mahalanobis length of the increment between them, by the information (B, 6, 6) of
+    the better one, is below the threshold for one of the symmetries (g, 3, 4). Most are told apart more cheaply, by
+    bounds on the translation and rotation of such increments: their squares are at most the threshold times the traces
+    of the covariance's blocks.
     """
     u, Y, count = np.empty(6), np.empty((symmetries.shape[0], 3, 4)), 0
     L, covariance = np.empty((6, 6)), np.empty((6, 6))

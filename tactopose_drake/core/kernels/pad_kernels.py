@@ -1,15 +1,15 @@
-"""A tactile pad's cells, compiled: where they are at a pose, misplaced, and what the distance grid says of them there.
+"""A tactile pad's cells, compiled: their places at a pose and a misplacement, and the distance grid's values there.
 
-A pad is a run of cells, each a point in P where the surface is (side 0), which is not inside of it (side -1), or not
-outside of it (side 1). The pad is misplaced by u = (turn, shift), in standard deviations, about its middle: a cell at
-the arm l from there is at l + sigma_rotation turn x l + sigma_position shift. What is known of u is an
-information matrix: the identity where each of its numbers is off by one and none tells of another.
+A pad is a run of cells. Each is a point in P that is on the surface (side 0), not inside of it (side -1), or not
+outside of it (side 1). The pad is misplaced about its middle by u = (turn, shift), in standard deviations: a cell with
+the arm l from the middle moves to l + sigma_rotation turn x l + sigma_position shift. The prior of u is a Gaussian with
+a given information matrix: the identity if its components are independent with unit variance.
 
-`grid` is (values, origin, 1 / spacing); `pads` is (points (n, 3), normals (n, 3), traits (n, 4), starts (k + 1,),
-middles (k, 3), excess (k, 6, 6), stretches (k, 3)), where a cell's traits are its side, weight, depth and half its
-width, starts say where the cells of each pad begin, and that there are n, the excess is by how much the information on
-u in P exceeds the identity, and stretches are as of `find_stretch`; `sigmas` is (sigma_rotation, sigma_position). The
-starts are unsigned, because loops over such numbers need no check for negative indices.
+`grid` is (values, origin, 1 / spacing). `pads` is (points (n, 3), normals (n, 3), traits (n, 4), starts (k + 1,),
+middles (k, 3), excess (k, 6, 6), stretches (k, 3)). A cell's traits are its side, weight, depth and half its width;
+starts are the index of each pad's first cell, and n; the excess is that of the information on u, in P, over the
+identity; stretches are as of `find_stretch`. `sigmas` is (sigma_rotation, sigma_position). The starts are unsigned,
+because loops over unsigned numbers need no check for negative indices.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -30,7 +30,7 @@ from tactopose_drake.core.kernels.grid_kernels import SOFT_LENGTH, Grid, cell, i
 from tactopose_drake.core.kernels.pose_kernels import rotate_to_object, to_object
 
 Run: TypeAlias = tuple[Unsigned, Unsigned]
-"""The first of a pad's cells among all, and the one behind its last."""
+"""The indices of a pad's first cell and of the one past its last."""
 
 
 class Pads(NamedTuple):
@@ -39,8 +39,8 @@ class Pads(NamedTuple):
     Attributes:
         points: shape (n, 3), m.
         normals: out of the pad, shape (n, 3).
-        traits: side, weight, depth and width of each, shape (n, 4).
-        starts: the first cell of each pad, and behind the last one's, shape (k + 1,).
+        traits: side, weight, depth and half the width of each, shape (n, 4).
+        starts: the first cell of each pad, and one past the last pad's last, shape (k + 1,).
         middles: of the pads, shape (k, 3), m.
         excess: of the information on each pad's misplacement, in P, over the identity, shape (k, 6, 6).
         stretches: of each pad's cells, in P, shape (k, 3).
@@ -61,12 +61,12 @@ class Cells(NamedTuple):
     Attributes:
         arms: from the pad's middle, shape (n, 3).
         outward: normals out of the pad, shape (n, 3).
-        places: where they are, misplaced, shape (n, 3).
-        clear: how far each that feels nothing is from the object where the pad is not misplaced, shape (n,).
-        weights: what each counts, 0 where it does not, shape (n,).
+        places: positions with the misplacement, shape (n, 3).
+        clear: distance from the object to each cell that feels nothing, without misplacement, shape (n,).
+        weights: of the cells, 0 for those that do not count, shape (n,).
         residual: weighted distances, shape (n,).
-        slopes: derivatives of the residual by the place: of the interpolated distance, shape (n, 3).
-        normals: the same along the interpolated normal, shape (n, 3).
+        slopes: derivatives of the residual with respect to the place, of the interpolated distance, shape (n, 3).
+        normals: the weighted interpolated unit normal, in place of the slopes, shape (n, 3).
         by_pad, by_pose: derivatives of the residual by the misplacement and by the pose's (w, R^T v), shape (n, 6).
     """
 
@@ -89,10 +89,10 @@ class Pad(NamedTuple):
         middle: of the pad in O, shape (3,).
         stretch: of its cells in O, shape (3,).
         information: on the misplacement, in O, shape (6, 6).
-        u: the misplacement, shape (6,).
-        g, H: gradient (6,) and Hessian (lower triangle of (6, 6)) of the pad's cost there.
-        L: a factor, shape (6, 6).
-        step, trial: shape (6,).
+        u: the misplacement, in standard deviations, shape (6,).
+        g, H: gradient (6,) and Hessian (lower triangle of (6, 6)) of the pad's cost at u.
+        L: a Cholesky factor, shape (6, 6).
+        step, trial: of the minimisation, shape (6,).
     """
 
     middle: OutFloats1
@@ -108,7 +108,7 @@ class Pad(NamedTuple):
 
 @kernel
 def scratch(n: int) -> tuple[Cells, Pad]:
-    """Room for n cells, and for a pad."""
+    """Allocates scratch for n cells and a pad."""
     cells = Cells(
         np.empty((n, 3)),
         np.empty((n, 3)),
@@ -137,9 +137,10 @@ def scratch(n: int) -> tuple[Cells, Pad]:
 
 @part
 def enter(pads: Pads, k: int, X: Floats2, cells: Cells, pad: Pad) -> None:
-    """A pad in O at the pose X: its middle, its cells' arms, normals and stretch, what is known of its misplacement.
+    """Transforms a pad to O at the pose X: its middle and stretch, its prior information, and its cells' arms and
+    normals.
 
-    Nothing is known of the cells yet.
+    Resets what is known of the cells' clearance.
     """
     points, normals, starts, middles = pads[0], pads[1], pads[3], pads[4]
     _turn_information(pads[5][k], X, pad.information)
@@ -155,7 +156,7 @@ def enter(pads: Pads, k: int, X: Floats2, cells: Cells, pad: Pad) -> None:
 
 @part
 def _turn_information(excess: Floats2, X: Floats2, information: OutFloats2) -> None:
-    """The information (6, 6) on a misplacement in O, given its excess (6, 6) in P: block by block R^T E R, and 1."""
+    """The information (6, 6) on a misplacement in O, from its excess (6, 6) in P: blocks R^T E R, plus the identity."""
     for a in range(6):
         for c in range(6):
             first, second = 3 * (a // 3), 3 * (c // 3)
@@ -168,7 +169,7 @@ def _turn_information(excess: Floats2, X: Floats2, information: OutFloats2) -> N
 
 @part
 def misplace(u: Floats1, sigmas: tuple[float, float], run: Run, cells: Cells, pad: Pad) -> None:
-    """Where the cells of a pad that is misplaced by u are."""
+    """Writes the places of the cells of a pad that is misplaced by u."""
     arms, places = cells.arms, cells.places
     x, y, z = sigmas[0] * u[0], sigmas[0] * u[1], sigmas[0] * u[2]
     a, b, c = pad.middle[0] + sigmas[1] * u[3], pad.middle[1] + sigmas[1] * u[4], pad.middle[2] + sigmas[1] * u[5]
@@ -180,9 +181,9 @@ def misplace(u: Floats1, sigmas: tuple[float, float], run: Run, cells: Cells, pa
 
 @part
 def weigh_cells(grid: Grid, traits: Floats2, run: Run, cells: Cells, pad: Pad) -> None:
-    """The cells' weights at their places, the residuals, and the slopes of these.
+    """Computes the cells' weights at their places, the residuals, and the slopes of these.
 
-    A cell that feels nothing does not count before it has come as far as it was clear of the object.
+    A cell that feels nothing does not count until it has moved as far as its clearance from the object.
     """
     values, origin, inverse_spacing = grid
     flat = values.reshape(-1)
@@ -229,7 +230,7 @@ def weigh_cells(grid: Grid, traits: Floats2, run: Run, cells: Cells, pad: Pad) -
 
 @part
 def find_normals(grid: Grid, run: Run, cells: Cells) -> None:
-    """The normals at the places."""
+    """Computes the weighted normals at the places."""
     values, origin, inverse_spacing = grid
     flat = values.reshape(-1)
     nx, ny, nz = values.shape[0], values.shape[1], values.shape[2]
@@ -255,7 +256,8 @@ def find_normals(grid: Grid, run: Run, cells: Cells) -> None:
 def _slack(dot, square, stretched, depth, width):
     """How far a pressed cell's point may be from a surface that only a part of the cell feels, see `PatchCells`.
 
-    Given are the gradient's part along the pad's inward normal, its square, and its part in the pad along the stretch.
+    Given are the component of the gradient along the pad's inward normal, the gradient's squared length, and its
+    component in the pad along the stretch.
     """
     along = max(square - dot * dot, 0.0) + stretched * stretched
     dot = max(dot, 0.0)

@@ -1,6 +1,6 @@
 """The inner loops of `PatchCells`: costs, residuals and normal equations of tactile pads, each one loop over poses.
 
-Each pad is misplaced as `misplacement_kernels.py` finds it. `grid`, `pads` and `sigmas` are those of `pad_kernels.py`.
+The misplacement of each pad is found by `misplacement_kernels.py`; `grid`, `pads`, `sigmas` are as in `pad_kernels.py`.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
 
 @kernel
 def patch_costs(grid: Grid, pads: Pads, sigmas: tuple[float, float], X: Floats3, costs: OutFloats2) -> None:
-    """Half the sum of squares of the residuals of each pad at each pose, into costs (B, k)."""
+    """Writes half the sum of squared residuals of each pad at each pose into costs (B, k)."""
     cells, pad = scratch(len(pads[0]))
     for b in range(X.shape[0]):
         for k in range(len(pads[4])):
@@ -35,7 +35,8 @@ def patch_residuals(
 ) -> None:
     """Residuals (B, n + 6 k), of the cells and then of the pads' misplacements, and their Jacobian by the increment.
 
-    How the misplacement follows the pose is Gauss and Newton's approximation, exact where the residuals vanish.
+    The derivative of the misplacement with respect to the pose is by the Gauss-Newton approximation, which is exact
+    where the residuals vanish.
     """
     starts, n = pads[3], len(pads[0])
     cells, pad = scratch(n)
@@ -64,7 +65,7 @@ def patch_residuals(
                     jacobian[b, i, c] = cells.by_pose[i, c]
                     for a in range(6):
                         jacobian[b, i, c] += cells.by_pad[i, a] * follow[c, a]
-            turned[:] = 0.0  # The misplacement in P: how it follows the pose, and itself.
+            turned[:] = 0.0  # The derivatives of the misplacement by the pose, and itself in the last row, all in P.
             for a in range(6):
                 row, first = a % 3, 3 * (a // 3)
                 for e in range(3):
@@ -93,7 +94,7 @@ def patch_normal_equations(
     gradient: OutFloats2,
     hessian: OutFloats3,
 ) -> None:
-    """Cost (B,), gradient (B, 6), and the Gauss-Newton Hessian (B, 6, 6) along the smooth normals."""
+    """Cost (B,), gradient (B, 6), and Gauss-Newton Hessian (B, 6, 6) along the smoothed normals."""
     starts = pads[3]
     cells, pad = scratch(len(pads[0]))
     C, rest, g, H = np.empty((6, 6)), np.empty(6), np.empty(6), np.empty((6, 6))
@@ -106,7 +107,7 @@ def patch_normal_equations(
             run = starts[k], starts[k + 1]
             make_rows(cells.slopes, sigmas, run, cells)
             couple(run, cells, pad, C)
-            # The rest of the way to the least cost, by the local model.
+            # Newton's step for what remains to the least cost, by the local model.
             for a in range(6):
                 rest[a] = 0.0
                 for c in range(6):
@@ -119,7 +120,7 @@ def patch_normal_equations(
             for c in range(6):
                 for a in range(6):
                     g[c] -= C[a, c] * rest[a]
-            # What the misplacement takes up is not known of the pose: the Schur complement.
+            # The misplacement is marginalised, by the Schur complement.
             find_normals(grid, run, cells)
             make_rows(cells.normals, sigmas, run, cells)
             couple(run, cells, pad, C)

@@ -1,9 +1,9 @@
-"""How deep the hand's spheres are in the object, compiled.
+"""The penetration depth of the hand's spheres in the object, compiled.
 
-Hardly any of the spheres are near the object, and which ones are changes from pose to pose. What settles that is
-therefore small enough to stay in the processor's own memory, the distances at every fourth node of the grid; it is
-asked first of whole neighbourhoods, then of their spheres, without branches. The cells of those that are left are asked
-for beforehand, so that their transfers from memory overlap.
+Hardly any of the spheres are near the object, and which ones are changes from pose to pose. They are therefore found by
+the distances at every fourth node of the grid, which fit into the processor's cache: first for whole neighbourhoods,
+then for their spheres, without branches. The grid cells of the spheres that remain are prefetched, so that the
+transfers from memory overlap.
 
 Poses are (B, 3, 4); increments (w, v) as in `poses.py`.
 """
@@ -29,13 +29,14 @@ from tactopose_drake.core.kernels.pose_kernels import chain
 from tactopose_drake.core.kernels.prefetch import prefetch
 
 _OF_COARSE = 1.0 / COARSENESS
-# In cells: nothing is farther from the coarse node next to it, and for the interpolation; likewise from a fine one.
+# Bounds, in cells, on the distance of a point from its nearest coarse node plus interpolation errors; likewise for a
+# fine node.
 _COARSE_SLACK = 0.5 * COARSENESS * np.sqrt(3.0) + 0.635
 _FINE_SLACK = 1.5
 
 
 class Depths(NamedTuple):
-    """How deep neighbourhoods of spheres are in the object, see `penetration_depths`."""
+    """The penetration of neighbourhoods of spheres, see `penetration_depths`."""
 
     excess: OutFloats2
     points: OutFloats3
@@ -43,14 +44,14 @@ class Depths(NamedTuple):
 
 
 class Near(NamedTuple):
-    """Of one pose: what of its g neighbourhoods and h spheres may be in the object.
+    """The neighbourhoods and spheres, of g and h, that may be in the object at one pose.
 
     Attributes:
-        distance: a lower bound of that from the centre of each neighbourhood's first to the surface, shape (g,), m.
-        node: the coarse node next to that, shape (g,).
-        groups: the neighbourhoods that are left, shape (g + 1,).
-        spheres, group: the spheres that are left, by neighbourhoods, and these, shape (h + 1,).
-        place: where the centres of these are in the grid, in cells, and how far outside of it, m, shape (h + 1, 4).
+        distance: a lower bound of the distance of each neighbourhood's first centre to the surface, shape (g,), m.
+        node: the coarse node nearest to that centre, shape (g,).
+        groups: the neighbourhoods that remain, shape (g + 1,).
+        spheres, group: the spheres that remain, sorted by neighbourhood, and their neighbourhoods, shape (h + 1,).
+        place: grid coordinates of their centres, in cells, and distance outside the grid, m, shape (h + 1, 4).
     """
 
     distance: OutFloats1
@@ -63,7 +64,7 @@ class Near(NamedTuple):
 
 @inlined
 def _pose(X):
-    """The numbers of a pose X (3, 4), column by column."""
+    """The columns of a pose X (3, 4) as tuples."""
     return (
         (X[0, 0], X[1, 0], X[2, 0]),
         (X[0, 1], X[1, 1], X[2, 1]),
@@ -74,7 +75,7 @@ def _pose(X):
 
 @inlined
 def _to_grid(pose, origin, inverse_spacing, x, y, z):
-    """Where a point of P is in the grid at a pose, in cells."""
+    """The grid coordinates, in cells, of a point of P at a pose."""
     a, b, c, t = pose
     dx, dy, dz = x - t[0], y - t[1], z - t[2]
     ux = (a[0] * dx + a[1] * dy + a[2] * dz - origin[0]) * inverse_spacing
@@ -85,14 +86,14 @@ def _to_grid(pose, origin, inverse_spacing, x, y, z):
 
 @inlined
 def _clip(u, limit):
-    """What of the grid is nearest to u, in cells, along one axis; 0 for NaN, which must not become an index."""
+    """The grid coordinate nearest to u along one axis, in cells; 0 for NaN, which must not become an index."""
     inside = u if u > 0.0 else 0.0
     return inside if inside < limit else limit
 
 
 @inlined
 def _look_roughly(ux, uy, uz, limits, shape):
-    """The coarse node next to a place, and how far outside of the grid that is, in cells."""
+    """The coarse node nearest to a place, and how far the place is outside the grid, in cells."""
     ix, iy, iz = _clip(ux, limits[0]), _clip(uy, limits[1]), _clip(uz, limits[2])
     ox, oy, oz = ux - ix, uy - iy, uz - iz
     i, j, k = np.int32(ix * _OF_COARSE + 0.5), np.int32(iy * _OF_COARSE + 0.5), np.int32(iz * _OF_COARSE + 0.5)
@@ -101,13 +102,13 @@ def _look_roughly(ux, uy, uz, limits, shape):
 
 @inlined
 def _limits(grid):
-    """The last nodes along each axis."""
+    """The index of the last node along each axis."""
     return grid.values.shape[0] - 1.0, grid.values.shape[1] - 1.0, grid.values.shape[2] - 1.0
 
 
 @part
 def _find_near(grid: Grid, spheres: Spheres, X: Floats2, near: Near) -> int:
-    """Finds the spheres that may be deeper in the object than is allowed at a pose X (3, 4); how many they are."""
+    """Finds the spheres that may be deeper in the object than is allowed at a pose X (3, 4); returns their number."""
     coarse = spheres.coarse
     rough, shape = coarse.reshape(-1), (np.int32(coarse.shape[1]), np.int32(coarse.shape[2]))
     pose, inverse_spacing, limits, leaders = _pose(X), grid.inverse_spacing, _limits(grid), spheres.leaders
@@ -139,7 +140,7 @@ def _find_near(grid: Grid, spheres: Spheres, X: Floats2, near: Near) -> int:
 
 @part
 def _fetch(grid: Grid, near: Near, count: int) -> None:
-    """Asks for the nodes about the spheres that are left, so many."""
+    """Prefetches the grid nodes around the first `count` remaining spheres."""
     flat, (nx, ny, nz) = grid.values.reshape(-1), grid.values.shape[:3]
     sy, sx = np.uintp(4 * nz), np.uintp(4 * nz * ny)
     for k in range(count):
@@ -157,9 +158,9 @@ def _fetch(grid: Grid, near: Near, count: int) -> None:
 
 @part
 def _measure(grid: Grid, spheres: Spheres, near: Near, count: int, depths: Depths, b: int) -> None:
-    """How deep the spheres that are left, so many, are in the object, row b of the depths, which is 0 on entry.
+    """Writes the penetration of the `count` remaining spheres into row b of the depths, which is 0 on entry.
 
-    A sphere is looked up in full only if the node next to it does not tell that it is no deeper than what was found.
+    A sphere is interpolated only if the distance at its nearest node does not rule out that it is the deepest so far.
     """
     flat, origin, inverse_spacing, limits = grid.values.reshape(-1), grid.origin, grid.inverse_spacing, _limits(grid)
     nx, ny, nz = grid.values.shape[0], grid.values.shape[1], grid.values.shape[2]
@@ -183,7 +184,7 @@ def _measure(grid: Grid, spheres: Spheres, near: Near, count: int, depths: Depth
             points[b, g, 0] = origin[0] + spacing * x
             points[b, g, 1] = origin[1] + spacing * y
             points[b, g, 2] = origin[2] + spacing * z
-            # Beyond the grid the distance grows along the way there.
+            # Outside the grid the distance grows along the direction away from it.
             slopes[b, g, 0] = dx * inverse_spacing if x == ux else (x - ux) * spacing / outside
             slopes[b, g, 1] = dy * inverse_spacing if y == uy else (y - uy) * spacing / outside
             slopes[b, g, 2] = dz * inverse_spacing if z == uz else (z - uz) * spacing / outside
@@ -191,7 +192,7 @@ def _measure(grid: Grid, spheres: Spheres, near: Near, count: int, depths: Depth
 
 @inlined
 def make_near(spheres):
-    """Those of one pose."""
+    """Allocates `Near` for one pose."""
     h, g = spheres.p.shape[0], spheres.start.shape[0] - 1
     return Near(
         np.empty(g),
@@ -205,14 +206,14 @@ def make_near(spheres):
 
 @inlined
 def make_depths(spheres):
-    """Those of one pose."""
+    """Allocates `Depths` for one pose."""
     g = spheres.weight.shape[0]
     return Depths(np.empty((1, g)), np.empty((1, g, 3)), np.empty((1, g, 3)))
 
 
 @part
 def find_depths(grid: Grid, spheres: Spheres, X: Floats2, near: Near, depths: Depths, b: int) -> None:
-    """How deep each neighbourhood is in the object at a pose X (3, 4), row b of the depths."""
+    """Writes the penetration of each neighbourhood at a pose X (3, 4) into row b of the depths."""
     count = _find_near(grid, spheres, X, near)
     _fetch(grid, near, count)
     depths.excess[b] = 0.0
@@ -221,7 +222,7 @@ def find_depths(grid: Grid, spheres: Spheres, X: Floats2, near: Near, depths: De
 
 @part
 def penetration_cost(spheres: Spheres, depths: Depths) -> float:
-    """Half the sum of the squared residuals by the first row of the depths."""
+    """Half the sum of squared residuals of the first row of the depths."""
     cost = 0.0
     for g in range(spheres.weight.shape[0]):
         residual = spheres.weight[g] * depths.excess[0, g]
@@ -233,7 +234,7 @@ def penetration_cost(spheres: Spheres, depths: Depths) -> float:
 def add_penetration(
     spheres: Spheres, depths: Depths, X: Floats2, J: OutFloats1, gradient: OutFloats1, hessian: OutFloats2
 ) -> None:
-    """Adds to gradient (6,) and Gauss-Newton Hessian (6, 6); most neighbourhoods are clear and add nothing."""
+    """Adds to gradient (6,) and Gauss-Newton Hessian (6, 6); most neighbourhoods are clear and contribute nothing."""
     for g in range(spheres.weight.shape[0]):
         residual = spheres.weight[g] * depths.excess[0, g]
         if residual > 0.0:
@@ -246,9 +247,9 @@ def add_penetration(
 
 @kernel
 def penetration_depths(grid: Grid, spheres: Spheres, X: Floats3, depths: Depths) -> None:
-    """How deep each neighbourhood of spheres is in the object at each pose beyond what is allowed, excess (B, g) >= 0.
+    """The penetration of each neighbourhood of spheres at each pose beyond what is allowed, excess (B, g) >= 0.
 
-    Where one is in the object, the centre of its deepest sphere in O goes to points (B, g, 3), and the derivative of
+    Where that is positive, the centre of the deepest sphere in O is written to points (B, g, 3), and the gradient of
     the distance there to slopes (B, g, 3).
     """
     near = make_near(spheres)
@@ -258,7 +259,7 @@ def penetration_depths(grid: Grid, spheres: Spheres, X: Floats3, depths: Depths)
 
 @kernel
 def penetration_jacobian(weight: Floats1, X: Floats3, depths: Depths, jacobian: OutFloats3) -> None:
-    """The derivatives (B, g, 6) of the residuals, weights (g,) times the excess, by the increment."""
+    """The derivatives (B, g, 6), with respect to the increment, of the residuals: weights (g,) times the excess."""
     excess, points, slopes = depths
     for b in range(X.shape[0]):
         for g in range(excess.shape[1]):
@@ -269,7 +270,7 @@ def penetration_jacobian(weight: Floats1, X: Floats3, depths: Depths, jacobian: 
 
 @kernel
 def penetration_costs(grid: Grid, spheres: Spheres, X: Floats3, cost: OutFloats1) -> None:
-    """Half the sums (B,) of the squared residuals."""
+    """Half the sums (B,) of squared residuals."""
     near, depths = make_near(spheres), make_depths(spheres)
     for b in range(X.shape[0]):
         find_depths(grid, spheres, X[b], near, depths, 0)

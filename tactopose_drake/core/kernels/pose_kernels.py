@@ -1,4 +1,4 @@
-"""What the compiled loops over poses share: points and normals in O, derivatives by the increment, and increments.
+"""What the compiled loops over poses share: points and normals in O, derivatives and increments of poses.
 
 Poses are (3, 4), or (B, 3, 4) for a batch; increments (w, v) as in `poses.py`.
 """
@@ -26,7 +26,7 @@ def rotate_to_object(X: Floats2, n: Floats1, m: OutFloats1) -> None:
 
 @inlined
 def chain(row, q, X, weight, J):
-    """Turns a derivative by the point in O into one by the increment: dq = [q]x w - R^T v."""
+    """Converts a derivative with respect to the point in O to one by the increment: dq = [q]x w - R^T v."""
     J[0] = weight * (row[1] * q[2] - row[2] * q[1])
     J[1] = weight * (row[2] * q[0] - row[0] * q[2])
     J[2] = weight * (row[0] * q[1] - row[1] * q[0])
@@ -36,7 +36,7 @@ def chain(row, q, X, weight, J):
 
 @inlined
 def turn_normal(m, weight, J):
-    """Adds to rows 1 to 3 that the measured normal turns with the increment too: d(R^T n) = [m]x w."""
+    """Adds to rows 1 to 3 the rotation of the measured normal by the increment: d(R^T n) = [m]x w."""
     J[1, 1] += m[2] * weight
     J[1, 2] -= m[1] * weight
     J[2, 0] -= m[2] * weight

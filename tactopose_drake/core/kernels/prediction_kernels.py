@@ -1,4 +1,4 @@
-"""The motion of a held object and what it makes of poses, compiled; see `object_motion.py` and `rigid_motion.py`."""
+"""The motion of a held object and its effect on poses, compiled; see `object_motion.py` and `rigid_motion.py`."""
 
 import numpy as np
 
@@ -11,19 +11,19 @@ from tactopose_drake.core.kernels.matrix_kernels import multiply, transform
 def add_velocities(
     p: Floats2, n: Floats2, velocity: Floats2, noise: Floats2, information: OutFloats2, right: OutFloats1
 ) -> None:
-    """Adds to the normal equations of a twist what the velocities of k contacts say.
+    """Adds the velocities of k contacts to the normal equations of a twist.
 
-    A contact's velocity is [-[p]x 1] (w, v). Its three rows are made those of a matrix of unit variance whose fourth
-    one is the turn about the normal; along the normal they say more than across it.
+    A contact's velocity is [-[p]x 1] (w, v). Its three rows are whitened, more strongly along the normal than across
+    it; a fourth row is the rotation about the normal.
 
     Args:
         p: the contacts' points, shape (k, 3), m.
         n: their normals, shape (k, 3); zeros where there are none.
-        velocity: spatial velocities [w, v] of what touches there, shape (k, 6).
-        noise: standard deviations of the velocity across the normal and along it, m/s, and of the turn about it, rad/s,
-            shape (k, 3).
+        velocity: spatial velocities [w, v] of the bodies that touch there, shape (k, 6).
+        noise: standard deviations of the velocity across the normal and along it, m/s, and of the rotation about it,
+            rad/s, shape (k, 3).
         information: of the twist [w, v] at the origin, shape (6, 6).
-        right: right-hand sides, shape (6,).
+        right: right-hand side, shape (6,).
     """
     rows, normal = np.zeros((4, 6)), np.empty(6)
     for i in range(p.shape[0]):
@@ -61,16 +61,16 @@ def add_velocities(
 def carry(
     turn: Floats2, error: Floats2, X: Floats3, P: Floats3, C: Floats3, P_after: OutFloats3, C_after: OutFloats3
 ) -> None:
-    """Covariances of increments from poses, and those with biases, after a motion; see `predict_poses`.
+    """Covariances of the increments of poses, and their covariances with biases, after a motion; see `predict_poses`.
 
     Args:
-        turn: what the motion makes of increments, w stays and v turns with it, shape (6, 6).
-        error: covariance of a small twist about the origin of P after it, shape (6, 6).
-        X: poses after it, shape (n, 3, 4).
+        turn: maps increments before the motion to those after it: w stays, v rotates with it; shape (6, 6).
+        error: covariance of a small error twist about the origin of P after the motion, shape (6, 6).
+        X: poses after the motion, shape (n, 3, 4).
         P: covariances of increments before, shape (n, 6, 6).
-        C: of the increments with what else there is, shape (n, 6, m).
-        P_after: written, likewise.
-        C_after: likewise.
+        C: covariances of the increments with the other variables, shape (n, 6, m).
+        P_after: output, like P.
+        C_after: output, like C.
     """
     arm, work, more = np.zeros((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     for a in range(3):

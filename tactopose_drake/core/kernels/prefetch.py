@@ -1,7 +1,7 @@
-"""Telling the processor early what will be read: while one place of memory is fetched, so are the others.
+"""Prefetching: tells the processor early what will be read, so that transfers from memory overlap.
 
-A distance grid is larger than a processor's cache. Contacts that are looked up one after the other wait for the memory
-each; asked for beforehand they wait together.
+A distance grid is larger than a processor's cache. Contacts that are looked up one after the other each wait for the
+memory; prefetched, they wait together.
 """
 
 from typing import Any
@@ -11,12 +11,12 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-# Arguments of the instruction: for reading, to be kept in all caches, data rather than code.
+# Arguments of the instruction: for reading, to be kept in all cache levels, data rather than code.
 _READ, _KEEP, _DATA = 0, 3, 1
 
 
 def _prefetch(context: Any, array: Any, index: Any) -> Any:
-    """Asks for the cache line of a flat array's item, from compiled code; see llvm.prefetch in LLVM's manual."""
+    """Prefetches the cache line of a flat array's item, from compiled code; see llvm.prefetch in LLVM's manual."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data

@@ -13,7 +13,7 @@ from tactopose_drake.core.kernels.pose_kernels import increment_between
 
 
 class Prior(NamedTuple):
-    """A pose (3, 4) and one over the standard deviations (6,) of increments from it, all zero for none; read-only."""
+    """A pose (3, 4) and the inverse standard deviations (6,) of increments from it, zero for no prior; read-only."""
 
     X: Floats2
     weights: Floats1
@@ -21,7 +21,7 @@ class Prior(NamedTuple):
 
 @kernel
 def prior_costs(prior: Prior, X: Floats3, cost: OutFloats1) -> None:
-    """Half the squared whitened increment from the prior's pose (3, 4) to each pose, into cost (B,)."""
+    """Writes half the squared whitened increment from the prior's pose (3, 4) to each pose into cost (B,)."""
     u = np.empty(6)
     for b in range(X.shape[0]):
         cost[b] = prior_cost(prior, X[b], u)
@@ -29,7 +29,7 @@ def prior_costs(prior: Prior, X: Floats3, cost: OutFloats1) -> None:
 
 @part
 def prior_cost(prior: Prior, X: Floats2, u: OutFloats1) -> float:
-    """The same of one pose (3, 4), none where there is no prior; u (6,) is for work."""
+    """The cost of one pose (3, 4), 0 if there is no prior; u (6,) is scratch."""
     if prior.weights[0] == 0.0:
         return 0.0
     increment_between(prior.X, X, u)
@@ -41,7 +41,7 @@ def prior_cost(prior: Prior, X: Floats2, u: OutFloats1) -> float:
 
 @kernel
 def prior_residuals(prior: Prior, X: Floats3, residuals: OutFloats2, jacobian: OutFloats3) -> None:
-    """Whitened increments (B, 6) from the prior's pose, and their derivatives by the increment (B, 6, 6).
+    """Whitened increments (B, 6) from the prior's pose, and their Jacobian (B, 6, 6) with respect to the increment.
 
     The derivative of the rotation vector is the inverse right Jacobian of SO(3): J. Sola et al., A micro Lie theory for
     state estimation, 2018, eq. 144.
@@ -53,13 +53,13 @@ def prior_residuals(prior: Prior, X: Floats3, residuals: OutFloats2, jacobian: O
 
 @kernel
 def compare(X_prior: Floats2, X: Floats2, increment: OutFloats1, jacobian: OutFloats2) -> None:
-    """The increment (6,) from one pose (3, 4) to another, and its derivative (6, 6) by an increment of the other."""
+    """The increment (6,) from one pose (3, 4) to another, and its derivative (6, 6) by an increment of the latter."""
     _compare(X_prior, X, increment, jacobian)
 
 
 @inlined
 def prior_row(prior, X, u, residual, J):
-    """The same of one pose (3, 4), into (6,) and (6, 6); u (6,) is for work."""
+    """The residual (6,) and Jacobian (6, 6) of one pose (3, 4), as of `prior_residuals`; u (6,) is scratch."""
     _compare(prior.X, X, u, J)
     for i in range(6):
         residual[i] = u[i] * prior.weights[i]
@@ -69,7 +69,7 @@ def prior_row(prior, X, u, residual, J):
 
 @inlined
 def half_square(difference):
-    """The cost of a whitened increment (6,)."""
+    """The cost of a whitened increment (6,): half its squared length."""
     cost = 0.0
     for a in range(6):
         cost += 0.5 * difference[a] * difference[a]
@@ -78,7 +78,7 @@ def half_square(difference):
 
 @inlined
 def add_prior(prior, difference, D, gradient, hessian):
-    """Adds what `prior_row` says of one pose to its gradient (6,) and Hessian (6, 6)."""
+    """Adds the prior of one pose, as of `prior_row`, to its gradient (6,) and Hessian (6, 6)."""
     for a in range(6):
         for c in range(6):
             gradient[a] += D[c, a] * difference[c]

@@ -1,7 +1,7 @@
 """The most probable pose and biases of a mode, compiled: Levenberg-Marquardt on prior and contacts together.
 
-The cost is half the squared Mahalanobis distance from the prior and half the squares of the contacts' residuals, as in
-`surface_contact_kernels.py`, of contacts from which the biases are taken away. The Hessian is Gauss-Newton's.
+The cost is half the squared Mahalanobis distance from the prior plus half the squared residuals of the contacts, as in
+`surface_contact_kernels.py`, after the biases are subtracted. The Hessian is Gauss-Newton's.
 
 Source: [M63] D. Marquardt, An algorithm for least-squares estimation of nonlinear parameters, J. SIAM, 1963.
 """
@@ -25,7 +25,7 @@ from tactopose_drake.core.kernels.joint_state_kernels import (
 )
 from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
 
-# Damping at the start, and the least after a step that was refused: shares of the Hessian's diagonal.
+# Initial damping, and the least after a rejected step: shares of the Hessian's diagonal.
 _FIRST_DAMPING, _LEAST_REFUSED_DAMPING = 1e-4, 1e-2
 
 
@@ -40,16 +40,16 @@ class _Point(NamedTuple):
 
 
 class _Scratch(NamedTuple):
-    """Room for one evaluation: of the prior, and of one contact.
+    """Scratch for one evaluation of the prior and of one contact.
 
     Attributes:
-        prior: how far the pose is from the prior's.
+        prior: the increment from the prior's pose, and its derivative.
         increment: of the pose, shape (1, 6).
         z, slope: the joint increment from the prior, and the gradient of its cost, shape (m,).
-        p, n: the contact without its biases, shape (3,).
+        p, n: the contact less its biases, shape (3,).
         residual, J, smooth, work: see `surface_contact_kernels.contact_rows`.
         gradient_rows, hessian_rows: derivatives of the residuals by the increment and the contact's biases, exact and
-            along the mean surface, shape (4, 12).
+            along the smoothed surface, shape (4, 12).
     """
 
     prior: PriorRows
@@ -76,16 +76,16 @@ def refine_modes(
     tolerance: float,
     hessian: OutFloats3,
 ) -> None:
-    """Moves poses X (B, 3, 4) to minima of their priors with the contacts.
+    """Moves poses X (B, 3, 4) to minima of the cost of their priors and the contacts.
 
     Args:
         grid: of the object.
         contacts: of the frame.
         priors: of the modes.
-        X: where to start; the minima are written here.
-        max_iterations: steps, at the most.
-        tolerance: a step that promises to lower the cost by less is none.
-        hessian: written, at the minima by the joint increment, shape (B, m, m).
+        X: initial poses; the minima are written here.
+        max_iterations: limit on the steps.
+        tolerance: stops when the predicted decrease of the cost is less.
+        hessian: output, at the minima, with respect to the joint increment, shape (B, m, m).
     """
     size = priors.information.shape[1]
     here, there, scratch = _make_point(size), _make_point(size), _make_scratch(size)
@@ -134,7 +134,7 @@ def _make_scratch(size: int) -> _Scratch:
 
 @kernel
 def _move(point: _Point, step: Floats2, increment: OutFloats2, moved: _Point) -> None:
-    """The joint state after a step (1, m), whose part of the pose is written into the increment (1, 6)."""
+    """Writes the joint state after a step (1, m); also writes the step's pose part into the increment (1, 6)."""
     copy_vector(step[0, :6], increment[0])
     pose_kernels.retract(point.X, increment, moved.X)
     for i in range(point.bias.shape[0]):
@@ -154,10 +154,10 @@ def _copy(source: _Point, target: _Point) -> None:
 def _evaluate(
     grid: Grid, contacts: ContactArrays, priors: ModePriors, b: int, point: _Point, scratch: _Scratch
 ) -> None:
-    """Cost, gradient and Hessian of the prior b and the contacts at a point.
+    """Cost, gradient and Hessian of prior b and the contacts at a point.
 
-    Where normals are spread, as at an edge, they say less. That this explains any normal, but none well, has no part in
-    the cost: an edge is no less likely to be touched than what lies beside it.
+    Where the surface's normals spread, as at an edge, they have less weight. The normalisation of this wider density is
+    not in the cost: an edge is no less likely to be touched than the surface beside it.
     """
     _put_prior(priors.X[b], priors.information[b], point, scratch)
     for i in range(contacts.p.shape[0]):
@@ -194,7 +194,7 @@ def _put_prior(X_prior, information, point, scratch):
 
 @inlined
 def _remove_bias(contacts, i, bias, scratch):
-    """The contact i without the biases of its source: its point less their shift, its normal n less their turn x n."""
+    """The contact i less the biases of its source: its point less their shift, its normal n less their turn x n."""
     n, at = contacts.n[i], 6 * contacts.source[i]
     for a in range(3):
         scratch.p[a] = contacts.p[i, a] - bias[at + a]
@@ -208,9 +208,9 @@ def _remove_bias(contacts, i, bias, scratch):
 def _contact_rows(grid, weight_p, weight_n, X, scratch):
     """Residuals of the contact in the scratch at the pose X (3, 4), and their derivatives by increment and biases.
 
-    A bias shifts the contact as a shift of the object would: by its position the residuals change as by v. By a turn b
-    of the normal the measured one in O, m = R^T n, changes by R^T (n x b), and the residual of the normals by
-    -R^T [n]x b: a row is the cross product of an axis of O, seen from P, with n.
+    A bias of the position shifts the contact: the derivatives are those with respect to v. Correcting for a
+    turn b changes the measured normal in O, m = R^T n, by R^T (n x b), and the normal's residual by -R^T [n]x b: a row
+    is the cross product of an axis of O, expressed in P, with n.
     """
     n, exact, smooth = scratch.n, scratch.gradient_rows, scratch.hessian_rows
     rows = surface_contact_kernels.Rows(scratch.residual, scratch.J, scratch.smooth, scratch.work)

@@ -1,16 +1,16 @@
-"""Statistical linear regression of what contacts say over the spread of a mode, compiled by numba.
+"""Statistical linear regression of the contacts' residuals over the spread of a mode, compiled.
 
-A tangent says what the contacts tell at one pose. Over the spread of a mode the surface bends, and its facets and edges
-make the tangent's slope one of many. The contacts' rows are therefore regressed over sigma points of the mode [G15]:
-over points x of mean zero and covariance P, with rows r,
+A tangent holds at one pose. Over the spread of a mode the surface bends, and facets and edges make the tangent's slope
+one of many. The contacts' rows are therefore regressed over sigma points of the mode [G15]: over points x of mean zero
+and covariance P, with rows r,
 
     r = J x + mean + error,    J = cov(r, x) P^-1,    R = I + cov(r) - J P J^T,
 
-where the noise of the whitened rows adds the identity to the error's covariance R. A direction of which the touch tells
-nothing is one of the points' axes: neither the others' slopes nor their bends leak into it.
+where the noise of the whitened rows adds the identity to the error's covariance R. Directions that the contacts do not
+determine are axes of the sigma points: neither the other directions' slopes nor their bends leak into them.
 
-What the surface does beside its slope is no noise: while the contact stays, it stays. It is told to the caller as
-roughness, which belongs to the part of the contacts' errors that is the same at all times.
+The surface's deviation from the slope is not noise: it lasts while the contact does. The caller gets it as roughness,
+which belongs to the part of the contacts' errors that is the same at all times.
 
 Source: [G15] A. Garcia-Fernandez et al., Posterior linearization filter: principles and implementation using sigma
 points, IEEE Trans. Signal Processing, 2015.
@@ -46,18 +46,18 @@ from tactopose_drake.core.kernels.sigma_point_kernels import (
 )
 from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
 
-# Bounds the quotient of squares where a row neither slopes nor bends.
+# Bounds the quotient of squares where a row has neither slope nor bend.
 _LEAST_SQUARE = 1e-12
 
 
 class Regression(NamedTuple):
-    """What is written of B modes and k contacts.
+    """The output for B modes and k contacts.
 
     Attributes:
-        roughness: of the surface about each contact: variances of its distance, m^2, and of its normal about each axis,
-            rad^2, shape (B, k, 2).
-        covariance: of the increment, shape (B, 6, 6); read too: over it the first round goes.
-        cross_covariance: with the biases, shape (B, 6, m - 6).
+        roughness: of the surface around each contact: variances of its distance, m^2, and of its normal about each
+            axis, rad^2, shape (B, k, 2).
+        covariance: of the increment, shape (B, 6, 6); also input: the spread of the first round.
+        cross_covariance: of the increment with the biases, shape (B, 6, m - 6).
     """
 
     roughness: OutFloats3
@@ -66,18 +66,18 @@ class Regression(NamedTuple):
 
 
 class _Scratch(NamedTuple):
-    """Room for one round.
+    """Scratch for one round.
 
     Attributes:
         here: the pose, shape (1, 3, 4).
-        points: the sigma points about here.
-        prior: how far the pose is from the prior's.
-        J: a contact's slopes by the increment and the biases of its source, shape (4, 12).
+        points: the sigma points about `here`.
+        prior: the increment from the prior's pose, and its derivative.
+        J: a contact's slopes with respect to the increment and the biases of its source, shape (4, 12).
         mean, R: mean and covariance of its rows, shape (4,) and (4, 4).
-        L, W, WJ: a root of R, its inverse, and what that makes of the slopes, shape (4, 4), (4, 4) and (4, 12).
-        slope: of the prior's cost, shape (m,).
-        g, H, step: of the joint increment, shape (1, m), (1, m, m), (1, m).
-        root, forward: for the step's equations, shape (m, m), (m,).
+        L, W, WJ: the Cholesky factor of R, its inverse, and R^-1 J, shape (4, 4), (4, 4) and (4, 12).
+        slope: gradient of the prior's cost, shape (m,).
+        g, H, step: gradient, Hessian and step of the joint increment, shape (1, m), (1, m, m), (1, m).
+        root, forward: scratch of `damped_step`, shape (m, m), (m,).
     """
 
     here: OutFloats3
@@ -106,15 +106,15 @@ def regress_modes(
     X: OutFloats3,
     regression: Regression,
 ) -> None:
-    """Moves poses X (B, 3, 4) to the minima of their priors with the contacts, regressed over the modes' own spreads.
+    """Moves poses X (B, 3, 4) to minima of their priors with the contacts, regressed over each mode's own spread.
 
     Args:
         grid: of the object.
         contacts: of the frame.
         priors: of the modes.
         settings: `RegressionSettings`.
-        X: where to start; the minima are written here.
-        regression: `Regression`, written.
+        X: initial poses; the minima are written here.
+        regression: `Regression`, output.
     """
     size, count = priors.information.shape[1], contacts.p.shape[0]
     scratch = _make_scratch(size, count)
@@ -144,7 +144,7 @@ def regress_modes(
 
 @part
 def _invert_rows(root: Floats2, x: OutFloats1, P: OutFloats2, C: OutFloats2) -> None:
-    """The first six rows P, C of (L L^T)^-1, by the root L (m, m) whose diagonal holds inverses; x (m,) is spare."""
+    """The first six rows P, C of (L L^T)^-1, from L (m, m) whose diagonal holds inverses; x (m,) is scratch."""
     m = root.shape[0]
     for c in range(6):
         for i in range(m):
@@ -205,11 +205,11 @@ def _put_prior(X_prior: Floats2, information: Floats2, scratch: _Scratch) -> Non
 
 @part
 def _fit_slopes(points: SigmaPoints, i: int, bend_penalty: float, J: OutFloats2, mean: OutFloats1) -> None:
-    """Mean (4,) of the contact i's rows, and their slopes J[:, :6] by the increment.
+    """Mean (4,) of the rows of contact i, and their slopes J[:, :6] with respect to the increment.
 
-    Along the axis j they are the central differences d = (r+ - r-) / 2, in standard deviations. A slope counts as far
-    as it stands out from the bend c = (r+ + r-) / 2 - r0 beside it, by d^2 / (d^2 + penalty c^2): what facets and edges
-    make up is about as large.
+    Along axis j the slope is the central difference d = (r+ - r-) / 2, per standard deviation. It is multiplied by
+    d^2 / (d^2 + penalty c^2), with the bend c = (r+ + r-) / 2 - r0 along the axis: slopes that facets and edges feign
+    are about as large as the bends.
     """
     rows = points.rows[:, i]
     for k in range(4):
@@ -231,9 +231,9 @@ def _fit_slopes(points: SigmaPoints, i: int, bend_penalty: float, J: OutFloats2,
 
 @part
 def _fit_covariance(points: SigmaPoints, i: int, mean: Floats1, R: OutFloats2) -> None:
-    """Covariance R (4, 4) of the contact i's rows: that of the noise, one, and of what slopes leave.
+    """Covariance R (4, 4) of the rows of contact i: that of the noise, the identity, and of the regression's residuals.
 
-    What is even along an axis has no slope: the mean of both sides, less the mean of all.
+    Only the even part along an axis is counted, which has no slope: the mean of both sides less the mean of all.
     """
     rows = points.rows[:, i]
     for k in range(4):
@@ -250,7 +250,7 @@ def _fit_covariance(points: SigmaPoints, i: int, mean: Floats1, R: OutFloats2) -
 
 @part
 def _add_roughness(contacts: ContactArrays, i: int, scratch: _Scratch, roughness: OutFloats1) -> None:
-    """Roughness (2,) about the contact i: by how much its rows vary beside slope and noise, as m^2 and rad^2."""
+    """Roughness (2,) around contact i: the variance of its rows beyond slope and noise, in m^2 and rad^2."""
     R = scratch.R
     roughness[0] = (R[0, 0] - 1.0) / contacts.weight_p[i] ** 2
     if contacts.weight_n[i] > 0.0:
@@ -259,10 +259,10 @@ def _add_roughness(contacts: ContactArrays, i: int, scratch: _Scratch, roughness
 
 @part
 def _add_bias_columns(contacts: ContactArrays, i: int, scratch: _Scratch) -> None:
-    """Slopes J[:, 6:] of the contact i by its biases.
+    """Slopes J[:, 6:] of contact i with respect to its biases.
 
-    By a bias of the position the rows change as by a shift v of the object. A turn b takes the normal m that is
-    expected to one that differs by m x b.
+    A bias of the position changes the rows as a shift v of the object does. A turn b changes the expected normal m by
+    m x b.
     """
     J = scratch.J
     for k in range(4):

@@ -1,7 +1,7 @@
-"""Sigma points of a mode, compiled, and what contacts say at each.
+"""Sigma points of a mode, compiled, and the contacts' residuals at each.
 
-The points lie along the principal axes of the mode's covariance, so that a direction of which the touch tells nothing
-is one of them: a cubature rule of 2 d points in d = 6 dimensions [A09].
+The points lie along the principal axes of the mode's covariance, so that a direction that the contacts do not determine
+is one of these axes: a cubature rule of 2 d points in d = 6 dimensions [A09].
 
 Source: [A09] I. Arasaratnam and S. Haykin, Cubature Kalman filters, IEEE Trans. Automatic Control, 2009.
 """
@@ -17,21 +17,21 @@ from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.joint_state_kernels import ContactArrays
 from tactopose_drake.core.kernels.matrix_kernels import diagonalize
 
-# Sigma points lie so many standard deviations out: the root of the number of dimensions. [A09]
+# Distance of the sigma points in standard deviations: the root of the number of dimensions. [A09]
 SPREAD = 2.449489742783178
 # The least variance along an axis, m^2.
 _LEAST_VARIANCE = 1e-16
 
 
 class RegressionSettings(NamedTuple):
-    """Numbers of `ContactUpdateParams`, which says what they are for.
+    """The numbers of `ContactUpdateParams` that the regression uses; see there.
 
     Attributes:
-        lever_arm: m that a radian counts as.
-        max_displacement: of what is touched by a sigma point, root mean square, m.
-        rounds: how often a mode is regressed.
-        bend_penalty: how much of a slope is taken for the bend beside it.
-        lasting_share, new_share: of the spread of normals about a contact, what lasts and what is new at each time.
+        lever_arm: m per rad.
+        max_displacement: of the contacts by a sigma point, root mean square, m.
+        rounds: of the regression of a mode.
+        bend_penalty: weight of the squared bend by which a slope is reduced.
+        lasting_share, new_share: parts of the spread of normals around a contact that last, and that are new each time.
     """
 
     lever_arm: float
@@ -43,16 +43,16 @@ class RegressionSettings(NamedTuple):
 
 
 class SigmaPoints(NamedTuple):
-    """The middle, and two points on each of six axes: out at 2 j + 1, back at 2 j + 2.
+    """The centre, and two points on each of six axes: in positive direction at 2 j + 1, in negative at 2 j + 2.
 
     Attributes:
-        root: a root of the covariance, whose columns are the axes, shape (6, 6).
-        inverse_root: its inverse.
-        scale: by how much each axis is shortened, shape (6,).
+        root: a square root of the covariance, whose columns are the axes, shape (6, 6).
+        inverse_root: its inverse, shape (6, 6).
+        scale: factor by which each axis is shortened, shape (6,).
         increment: scratch, shape (1, 6).
         pose: scratch, shape (1, 3, 4).
         weight_n: one over the standard deviations of the normals' differences, shape (k,).
-        rows: whitened, of each contact at each point, shape (13, k, 4).
+        rows: whitened residuals of each contact at each point, shape (13, k, 4).
     """
 
     root: OutFloats2
@@ -66,7 +66,7 @@ class SigmaPoints(NamedTuple):
 
 @part
 def make_sigma_points(count: int) -> SigmaPoints:
-    """Room for the points of a mode and so many contacts."""
+    """Allocates the sigma points of a mode for `count` contacts."""
     return SigmaPoints(
         np.empty((6, 6)),
         np.empty((6, 6)),
@@ -80,9 +80,10 @@ def make_sigma_points(count: int) -> SigmaPoints:
 
 @part
 def find_axes(P: Floats2, lever_arm: float, points: SigmaPoints) -> None:
-    """A root of the covariance P (6, 6) whose columns are its principal axes where rotations count by a lever arm, m.
+    """Finds a root of the covariance P (6, 6) whose columns are its principal axes, with rotations times a lever arm,
+    m.
 
-    With P = S V diag(variances) V^T S, S = diag(1 / arm, 1), the root is S V diag(deviations).
+    With the eigenvectors V and eigenvalues of S^-1 P S^-1, S = diag(1 / arm, 1), the root is S V diag(deviations).
     """
     root, inverse_root = points.root, points.inverse_root
     scaled, variances, rows = np.empty((6, 6)), np.empty(6), np.empty((6, 6))
@@ -100,7 +101,7 @@ def find_axes(P: Floats2, lever_arm: float, points: SigmaPoints) -> None:
 
 @part
 def limit_axes(X: Floats2, p: Floats2, max_displacement: float, points: SigmaPoints) -> None:
-    """Scales each axis so that its sigma points move the contacts p (k, 3) by no more, root mean square, m.
+    """Shortens each axis so that its sigma points displace the contacts p (k, 3) by at most this root mean square, m.
 
     A point q of O moves in O by w x q + R^T v.
     """
@@ -128,9 +129,9 @@ def weigh_normals(
     points: SigmaPoints,
     roughness: OutFloats2,
 ) -> None:
-    """The normals' weights (k,) at the middle X (3, 4), and what their spread there adds to the roughness (k, 2).
+    """The normals' weights (k,) at the centre X (3, 4), and the contribution of their spread to the roughness (k, 2).
 
-    The mean of unit vectors is as short as they are spread: 1 - |n|^2 is the spread of the normals about a contact.
+    The more unit vectors spread, the shorter is their mean: 1 - |n|^2 is the variance of the normals around a contact.
     """
     q, mean = np.empty(3), np.empty(4)
     for i in range(contacts.p.shape[0]):
@@ -145,7 +146,7 @@ def weigh_normals(
 
 @part
 def sample_rows(grid: Grid, contacts: ContactArrays, X: Floats3, points: SigmaPoints) -> None:
-    """Rows at the sigma points: at the middle X (1, 3, 4), and then out and back along each axis."""
+    """The rows at the sigma points: at the centre X (1, 3, 4), and then in both directions along each axis."""
     _find_rows(grid, contacts, points.weight_n, X[0], points.rows[0])
     increment = points.increment
     for s in range(1, 13):
@@ -161,8 +162,8 @@ def sample_rows(grid: Grid, contacts: ContactArrays, X: Floats3, points: SigmaPo
 def _find_rows(grid: Grid, contacts: ContactArrays, weight_n: Floats1, X: Floats2, rows: OutFloats2) -> None:
     """The whitened rows (k, 4) of the contacts at a pose: distance, and the expected normal less the measured, in P.
 
-    Seen from P their slope is that of the expected normal alone. Seen from O, the measured one would turn with the
-    object, its error with it, and the error's square pass for information.
+    In P their slope is that of the expected normal alone. In O, the measured normal would rotate with the object, and
+    so would its error, whose square would then count as information.
     """
     q, mean = np.empty(3), np.empty(4)
     for i in range(contacts.p.shape[0]):

@@ -1,4 +1,4 @@
-"""What fingertips and contacts leave unexplained over the latest frames, compiled.
+"""The residuals of fingertips and contacts over the latest frames, compiled.
 
 See `slip_by_surface.py` and `slip_by_motion.py`.
 """
@@ -13,17 +13,19 @@ from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, Longs1,
 def add_displacements(
     source: Longs1, p: Floats2, velocity: Floats2, duration: float, displacements: OutFloats3, squares: OutFloats1
 ) -> int:
-    """How many of the k fingertips that touch have touched in all frames, and what their ways come to.
+    """Returns how many of the k touching fingertips have touched in all frames, and sums squares of their
+    displacements.
 
     Args:
         source: of each fingertip that touches now, shape (k,).
-        p: where it does, shape (k, 3), m.
+        p: where it touches, shape (k, 3), m.
         velocity: its spatial velocity [w, v], shape (k, 6).
         duration: of the frame, s.
         displacements: in h frames, by source, oldest first, shape (h, s, 3); NaN where a source did not touch. Those of
             the last frame are written.
-        squares: written, sums over these fingertips: of what no small rigid motion explains of their ways in all
-            frames, and of the change from the last frame but one to the last, and of the ways, shape (3,), m^2.
+        squares: output, sums of squares over these fingertips: of the residual of the best small rigid motion for their
+            total displacements; likewise for the changes of the displacement from the last frame but one to the last;
+            and of the total displacements, shape (3,), m^2.
     """
     h, k, now = displacements.shape[0], p.shape[0], displacements[displacements.shape[0] - 1]
     arms, ways, changes = np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3))
@@ -50,7 +52,7 @@ def add_displacements(
 
 @part
 def _take_mean(rows: OutFloats2, count: int) -> None:
-    """Takes their mean from the first rows (count, 3)."""
+    """Subtracts the mean from the first rows (count, 3)."""
     for a in range(3):
         mean = 0.0
         for i in range(count):
@@ -61,10 +63,10 @@ def _take_mean(rows: OutFloats2, count: int) -> None:
 
 @part
 def _unexplained(arms: Floats2, ways: OutFloats2, count: int) -> float:
-    """The square of what no small rigid motion explains of ways (count, 3) of points with arms from their mean.
+    """The squared residual of the best small rigid motion for displacements (count, 3) of points with centred arms.
 
-    The translation is the ways' mean, which is taken from them. The rotation is that of least squares: of the inertia
-    [[a, d, e], [d, b, f], [e, f, c]] by its adjugate. Of points on a line a turn about it moves none.
+    The translation is the mean displacement, which is subtracted from `ways`. The rotation is the least-squares one, by
+    the adjugate of the inertia [[a, d, e], [d, b, f], [e, f, c]], regularised for points on a line.
     """
     _take_mean(ways, count)
     a = b = c = d = e = f = 0.0
@@ -97,16 +99,16 @@ def follow_residuals(
     noise: OutFloats1,
     after: OutFloats3,
 ) -> None:
-    """The history of residuals with those of now, and their noise.
+    """Appends the current residuals to their history, and updates the noise.
 
     Args:
-        before: residuals of the latest h frames, by source, shape (h, s', 4); NaN where one did not touch.
-        residuals: of k contacts now, at the pose that these are of and at another, shape (2, k, 4).
-        source: of each of them, shape (k,).
-        gain: by which the noise follows that of each frame,
-        bounds: which counts for no less and for no more than these, shape (2,).
-        noise: variances of what is new of distances and of normals at each frame, which follow it, shape (2,).
-        after: the latest frames with that of now, as they would be at the other pose, written, shape (h', s, 4).
+        before: residuals of the latest h frames, by source, shape (h, s', 4); NaN where a source did not touch.
+        residuals: of k contacts now, at the pose of the history and at another one, shape (2, k, 4).
+        source: of each contact, shape (k,).
+        gain: of the exponential smoothing of the noise.
+        bounds: to which each frame's estimate of the noise is clipped, shape (2,).
+        noise: variances of what is new in distances and in normals at each frame, shape (2,); updated.
+        after: output, the latest frames up to now, transferred to the other pose, shape (h', s, 4).
     """
     h, kept, again, of_points, of_normals = before.shape[0], after.shape[0], 0, 0.0, 0.0
     for f in range(kept):
@@ -129,7 +131,7 @@ def follow_residuals(
                     of_points += change * change if k == 0 else 0.0
                     of_normals += change * change if k > 0 else 0.0
     if again > 0:
-        # Half the squares is expected; a normal's error is across it: of its three rows two vary.
+        # Mean squares of changes are twice the variance. `again` counts four rows per contact; two of a normal's vary.
         noise[0] += gain * (min(max(2.0 * of_points / again, bounds[0]), bounds[1]) - noise[0])
         noise[1] += gain * (min(max(of_normals / again, bounds[0]), bounds[1]) - noise[1])
 
@@ -138,16 +140,16 @@ def follow_residuals(
 def compare_frames(
     history: Floats3, source: Longs1, noise: Floats2, recent: int, earlier: int, comparison: OutFloats2
 ) -> float:
-    """How much the means of the latest frames' residuals differ from those of frames before, in all.
+    """Compares the mean residuals of the latest frames with those of earlier ones.
 
     Args:
-        history: residuals by source, oldest first, shape (h, s, 4); NaN where one did not touch.
+        history: residuals by source, oldest first, shape (h, s, 4); NaN where a source did not touch.
         source: of each of k contacts, shape (k,).
         noise: variances of the differences of its distance and of its normal, shape (k, 2).
-        recent: of how many frames the means are; between these and those before as many are left out.
-        earlier: with how many they are compared.
-        comparison: written, the differences of each contact's four rows, and one over their variances; 0 of a contact
-            that has not touched all along, shape (k, 6).
+        recent: number of latest frames; as many are skipped between these and the earlier ones.
+        earlier: number of earlier frames.
+        comparison: output, shape (k, 6): the differences of each contact's four rows, and the inverse variances of
+            distance and normal, 0 for a contact that has not touched throughout.
 
     Returns:
         The sum of the weighted squares.

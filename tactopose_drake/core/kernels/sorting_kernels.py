@@ -1,4 +1,4 @@
-"""Sorting, selecting and copying, compiled once: NumPy's own would be compiled anew for each kernel that uses them."""
+"""Sorting, selecting and copying, compiled once; NumPy's own are compiled anew for each kernel that uses them."""
 
 from tactopose_drake.core.compilation import part
 from tactopose_drake.core.kernel_types import Floats1, Floats2, OutFloats1, OutFloats2, OutLongs1, OutSingles1
@@ -6,7 +6,7 @@ from tactopose_drake.core.kernel_types import Floats1, Floats2, OutFloats1, OutF
 
 @part
 def sort_stably(values: Floats1, order: OutLongs1, spare: OutLongs1) -> None:
-    """The order (n,) of rising values (n,), equal ones as they come; none is NaN. spare (n,) is for work."""
+    """The order (n,) that sorts values (n,), ascending and stably; none may be NaN. spare (n,) is scratch."""
     n = values.shape[0]
     for i in range(n):
         order[i] = i
@@ -32,7 +32,7 @@ def sort_stably(values: Floats1, order: OutLongs1, spare: OutLongs1) -> None:
 
 @part
 def select(values: OutSingles1, count: int, rank: int) -> float:
-    """The number that would stand at a rank if the first `count` values, none NaN, were sorted; it moves them."""
+    """The value of the given rank among the first `count` values, none of them NaN; permutes these."""
     low, high = 0, count - 1
     while low < high:
         pivot = values[(low + high) // 2]

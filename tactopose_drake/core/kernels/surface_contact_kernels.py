@@ -49,9 +49,9 @@ class WeightedContacts(NamedTuple):
 
     Attributes:
         p: points in P, shape (k, 3), m.
-        n: unit normals in P, shape (k, 3); anything where there is none.
-        weight_p: one over sigma of each point, shape (k,), 1/m.
-        weight_n: one over sigma of each normal, shape (k,), 1/rad; zero where there is none.
+        n: unit normals in P, shape (k, 3); arbitrary where there is none.
+        weight_p: one over the standard deviation of each point, shape (k,), 1/m.
+        weight_n: one over the standard deviation of each normal, shape (k,), 1/rad; zero where there is none.
     """
 
     p: Floats2
@@ -61,11 +61,11 @@ class WeightedContacts(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """What one contact at one pose comes to: see `contact_rows`.
+    """The residuals and derivatives of one contact at one pose, see `contact_rows`.
 
     Attributes:
         residual: shape (5,).
-        J: its Jacobian by the increment, shape (5, 6).
+        J: its Jacobian with respect to the increment, shape (5, 6).
         smooth: the rows that carry information, shape (4, 6).
         work: scratch, shape (10, 4).
     """
@@ -78,9 +78,9 @@ class Rows(NamedTuple):
 
 @part
 def add_up(grid: Grid, touch: WeightedContacts, spared: Longs1, X: Floats3, lanes: int, w: OutFloats1) -> None:
-    """Cost, gradient and Hessian at so many poses X (3, 4), one in each lane of the rows w.
+    """Adds up cost, gradient and Hessian at poses X (3, 4), one in each lane of the rows w.
 
-    A lane is spared the contact whose number is given for it, if there is such a one.
+    A lane ignores the contact whose index `spared` gives for it, if there is one.
     """
     enter(X, 0, lanes, w)
     for lane in range(lanes):
@@ -95,7 +95,7 @@ def add_up(grid: Grid, touch: WeightedContacts, spared: Longs1, X: Floats3, lane
 
 @kernel
 def contact_costs(grid: Grid, touch: WeightedContacts, prior: Prior, X: Floats3, cost: OutFloats1) -> None:
-    """Half the sum of squares of the residuals of contacts and prior at each pose, into cost (B,)."""
+    """Writes half the sum of squared residuals of contacts and prior at each pose into cost (B,)."""
     w, u = np.zeros(SIZE), np.empty(6)
     for first in range(0, X.shape[0], LANES):
         lanes = min(LANES, X.shape[0] - first)
@@ -111,7 +111,7 @@ def contact_costs(grid: Grid, touch: WeightedContacts, prior: Prior, X: Floats3,
 
 @kernel
 def find_dearest(grid: Grid, touch: WeightedContacts, X: Floats3, dearest: OutLongs1) -> None:
-    """The contact that each pose explains least, into dearest (B,)."""
+    """Writes the index of the contact with the largest residual at each pose into dearest (B,)."""
     w, largest = np.zeros(SIZE), np.empty(LANES)
     for first in range(0, X.shape[0], LANES):
         lanes = min(LANES, X.shape[0] - first)
@@ -131,7 +131,7 @@ def find_dearest(grid: Grid, touch: WeightedContacts, X: Floats3, dearest: OutLo
 def contact_residuals(
     grid: Grid, touch: WeightedContacts, X: Floats3, residuals: OutFloats3, jacobian: OutFloats4
 ) -> None:
-    """Residuals (B, k, 5), see `contact_rows`, and their Jacobian (B, k, 5, 6) by the increment."""
+    """Residuals (B, k, 5), see `contact_rows`, and their Jacobian (B, k, 5, 6) with respect to the increment."""
     p, n, weight_p, weight_n = touch
     smooth, work = np.empty((4, 6)), np.empty((10, 4))
     for b in range(X.shape[0]):
@@ -142,9 +142,9 @@ def contact_residuals(
 
 @inlined
 def normal_weight(field, weight_n):
-    """One over the standard deviation of the normal's difference, and its variance over the sensor's alone.
+    """One over the standard deviation of the normal's difference, and its variance in units of the sensor's.
 
-    The mean of unit vectors is as short as they are spread: over two directions, their variance is (1 - |n|^2) / 2.
+    The more unit vectors spread, the shorter is their mean n: per axis, their variance is (1 - |n|^2) / 2.
     """
     square = field[1] ** 2 + field[2] ** 2 + field[3] ** 2
     spread = 1.0 + 0.5 * max(0.0, 1.0 - square) * weight_n * weight_n
@@ -155,15 +155,15 @@ def normal_weight(field, weight_n):
 def contact_rows(grid: Grid, p: Floats1, n: Floats1, weight_p: float, weight_n: float, X: Floats2, rows: Rows) -> None:
     """The five residuals of one contact at one pose, their Jacobian (5, 6), and the rows (4, 6) that carry information.
 
-    The residuals are the distance, the difference of the normals, and the root of twice the log of the normal's
-    variance, which makes the sum of squares a likelihood: a crease explains any normal, but none well.
+    The residuals are the distance, the difference of the normals, and sqrt(2 log(variance)) of the normal, which turns
+    the sum of squares into a likelihood: a crease explains any normal, but none well.
 
-    What the contact says of the pose is in the derivative of the distance along the mean normal, and of that normal's
-    direction. The exact derivatives follow each facet, and each change of the mean normal's length; they would claim
-    that the facets of a tessellated cylinder determine its spin.
+    The contact's information on the pose is in the derivatives of the distance along the mean normal, and of that
+    normal's direction. The exact derivatives follow each facet, and each change of the mean normal's length; they would
+    claim that the facets of a tessellated cylinder determine its rotation about the axis.
     """
     residual, J, smooth, work = rows
-    # Views of the caller's scratch array: an allocation here would cost as much as the arithmetic.
+    # Views of the caller's scratch array, as an allocation would cost as much as the arithmetic.
     q, m, along, row, field, slope, mean = work[0], work[1], work[2], work[3], work[4], work[5:9], work[9]
     to_object(X, p, q)
     look_up_with_derivative(grid, q[0], q[1], q[2], field, slope)
@@ -177,7 +177,7 @@ def contact_rows(grid: Grid, p: Floats1, n: Floats1, weight_p: float, weight_n: 
     if weight_n > 0.0:
         rotate_to_object(X, n, m)
         weight, spread = normal_weight(field, weight_n)
-        for c in range(3):  # The derivative of half the squared length.
+        for c in range(3):  # The derivative of half the mean normal's squared length.
             along[c] = field[1] * slope[1, c] + field[2] * slope[2, c] + field[3] * slope[3, c]
             if square >= 1.0:
                 along[c] = 0.0

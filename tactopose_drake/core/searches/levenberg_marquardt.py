@@ -49,11 +49,11 @@ class LevenbergMarquardt(Search):
 
     Attributes:
         max_iterations: steps tried for each pose.
-        tolerance: a pose has converged when the actual or predicted decrease of its cost is at most
-            tolerance (1 + cost); or when rejected steps have driven the damping beyond `max_damping`.
+        tolerance: a pose has converged when the actual or predicted decrease of its cost is less than
+            tolerance (1 + cost), or when rejected steps have driven the damping beyond `max_damping`.
         initial_damping, max_damping: lambda of [B16] eq. 2.30.
-        least_refused: least lambda after a rejected step. Zero is the thesis' rule, which after many better steps
-            tries many in vain until lambda has an effect, from about a tenth on.
+        least_refused: least lambda after a rejected step. Zero is the thesis' rule: after many accepted steps,
+            many are rejected before lambda has grown enough to have an effect, at about a tenth.
         parameters: the parametrisation: six increments, or the thesis' quaternion and translation.
         solver: how the damped equations are solved.
     """
