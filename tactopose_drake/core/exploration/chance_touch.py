@@ -24,8 +24,7 @@ def choose_by_chance(
     others: Mapping[str, HandGeometry] | None = None,
     criterion: TouchCriterion = TouchCriterion(),
 ) -> NextTouch | None:
-    """A random motion among those that `choose_touch` allows and that meet the object at the most probable pose, or
-    None.
+    """A random motion of those that `choose_touch` allows and that meet the object at the best pose, or None.
 
     Args:
         model: the object.

@@ -123,8 +123,7 @@ class GuardedMoves:
         )
 
     def stay_apart(self, others: HandGeometry, model: ObjectModel, X_PO: FloatArray) -> NDArray[np.bool_]:
-        """Which motions keep the finger off the rest of the hand, shape (m,), up to the latest hit over poses (B, 3,
-        4).
+        """Which motions (m,) keep the finger off the rest of the hand, up to the latest hit over poses (B, 3, 4).
 
         Parts that overlap the rest of the hand where a motion starts are ignored, as they are joined to it.
         """

@@ -16,7 +16,7 @@ from tactopose_drake.core.kernels.surface_contact_kernels import Rows, WeightedC
 
 @inlined
 def _rows_facing(grid, touch, i, facing, n, X, own):
-    """A contact's rows with its normal times `facing`, which is -1 for a flipped one; n (3,) is scratch."""
+    """A contact's rows with its normal times `facing`, from -1 (flipped) to 1 (as told); n (3,) is scratch."""
     for a in range(3):
         n[a] = facing * touch.n[i, a]
     contact_rows(grid, touch.p[i], n, touch.weight_p[i], touch.weight_n[i], X, own)
@@ -24,7 +24,7 @@ def _rows_facing(grid, touch, i, facing, n, X, own):
 
 @inlined
 def _normal_energy(residual):
-    """Half the square of the four residuals that belong to the normal, of a contact's residuals (5,)."""
+    """Half the squared norm of those of a contact's residuals (5,) that belong to its normal."""
     return 0.5 * (residual[1] ** 2 + residual[2] ** 2 + residual[3] ** 2 + residual[4] ** 2)
 
 
@@ -32,11 +32,11 @@ def _normal_energy(residual):
 def find_alternatives(
     grid: Grid, touch: WeightedContacts, doubts: Doubts, X: Floats3, hessian: Floats3, left: OutFloats4
 ) -> None:
-    """Writes what remains (B, 2 k, 6, 6) of each pose's Hessian (B, 6, 6), see `mixture_equations`, without one
-    contact.
+    """Writes what remains (B, 2 k, 6, 6) of each pose's Hessian (B, 6, 6) without one contact.
 
-    In the first k, each contact in turn is displaced; in the last k, each in turn has an arbitrary normal. Only what
-    the contact's weight contributes is subtracted, so that the remainder is positive semidefinite.
+    The Hessian is that of `mixture_equations`. In the first k, each contact in turn is displaced; in the last k, each in
+    turn has an arbitrary normal. Only the part that the contact's weight contributes is subtracted, so that the
+    remainder is positive semidefinite.
     """
     k = touch.p.shape[0]
     facing, work = np.empty(3), make_work(k, doubts)

@@ -10,10 +10,9 @@ of an exact contact, the density of each kind is
     displaced                f_d exp(-c d - n / t) / t,
     of something else        f_p,
 
-without t, n and m if there is no normal. Summed over all kinds with the odds f of independent outliers, these are a_i
-for contact i; summed over the false kinds with the odds of the single outlier among all contacts, they are b_i. The
-factors s and t are the same for all contacts: the likelihood is the sum over pairs (s, t) of their prior probability
-    times
+without t, n and m if there is no normal. For contact i, their sum with the odds f of independent outliers is a_i, and
+that of the false kinds, with the odds of being the single outlier of all contacts, is b_i. The factors s and t are the
+same for all contacts: the likelihood is the sum over pairs (s, t) of their prior probability times
 
     prod_i a_i (1 + sum_i b_i / a_i).
 
@@ -196,8 +195,7 @@ def _find_factors(i, lanes, doubts, work):
 
 @part
 def find_shares(i: int, lanes: int, doubts: Doubts, work: MixtureScratch) -> None:
-    """Fills the rows of shares: the contact's inlier probability, the weights of its distance and normal, and its
-    facing.
+    """Fills the rows of shares: a contact's inlier probability, its distance's and normal's weights, and its facing.
 
     The weights are the derivatives of the cost with respect to d, and to n and m together. With w_n and w_m those with
     respect to n and m, the last row is (w_n - w_m) / (w_n + w_m).

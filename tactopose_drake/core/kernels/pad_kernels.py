@@ -137,8 +137,7 @@ def scratch(n: int) -> tuple[Cells, Pad]:
 
 @part
 def enter(pads: Pads, k: int, X: Floats2, cells: Cells, pad: Pad) -> None:
-    """Transforms a pad to O at the pose X: its middle and stretch, its prior information, and its cells' arms and
-    normals.
+    """Transforms a pad to O at the pose X: its middle, stretch and prior information, and its cells' arms and normals.
 
     Resets what is known of the cells' clearance.
     """

@@ -80,10 +80,10 @@ def make_sigma_points(count: int) -> SigmaPoints:
 
 @part
 def find_axes(P: Floats2, lever_arm: float, points: SigmaPoints) -> None:
-    """Finds a root of the covariance P (6, 6) whose columns are its principal axes, with rotations times a lever arm,
-    m.
+    """Finds a root of the covariance P (6, 6) whose columns are its principal axes.
 
-    With the eigenvectors V and eigenvalues of S^-1 P S^-1, S = diag(1 / arm, 1), the root is S V diag(deviations).
+    The axes are principal with rotations multiplied by the lever arm, m: with S = diag(1 / arm, 1), and eigenvectors V
+    and variances of S^-1 P S^-1, the root is S V diag(deviations).
     """
     root, inverse_root = points.root, points.inverse_root
     scaled, variances, rows = np.empty((6, 6)), np.empty(6), np.empty((6, 6))

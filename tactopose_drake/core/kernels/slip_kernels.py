@@ -13,8 +13,7 @@ from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, Longs1,
 def add_displacements(
     source: Longs1, p: Floats2, velocity: Floats2, duration: float, displacements: OutFloats3, squares: OutFloats1
 ) -> int:
-    """Returns how many of the k touching fingertips have touched in all frames, and sums squares of their
-    displacements.
+    """Returns how many of the k touching fingertips touched in all frames, and sums squares of their displacements.
 
     Args:
         source: of each fingertip that touches now, shape (k,).

@@ -112,8 +112,9 @@ def _places(
 
 
 def _depths(grid: DistanceGrid, p_OT: FloatArray, inward: FloatArray, way: FloatArray) -> FloatArray:
-    """Distance along the ray inward (3,), sampled at way (s,), m, at which each cell (n, 3) leaves the object, shape
-    (n,), m; 0 outside it, infinite if it does not leave it.
+    """How far each cell (n, 3) must move along `inward` (3,) to leave the object, shape (n,), m.
+
+    The ray is sampled at distances `way` (s,), m. The result is 0 outside the object, and infinite if no sample leaves.
     """
     phi = grid.distance(p_OT[:, None] + way[:, None] * inward)
     inside = phi[:, 0] < 0

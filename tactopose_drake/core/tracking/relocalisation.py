@@ -90,9 +90,7 @@ def _mean_weights(before: FloatArray, now: FloatArray, same: NDArray[np.bool_], 
 def _same_modes(
     model: ObjectModel, params: PoseTrackerParams, X_PO: FloatArray, covariance: FloatArray, modes: TrackedModes
 ) -> NDArray[np.bool_]:
-    """Which of the posterior's k modes are which of the filter's n, by the covariance of the one and of the other,
-    shape (2, k, n).
-    """
+    """Which of the posterior's k modes are which of the filter's n, by either's covariance, shape (2, k, n)."""
     images = compose(modes.X_PO[:, None], model.symmetry_poses[None])
     u = increments_between(X_PO[:, None, None], images[None])
     theirs = np.repeat(modes.covariance[:, None], images.shape[1], axis=1)
