@@ -34,8 +34,8 @@ def find_alternatives(
 ) -> None:
     """Writes what remains (B, 2 k, 6, 6) of each pose's Hessian (B, 6, 6) without one contact.
 
-    The Hessian is that of `mixture_equations`. In the first k, each contact in turn is displaced; in the last k, each in
-    turn has an arbitrary normal. Only the part that the contact's weight contributes is subtracted, so that the
+    The Hessian is that of `mixture_equations`. In the first k, each contact in turn is displaced; in the last k, each
+    in turn has an arbitrary normal. Only the part that the contact's weight contributes is subtracted, so that the
     remainder is positive semidefinite.
     """
     k = touch.p.shape[0]

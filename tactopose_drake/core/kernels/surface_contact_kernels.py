@@ -111,7 +111,7 @@ def contact_costs(grid: Grid, touch: WeightedContacts, prior: Prior, X: Floats3,
 
 @kernel
 def find_dearest(grid: Grid, touch: WeightedContacts, X: Floats3, dearest: OutLongs1) -> None:
-    """Writes the index of the contact with the largest residual at each pose into dearest (B,)."""
+    """Writes the index of the contact with the largest energy at each pose into dearest (B,)."""
     w, largest = np.zeros(SIZE), np.empty(LANES)
     for first in range(0, X.shape[0], LANES):
         lanes = min(LANES, X.shape[0] - first)
