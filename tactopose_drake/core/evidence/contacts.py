@@ -19,7 +19,7 @@ _SIGMAS = {"sigma_position": (1e-7, 1e6, "m"), "sigma_normal": (1e-5, 1e6, "rad"
 _COLUMNS = (*(f"{kind}_{axis}" for kind in "pnf" for axis in "xyz"), *_SIGMAS)  # of a table of contacts
 MOST_SIGMA_POSITION = 0.1
 """The largest standard deviation of positions that is accepted, m: larger ones are useless, and probably in mm."""
-# An estimate from so many takes a second; a scan's points are best thinned to fewer.
+# An estimate from this many takes a second; a scan's points are best thinned to fewer.
 _MOST_CONTACTS = 5000
 _MOST_COVARIANCE = 1e12
 _ROUNDING = 1e-9  # tolerance of symmetry, relative to a matrix's largest entry

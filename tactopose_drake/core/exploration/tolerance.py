@@ -15,7 +15,7 @@ from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
-# A Gaussian in three dimensions lies within so many standard deviations with probability 95 % (root of chi-square).
+# A Gaussian in three dimensions lies within this many standard deviations with probability 95 % (root of chi-square).
 _SIGMAS = 2.795
 _LEAST_WEIGHT = 0.01  # of a mode that is kept besides the likeliest
 _SAMPLES = 1000  # number of poses drawn from a belief

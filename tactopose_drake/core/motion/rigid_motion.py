@@ -96,8 +96,8 @@ class MotionHistory:
 def predict_poses(X_PO: FloatArray, covariance: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
     """Moves poses (n, 3, 4) and the covariances (n, 6, 6) of their increments.
 
-    With X exp'd by the increment (w, v) and the motion (E, t) acting from the left, w stays and v becomes E v; a small
-    twist (r, s) after it is the increment (R^T r, s + r x p).
+    If the motion (E, t) acts on a pose (R, p) from the left, its increment (w, v) becomes (w, E v); a small twist
+    (r, s) after it is the increment (R^T r, s + r x p).
     """
     return carry(X_PO, covariance, np.empty((len(X_PO), 6, 0)), motion)[:2]
 

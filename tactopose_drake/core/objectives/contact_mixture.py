@@ -176,7 +176,7 @@ def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, 
 
 @functools.lru_cache
 def _shares(doubt: ContactDoubt, outlier_probability: float, count: int, has_normals: bool) -> FloatArray:
-    """`KindShares` of so many contacts, shape (6, 2, 1): for independently false contacts, and for the single one."""
+    """`KindShares` of `count` contacts, shape (6, 2, 1): for independently false contacts, and for the single one."""
     nothing = KindShares(as_told=1.0, flipped=0.0, turned=0.0, displaced=0.0, other=0.0, lost=0.0)
     of_each, of_one = doubt.kinds.shares(outlier_probability), nothing
     if doubt.of_one is not None:  # Contacts with something else are covered by independent doubt.

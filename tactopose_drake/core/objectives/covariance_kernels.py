@@ -11,8 +11,10 @@ from tactopose_drake.core.shape.point_grid_kernels import Cloud, nearest_square,
 
 
 class FeltPads(NamedTuple):
-    """The pads that feel the object, read-only: poses X_PB (k, 3, 4) of the sensing boxes in front of them, lower and
-    upper corners in B (k, 3), and the patches' centroids in P (k, 3) and covariances (k, 3, 3).
+    """The pads that feel the object, read-only.
+
+    Poses X_PB (k, 3, 4) of the sensing boxes in front of them, lower and upper corners in B (k, 3), and the patches'
+    centroids in P (k, 3) and covariances (k, 3, 3).
     """
 
     X_PB: Floats3

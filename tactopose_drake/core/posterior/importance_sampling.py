@@ -88,7 +88,7 @@ class Weighing(NamedTuple):
         samples: drawn so far; None before the first round.
         X_between: further minima between the modes, found from the samples, shape (n, 3, 4); None before they are
             needed.
-        is_joined: whether the minima found from the samples have been used to join modes.
+        is_joined: whether modes have been joined through the minima found from the samples, or need not be.
     """
 
     modes: Modes
@@ -229,7 +229,7 @@ def _times_wanted(samples: Samples, posterior: Posterior) -> NDArray[np.intp]:
 def _drawn_again(
     samples: Samples, times: NDArray[np.intp], cover: Cover, posterior: Posterior, generator: np.random.Generator
 ) -> Samples:
-    """Samples the proposals again, until those of each mode have been sampled so many times (g,)."""
+    """Samples the proposals again until those of each mode have been sampled `times` (g,) times in all."""
     more = times - samples.times
     again = [copied(each, count=more[each.group] * each.count) for each in samples.proposals]
     X_PO = np.concatenate([each.sample(generator) for each in again])

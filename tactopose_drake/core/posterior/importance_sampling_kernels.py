@@ -1,5 +1,6 @@
-"""Compiled loops of the posterior: importance weights, their moments, and steps to a valley's floor; see
-`importance_sampling.py` and `mode_moments.py`.
+"""Compiled loops of the posterior: importance weights, their moments, and steps to a valley's floor.
+
+See `importance_sampling.py` and `mode_moments.py`.
 
 With the exact posterior exp(-c) and the groups' densities q_g, which add up to the mixture q = sum_g q_g, a sample x
 out of N has the weight w = exp(-c(x)) / (N q(x)), of which w q_g(x) / q(x) belongs to group g [OZ00]. For increments u

@@ -119,7 +119,7 @@ def make_posterior(
 
 @functools.lru_cache
 def _for_contacts(params: PosteriorParams, count: int) -> PosteriorParams:
-    """The parameters with the number of samples limited for so many contacts."""
+    """The parameters with the number of samples limited for this number of contacts."""
     sampling = params.sampling
     most = min(sampling.most_samples, sampling.most_densities // max(count, 1))
     return dataclasses.replace(params, sampling=dataclasses.replace(sampling, most_samples=most))

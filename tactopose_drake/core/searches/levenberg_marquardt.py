@@ -22,7 +22,7 @@ from tactopose_drake.core.searches.parameters import IncrementParameters, Parame
 from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, join_results, never
 from tactopose_drake.core.validation import FloatArray
 
-# A compiled descent can be stopped after so many steps, about a millisecond.
+# A compiled descent can be stopped after this many steps, about a millisecond.
 _BLOCK = 2048
 
 Solver = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]

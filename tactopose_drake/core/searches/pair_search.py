@@ -35,7 +35,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
 _NO_SYMMETRY = np.eye(3, 4)[None]
-# Unconverged poses within so many standard deviations of each other are assumed to lead to the same minimum.
+# Unconverged poses within this many standard deviations of each other are assumed to lead to the same minimum.
 _SAME_MINIMUM = 1.5
 # Unconverged poses that cost more than the best by this are dropped.
 _WORTH = 60.0
@@ -52,7 +52,7 @@ class Stage:
         refinement: applied to each pose.
         kept: most poses that go on, the best ones.
         worth: poses that cost more than the best by this are dropped.
-        apart: of poses within so many standard deviations of each other only the best goes on.
+        apart: of poses within this many standard deviations of each other only the best goes on.
     """
 
     refinement: LevenbergMarquardt

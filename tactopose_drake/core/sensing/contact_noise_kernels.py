@@ -11,8 +11,9 @@ from tactopose_drake.core.surfaces.surface_kernels import evaluate_one
 
 
 class Found(NamedTuple):
-    """Contacts in S of B wrenches: points, normals, normal and friction forces and local torques (B, 3), deformations
-    (B,), and validity (B,); read-only.
+    """Contacts in S of B wrenches, read-only.
+
+    Points, normals, normal and friction forces and local torques (B, 3), deformations (B,), and validity (B,).
     """
 
     p: Floats2
@@ -41,8 +42,10 @@ class Covariances(NamedTuple):
 
 
 class SensedContact(NamedTuple):
-    """A contact's point and the fingertip's normal there, in S, shape (3,), and the covariances due to its sensor's
-    noise: of the point, of the normal, and of the point (rows) with the normal, shape (3, 3).
+    """A contact's point and the fingertip's normal there, in S, shape (3,), and their covariances.
+
+    These are due to the sensor's noise: of the point, of the normal, and of the point (rows) with the normal, shape
+    (3, 3).
     """
 
     p: Floats1
@@ -53,9 +56,7 @@ class SensedContact(NamedTuple):
 
 
 class HandVariances(NamedTuple):
-    """Variances of a fingertip's position along each axis, m^2, of its rotation about each axis, rad^2, and of its
-    radius, m^2.
-    """
+    """Variances of a fingertip's position, m^2, and rotation, rad^2, by axis, and of its radius, m^2."""
 
     place: float
     turn: float

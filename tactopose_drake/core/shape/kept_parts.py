@@ -122,5 +122,5 @@ def _are_surfels(arrays: Arrays) -> bool:
 
 
 def _is_table(first: NDArray[np.int32], count: int) -> bool:
-    """Whether these are valid offsets of bins among so many entries."""
+    """Whether these are valid offsets of bins among `count` entries."""
     return bool(first[0] == 0 and first[-1] == count and np.all(first[1:] >= first[:-1]))

@@ -49,7 +49,7 @@ _UNIT = 1e-6  # relative tolerance for rounding
 
 
 def describe_a_model(arrays: Arrays, samples: int) -> bool:
-    """Whether the arrays are a valid model with so many surface samples."""
+    """Whether the arrays are a valid model with this number of surface samples."""
     if not have_layout(arrays, _LAYOUT):
         return False
     with np.errstate(over="ignore", invalid="ignore"):  # for numbers that are too large, which are then rejected

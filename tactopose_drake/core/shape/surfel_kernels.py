@@ -40,8 +40,10 @@ class Discs(NamedTuple):
 
 
 class Measurements(NamedTuple):
-    """Contacts, read-only: points (k, 3), m, and unit normals (k, 3) in P; sigma of coordinates (k,), m, and inverse
-    sigma of each normal (k,), 1/rad, zero without one.
+    """Contacts, read-only.
+
+    Points (k, 3), m, and unit normals (k, 3) in P; sigma of coordinates (k,), m, and inverse sigma of each normal (k,),
+    1/rad, zero without one.
     """
 
     p: Floats2

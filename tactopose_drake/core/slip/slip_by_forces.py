@@ -1,13 +1,13 @@
 """Detects slip by the forces on the fingertips.
 
-A slip along a surface that is the same farther on moves no fingertip and turns no normal. But forces reveal it: those
-of fingertips that hold an object change slowly, and lie within their friction cones. When friction gives way, the load
-moves to other fingers within some hundredths of a second, which does not happen while all hold. When the object slides
-as a whole, all fingers reach the friction limit at once, at equal ratios of tangential to normal force, whatever the
-coefficient is. When it turns about fingers that hold, others reach the limit: their ratios rise until they are equal
-and the largest, and stay so while the load on the rest continues to grow. Being at the limit for long is no sign:
-fingers may have slid there as they closed, and hold; the ratios must have risen. The largest ratio while the object is
-held is a lower bound of an unknown coefficient: below it, nothing slides.
+A slip along a uniform surface moves no fingertip and rotates no normal. But forces reveal it: those of fingertips that
+hold an object change slowly, and lie within their friction cones. When friction gives way, the load moves to other
+fingers within some hundredths of a second, which does not happen while all hold. When the object slides as a whole, all
+fingers reach the friction limit at once, at equal ratios of tangential to normal force, whatever the coefficient is.
+When it turns about fingers that hold, others reach the limit: their ratios rise until they are equal and the largest,
+and stay so while the load on the rest continues to grow. Being at the limit for long is no sign: fingers may have slid
+there as they closed, and hold; the ratios must have risen. The largest ratio while the object is held is a lower bound
+of an unknown coefficient: below it, nothing slides.
 """
 
 from __future__ import annotations

@@ -6,9 +6,9 @@ contacts' residuals over a short time depend on the slip alone: to first order t
 motion. It is a slip if u is significant against noise and the uncertainty of the fingertips' own motion, and not tiny.
 
 A mode's pose is corrected at each frame, by touch, by vision and by searches, which changes its residuals. The history
-therefore refers to a fixed pose, which moves as the fingertips say: new residuals are computed there for
-comparison, and then the history is transferred to the present pose. The noise of single frames is estimated from
-frame-to-frame changes of the residuals.
+therefore refers to a fixed pose, which moves as the fingertips say: new residuals are computed there for comparison,
+and then the history is transferred to the present pose. The noise of single frames is estimated from frame-to-frame
+changes of the residuals.
 """
 
 from __future__ import annotations

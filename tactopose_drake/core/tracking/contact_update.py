@@ -16,11 +16,10 @@ prior knowledge: P = B + R, C = -B; then the innovation covariance is P + B + 2 
 Contacts are linearised by statistical regression over the spread of the mode [G15] rather than by a tangent. Tangents
 at successive estimates differ, by bends, facets and edges, and together claim information that none of them has. Where
 the spread reaches over bends and edges, however, the regressed mean may lie off the actual surface: there the pose is
-the minimum of prior and contacts themselves. What the regression leaves over is the surface's roughness about the
-contact. It stays while the contact stays, and so do most errors of the normal expected near an edge: roughness is added
-to the variances B, by mode and source. So is the doubt of the one-shot estimate, about noise that seems larger than
-told and contacts that seem false, while it persists. Errors of single frames show from frame to frame; errors beyond
-that last.
+the minimum of prior and contacts themselves. The regression's residual is the surface's roughness about the contact. It
+lasts while the contact does, and so do most errors of the normal expected near an edge: roughness is added to the
+variances B, by mode and source. So is the doubt of the one-shot estimate, about noise that seems larger than told and
+contacts that seem false, while it persists. Errors of single frames show from frame to frame; errors beyond that last.
 
 A narrow mode sees little of the surface. What neither source covers would be counted anew at each frame, and the mode
 would become sure of a wrong pose. Slopes that differ slightly between frames have the same effect, as they seem to tell

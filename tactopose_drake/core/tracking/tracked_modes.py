@@ -53,7 +53,7 @@ class TrackedModes:
 
     @classmethod
     def independent(cls, X_PO: FloatArray, covariance: FloatArray, sources: int) -> TrackedModes:
-        """Modes of equal weight, uncorrelated with the biases of so many sources, and without roughness."""
+        """Modes of equal weight, uncorrelated with the biases of this number of sources, and without roughness."""
         n, unbounded = len(X_PO), np.tile(_NO_BOUND * np.eye(6), (len(X_PO), 1, 1))
         cross_covariance, roughness = np.zeros((n, 6, 6 * sources)), np.zeros((n, sources, 2))
         return cls(X_PO, covariance, cross_covariance, roughness, np.zeros(n), unbounded)
@@ -72,7 +72,7 @@ class TrackedModes:
         return TrackedModes(*(np.concatenate(pair) for pair in zip(self._arrays, others._arrays, strict=True)))
 
     def with_sources(self, count: int) -> TrackedModes:
-        """The modes over at least so many sources, uncorrelated with new ones."""
+        """The modes over at least `count` sources, uncorrelated with new ones."""
         missing = 6 * count - self.cross_covariance.shape[2]
         if missing <= 0:
             return self

@@ -71,8 +71,10 @@ class Chosen(NamedTuple):
 
 
 class Queries(NamedTuple):
-    """Pairs of contacts (q, 2), their features (q, 4), the inverse standard deviations of these (q, 4), and the number
-    of spins (q,) that each match stands for.
+    """Pairs of contacts to look up.
+
+    Their indices (q, 2), their features (q, 4), the inverse standard deviations of these (q, 4), and the number of
+    spins (q,) that each match stands for.
     """
 
     pairs: OutLongs2

@@ -27,7 +27,7 @@ class PairChoice:
     Attributes:
         offset: standard deviation of a contact's distance from the nearest sample, in spacings of the samples.
         bend: standard deviation of the normal's difference there, rad.
-        reach: a pair of samples matches within so many standard deviations.
+        reach: a pair of samples matches if it is within this many standard deviations.
         contacts: number of contacts, as far apart as possible, whose pairs are looked up.
         pairs: most pairs of contacts that are used.
         spins: number of spins tried for a match that leaves the spin free.

@@ -67,7 +67,7 @@ def note(samples, match, row, spin, lane, block):
 
 @part
 def make_room(count: Longs1) -> Kept:
-    """Capacity for twice so many poses (2,), and a block of lanes more."""
+    """Allocates room for twice the numbers of poses (2,), plus a block of lanes."""
     room = 2 * max(count[0], count[1]) + LANES
     kept = Kept(
         np.empty((2, room, 3), dtype=np.int32),

@@ -36,8 +36,10 @@ class Samples(NamedTuple):
 
 
 class Field(NamedTuple):
-    """A `CoarseField`, read-only: the four bytes of each voxel packed into an integer, lowest byte first; the inverse
-    spacing, 1/m; and the number of distance steps in a voxel.
+    """A `CoarseField`, read-only.
+
+    The four bytes of each voxel are packed into an integer, lowest byte first. The inverse spacing is in 1/m; `steps`
+    is the number of distance steps in a voxel.
     """
 
     values: Ints1
