@@ -40,7 +40,7 @@ def without_flat_faces(vertices: FloatArray, faces: IntArray, size: float, repai
         return faces
     for _ in range(_MOST_ROUNDS):
         fewer = _merge_short_edges(vertices, faces, flat, size)
-        turned = _turn_longest_edges(vertices, faces, flat) if fewer is None else fewer
+        turned = _flip_longest_edges(vertices, faces, flat) if fewer is None else fewer
         if turned is None or not len(turned):
             break
         faces = turned
@@ -60,7 +60,7 @@ def _flat(vertices: FloatArray, faces: IntArray, size: float) -> NDArray[np.bool
     return flat
 
 
-def _turn_longest_edges(vertices: FloatArray, faces: IntArray, flat: NDArray[np.bool_]) -> IntArray | None:
+def _flip_longest_edges(vertices: FloatArray, faces: IntArray, flat: NDArray[np.bool_]) -> IntArray | None:
     """Flips the longest edges of flat faces, with each face changed at most once; None if there is none to flip."""
     start, end = half_edges(faces)
     stride = int(faces.max()) + 1

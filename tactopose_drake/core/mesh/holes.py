@@ -44,7 +44,7 @@ def close_holes(
     if not len(mesh_topology.link_faces(faces).open):
         return vertices, faces
     faces = _without_open_debris(vertices, faces, repairs)
-    loops, closed_vertices, closed_faces = _put_lids(vertices, faces)
+    loops, closed_vertices, closed_faces = _with_lids(vertices, faces)
     if not loops:
         return vertices, faces
     lid_of = closed_faces[len(faces) :, 2] - len(vertices)
@@ -66,7 +66,7 @@ def close_holes(
     return closed_vertices, closed_faces
 
 
-def _put_lids(vertices: FloatArray, faces: IntArray) -> tuple[list[IntArray], FloatArray, IntArray]:
+def _with_lids(vertices: FloatArray, faces: IntArray) -> tuple[list[IntArray], FloatArray, IntArray]:
     """The rims of all holes, and the mesh with a fan on each, whose centres are appended to the vertices."""
     loops = mesh_topology.boundary_loops(faces, mesh_topology.link_faces(faces).open)
     middles = [vertices[loop].mean(axis=0, keepdims=True) for loop in loops]
@@ -79,7 +79,7 @@ def _put_lids(vertices: FloatArray, faces: IntArray) -> tuple[list[IntArray], Fl
 
 def _without_open_debris(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> IntArray:
     """Drops open pieces that are debris even with lids."""
-    _, closed_vertices, closed_faces = _put_lids(vertices, faces)
+    _, closed_vertices, closed_faces = _with_lids(vertices, faces)
     body = mesh_topology.body_labels(closed_faces)
     volume = np.abs(mesh_bodies.volumes(closed_vertices, closed_faces, body))
     debris = np.zeros(len(volume), dtype=bool)
@@ -98,7 +98,7 @@ def _without_open_debris(vertices: FloatArray, faces: IntArray, repairs: list[st
 def _describe(vertices: FloatArray, loops: list[IntArray]) -> str:
     """Lists the positions and sizes of the largest holes."""
     middles = [vertices[loop].mean(axis=0) for loop in loops]
-    across = [_across(vertices[loop]) for loop in loops]
+    across = [_diameter(vertices[loop]) for loop in loops]
     largest = np.argsort(across)[::-1][:_STATED_HOLES]
     places = "; ".join(
         f"at {np.round(middles[n], 4).tolist()} m, {1e3 * across[n]:.3g} mm across, rim of {len(loops[n])} edges"
@@ -108,7 +108,7 @@ def _describe(vertices: FloatArray, loops: list[IntArray]) -> str:
     return f"Holes: {places}{more}"
 
 
-def _across(rim: FloatArray) -> float:
+def _diameter(rim: FloatArray) -> float:
     """The approximate diameter of a rim with vertices (n, 3), m: from the vertex farthest from their centroid."""
     farthest = rim[np.argmax(np.linalg.norm(rim - rim.mean(axis=0), axis=1))]
     return float(np.linalg.norm(rim - farthest, axis=1).max())

@@ -193,13 +193,13 @@ def _next_round(
         times = _times_wanted(samples, posterior)
         if (times == samples.times).all():
             return None
-        joined = _drawn_again(samples, times, cover, posterior, generator)
+        joined = _sample_again(samples, times, cover, posterior, generator)
     else:
         count = max(params.round_of(cover.tiles), int(params.growth * drawn))
         if drawn + count > params.most_samples:
             return None
         proposal = tile_samples(samples.X_PO, samples.weights, cover, count, posterior)
-        joined = _joined(samples, proposal.sample(generator), cover, posterior)
+        joined = _append(samples, proposal.sample(generator), cover, posterior)
         joined = joined._replace(proposals=(*samples.proposals, proposal), drawn=(*samples.drawn, proposal.count))
         proposal.add_to(joined.density, joined.increments)
     return _weighed_anew(joined, cover, families, posterior)
@@ -226,19 +226,19 @@ def _times_wanted(samples: Samples, posterior: Posterior) -> NDArray[np.intp]:
     return np.asarray(samples.times + np.ceil(more).astype(np.intp))
 
 
-def _drawn_again(
+def _sample_again(
     samples: Samples, times: NDArray[np.intp], cover: Cover, posterior: Posterior, generator: np.random.Generator
 ) -> Samples:
     """Samples the proposals again until those of each mode have been sampled `times` (g,) times in all."""
     more = times - samples.times
     again = [copied(each, count=more[each.group] * each.count) for each in samples.proposals]
     X_PO = np.concatenate([each.sample(generator) for each in again])
-    joined = _joined(samples._replace(density=samples.density / samples.times), X_PO, cover, posterior)
+    joined = _append(samples._replace(density=samples.density / samples.times), X_PO, cover, posterior)
     drawn = *samples.drawn, *(each.count for each in again)
     return joined._replace(density=times * joined.density, times=times, drawn=drawn)
 
 
-def _joined(samples: Samples, X_PO: FloatArray, cover: Cover, posterior: Posterior) -> Samples:
+def _append(samples: Samples, X_PO: FloatArray, cover: Cover, posterior: Posterior) -> Samples:
     """Appends poses (B, 3, 4) with the densities of all proposals there; the weights are left as they are."""
     increments, density = find_increments(cover.X_PO, X_PO), np.zeros((len(X_PO), len(cover.X_PO)))
     for proposal in samples.proposals:
