@@ -29,13 +29,13 @@ _LEAST_CONTACTS = 3  # with normals: a pose explains nearly all that fewer measu
 class OffsetRefinementParams:
     """How cautiously offsets are refined."""
 
-    period: float = 0.05  # s between two updates from the belief
-    least_frames: int = 6  # in the mean of a touch, before it is used
-    least_probability: float = 0.98  # of the best mode; its width does not matter, as the pose is estimated too
-    least_turn_deg: float = 10.0  # of any joint since the last touch used, unless the hand has let go since
-    let_go_time: float = 0.2  # s without touch after which the hand has let go: sensors drop out for less
+    period: float = 0.05  # time between two updates from the belief, s
+    least_frames: int = 6  # least number of frames in the mean of a touch, before it is used
+    least_probability: float = 0.98  # least one of the best mode; its width does not matter: the pose is estimated too
+    least_turn_deg: float = 10.0  # least rotation of any joint since the last touch used or the hand let go, deg
+    let_go_time: float = 0.2  # time without touch after which the hand has let go, s: sensors drop out for less
     least_sigma_deg: float = 0.2  # floor of an offset's standard deviation, deg; of a sliding joint 1 deg is 1 mm
-    least_noise_share: float = 0.1  # of a contact's variance that does not come from the joints
+    least_noise_share: float = 0.1  # least share of a contact's variance that does not come from the joints
     chance: float = 1e-3  # p-value of the residuals below which a touch is ignored
 
     def validate(self) -> None:

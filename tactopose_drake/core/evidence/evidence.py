@@ -107,5 +107,5 @@ class Evidence:
 
     @functools.cached_property
     def touch(self) -> Contacts:
-        """The contacts, and the patches as contacts: what poses are proposed from."""
+        """Contacts and patches as contacts: what poses are proposed from."""
         return with_patches(self.contacts, self.patches)

@@ -30,21 +30,17 @@ class ReachParams:
     stiffness: float = 5.0  # of each joint under the grasp controller, N m/rad; 1 rad is 5 cm of a sliding joint
     lift: float = 0.015  # distance of the open fingertip from the object, m
     clearance: float = 0.002  # least distance of the rest of the finger from the object, m
-    least_alignment: float = 0.75  # cosine between the normal and the motion of the closing fingertip
-    least_facing: float = 0.12  # cosine between the finger's axis and the direction to the contact: 0 at its side
-    most_facing: float = 0.97  # 1 at its very end
-    limit_margin: float = 0.03  # distance from the joint limits in contact, rad; 1 rad is 5 cm of a sliding joint
-    steps: int = 4  # Newton steps of the search for exact contact
-    contact_tolerance: float = 1e-4  # distance of the fingertip from the surface after them, m
-    approach_stops: int = 3  # between closed and open, both included, at which the finger must be clear
-    # The surroundings of a touch: at `outwards`, m, along the normal, the distance grows by `least_openness` of that;
-    # by less if the fingertip sits in a corner and touches two places.
-    outwards: float = 0.003
-    least_openness: float = 0.8
-    # At `sideways`, m, across the normal, the normal turns less than `most_turn`, rad; more on an edge rounded by less
-    # than 4 mm.
-    sideways: float = 0.002
-    most_turn: float = 0.5
+    least_alignment: float = 0.75  # least cosine between the normal and the motion of the closing fingertip
+    least_facing: float = 0.12  # least cosine between the finger's axis and the direction to the contact: 0 at its side
+    most_facing: float = 0.97  # largest such cosine: 1 at the fingertip's very end
+    limit_margin: float = 0.03  # least distance from the joint limits in contact, rad; 1 rad is 5 cm of a sliding joint
+    steps: int = 4  # number of Newton steps in the search for exact contact
+    contact_tolerance: float = 1e-4  # largest distance of the fingertip from the surface after these steps, m
+    approach_stops: int = 3  # number of postures between closed and open, with both, in which the finger must be clear
+    outwards: float = 0.003  # displacement along the normal at which the surroundings of a touch are tested, m
+    least_openness: float = 0.8  # least growth of the distance from the object over this displacement: less in corners
+    sideways: float = 0.002  # displacement across the normal at which the surroundings are tested, m
+    most_turn: float = 0.5  # largest rotation of the normal over it, rad: more at an edge rounded by less than 4 mm
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is not positive."""

@@ -35,21 +35,21 @@ TouchesItself = Callable[[Mapping[str, FloatArray]], bool]
 class PlannerParams:
     """How many grasps are searched for, and their constraints."""
 
-    grasps: int = 8  # number found before the best is taken
-    most_poses: int = 250  # object poses that are tried for them
-    touches: int = 14  # per finger and pose
-    normal_force: float = 3.0  # wanted of each finger, N
-    least_force: float = 1.8  # N
-    most_force: float = 7.0  # N
-    friction: float = 0.5  # of the planned grasp, below the true one for a margin
+    grasps: int = 8  # number of grasps found before the best is taken
+    most_poses: int = 250  # largest number of object poses that are tried for them
+    touches: int = 14  # number of touches considered per finger and pose
+    normal_force: float = 3.0  # desired normal force of each finger, N
+    least_force: float = 1.8  # least normal force of each finger, N
+    most_force: float = 7.0  # largest normal force of each finger, N
+    friction: float = 0.5  # coefficient of friction of the planned grasp, below the true one for a margin
     # Least distance between the axes of two fingers, m; null: their widths decide.
     finger_distance: float | None = None
-    palm_clearance: float = 0.004  # m
+    palm_clearance: float = 0.004  # least distance of the object from the palm and from idle fingers, m
     tilt_deg: float = 25.0  # largest angle between the object's z axis and up, deg
-    least_fingers: int = 4  # that take part; of a hand with fewer, all
-    fingers: list[str] = field(default_factory=list)  # that may take part; empty: any
-    restarts: int = 2  # of the choice of one touch per finger, each with another order of the fingers
-    rounds: int = 2  # of each restart, in which every finger's touch is chosen anew
+    least_fingers: int = 4  # least number of fingers that take part; of a hand with fewer, all
+    fingers: list[str] = field(default_factory=list)  # names of the fingers that may take part; empty: any
+    restarts: int = 2  # number of times that one touch per finger is chosen, with another order of the fingers each
+    rounds: int = 2  # number of rounds of each restart, in which every finger's touch is chosen anew
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""

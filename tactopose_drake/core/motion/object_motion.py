@@ -26,16 +26,16 @@ from tactopose_drake.core.validation import FloatArray
 class MotionNoise:
     """Random walks: standard deviations after one second; they grow with the square root of time."""
 
-    palm_translation: float = 0.002  # of an object that moves with the palm, m/s^0.5
-    palm_rotation: float = 0.03  # the same, rad/s^0.5
-    rolling: float = 0.003  # of the object's surface under a fingertip that holds it, m/s^0.5
-    twisting: float = 0.2  # of its rotation under the fingertip about the normal, rad/s^0.5
-    slipping: float = 0.01  # of the surface under a fingertip that slides, m/s^0.5
-    free_translation: float = 0.03  # of an object in the directions in which nothing holds it, m/s^0.5
-    free_rotation: float = 0.3  # the same, rad/s^0.5
-    still_speed: float = 0.01  # of fingertips that hold an object, m/s: the slower, the more it rests in the palm
-    longest_gap: float = 10.0  # s between frames; after a longer one the object is assumed not to have been held
-    friction: float | None = None  # coefficient above which a fingertip slides; None if unknown
+    palm_translation: float = 0.002  # translation of an object that moves with the palm, m/s^0.5
+    palm_rotation: float = 0.03  # rotation of an object that moves with the palm, rad/s^0.5
+    rolling: float = 0.003  # displacement of the object's surface under a fingertip that holds it, m/s^0.5
+    twisting: float = 0.2  # rotation of the object about the normal under a fingertip that holds it, rad/s^0.5
+    slipping: float = 0.01  # displacement of the surface under a fingertip that slides, m/s^0.5
+    free_translation: float = 0.03  # translation of an object in the directions in which nothing holds it, m/s^0.5
+    free_rotation: float = 0.3  # rotation of an object in the directions in which nothing holds it, rad/s^0.5
+    still_speed: float = 0.01  # speed of fingertips that hold an object, m/s: the slower, the more it rests in the palm
+    longest_gap: float = 10.0  # time between frames after which the object is assumed not to have been held, s
+    friction: float | None = None  # coefficient of friction above which a fingertip slides; None if unknown
     friction_margin: float = 0.9  # share of the friction cone within which it surely holds, as forces are noisy
 
 

@@ -23,10 +23,10 @@ def _check_count(name: str, count: float) -> None:
 class CellRow:
     """Equal rectangular cells side by side."""
 
-    center: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.0])  # of the row, m
+    center: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.0])  # centre of the row, m
     tangent_deg: float = 0.0  # angle by which the pad has bent away from its normal here, deg
-    count: int = 1  # of cells in the row
-    cell: list[float] = dataclasses.field(default_factory=lambda: [0.001, 0.001])  # along the pad, across it, m
+    count: int = 1  # number of cells in the row
+    cell: list[float] = dataclasses.field(default_factory=lambda: [0.001, 0.001])  # size along the pad and across it, m
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -37,9 +37,9 @@ class RowPattern:
     bends. Rows must not overlap: a contact on both would count twice.
     """
 
-    along: list[float] = dataclasses.field(default_factory=lambda: [1.0, 0.0, 0.0])  # from row to row, unit vector
-    normal: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 1.0])  # out of the pad, unit vector
-    pitch: float = 0.001  # from one cell of a row to the next, m
+    along: list[float] = dataclasses.field(default_factory=lambda: [1.0, 0.0, 0.0])  # from row to row, a unit vector
+    normal: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 1.0])  # out of the pad, a unit vector
+    pitch: float = 0.001  # distance from one cell of a row to the next, m
     rows: list[CellRow] = dataclasses.field(default_factory=list)
 
     def make(self) -> TactileLayout:
@@ -124,11 +124,11 @@ class CapsulePattern:
     hemisphere cells become narrower towards the rim.
     """
 
-    radius: float = 0.009  # m
-    length: float = 0.014  # of the cylindrical part that is covered, m
+    radius: float = 0.009  # radius of the capsule, m
+    length: float = 0.014  # length of the cylindrical part that is covered, m
     cell: float = 0.001  # largest edge of a cell, m
-    half_angle_deg: float = 60.0  # from -y to the rim on either side, deg
-    end_angle_deg: float = 80.0  # from the hemisphere's root to the last row, deg
+    half_angle_deg: float = 60.0  # angle from -y to the rim on either side, deg
+    end_angle_deg: float = 80.0  # angle from the hemisphere's root to the last row, deg
 
     def make(self) -> TactileLayout:
         """The layout.

@@ -18,14 +18,14 @@ class ContactUpdateParams:
 
     max_iterations: int = 12  # most Levenberg-Marquardt steps for each mode
     tolerance: float = 1e-2  # decrease of the cost that is worth a step; noise alone makes the cost vary by about 1
-    least_noise_share: float = 0.3  # of a contact's standard deviation that is new at each time at least
+    least_noise_share: float = 0.3  # least share of a contact's standard deviation that is new at each time
     max_displacement: float = 0.008  # rms displacement of the contacts by a sigma point, m: farther off are other faces
-    as_good: float = 0.3  # by which the contacts' cost at the regressed pose may exceed that at the minimum
-    rounds: int = 2  # of regression; the second uses the covariance that the first leaves
+    as_good: float = 0.3  # excess of the contacts' cost at the regressed pose over that at the minimum that is accepted
+    rounds: int = 2  # number of rounds of regression; the second uses the covariance that the first leaves
     bend_penalty: float = 4.0  # weight of the bends beside a slope against it: the same order as facets and edges
-    lasting_normal_share: float = 0.5  # of the spread of normals about a contact: across an edge all err in one way
-    new_normal_share: float = 0.25  # the same, new at each time: the contact is measured elsewhere
-    roughness_gain: float = 0.2  # with which a source's roughness follows the measured one, which is noisy, each frame
+    lasting_normal_share: float = 0.5  # share of the spread of normals about a contact that lasts, as across an edge
+    new_normal_share: float = 0.25  # share of it that is new at each time: the contact is measured elsewhere
+    roughness_gain: float = 0.2  # gain with which a source's roughness follows the measured one, which is noisy
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -35,8 +35,8 @@ class CalibrationScaleParams:
     doublings: int = 6  # most doublings of the told variances
     halvings: int = 1  # most halvings: a hand may be better than told
     doubling_share: float = 0.85  # ratio of prior probabilities for each further doubling or halving
-    apart_share: float = 0.3  # the same for each doubling by which points and normals differ
-    least_frames: int = 2  # in the mean of a contact, before the scale is estimated
+    apart_share: float = 0.3  # ratio of prior probabilities for each doubling by which points and normals differ
+    least_frames: int = 2  # least number of frames in the mean of a contact, before the scale is estimated
     least_share: float = 0.2  # least weight of the last estimate in the running mean
 
 
@@ -44,12 +44,12 @@ class CalibrationScaleParams:
 class WindowParams:
     """Which past touches judge a pose, and how."""
 
-    max_keyframes: int = 5  # besides the current touch
+    max_keyframes: int = 5  # most past touches, besides the current one
     max_frames: int = 8  # most frames in the mean of a touch that stays the same
-    least_distance: float = 0.004  # between contacts on the object that are different touches, m
-    least_turn_deg: float = 20.0  # the same between their normals, deg
-    max_sigma: float = 0.004  # of the motion since, at the contacts, beyond which a touch is dropped, m
-    lasting_share: float = 0.3  # of the contacts' variances that the hand's calibration makes common to all touches
+    least_distance: float = 0.004  # distance between a finger's contacts on the object that makes touches different, m
+    least_turn_deg: float = 20.0  # the same for the angle between their normals, deg
+    max_sigma: float = 0.004  # standard deviation of contacts by the motion since, beyond which a touch is dropped, m
+    lasting_share: float = 0.3  # share of the contacts' variances that the calibration makes common to all touches
     slip_probability: float = 0.01  # prior probability that a touch dates from before an unnoticed slip
 
 
@@ -57,17 +57,17 @@ class WindowParams:
 class RelocalisationParams:
     """When and where modes are searched for that the belief may lack."""
 
-    period: float = 0.15  # s between two searches, while all is well
-    steady_period: float = 0.3  # the same, after this many searches of the same touch:
-    steady_searches: int = 3
-    urgent_period: float = 0.03  # s between two searches, while something is wrong or new
+    period: float = 0.15  # time between two searches while all is well, s
+    steady_period: float = 0.3  # the same, once there have been `steady_searches` of the same touch, s
+    steady_searches: int = 3  # number of searches of the same touch after which `steady_period` applies
+    urgent_period: float = 0.03  # time between two searches while something is wrong or new, s
     starts: int = 120  # most start poses of a search without a prior
-    found: int = 12  # most poses that it ends with
-    joined: int = 8  # most of these that are tested for being minima of one valley: the paths are many
-    led: int = 32  # samples that are refined to minima between these
+    found: int = 12  # most poses that a search ends with
+    joined: int = 8  # most of these that are tested for being minima of one valley: there are many paths between them
+    led: int = 32  # number of samples that are refined to minima between these
     most_between: int = 16  # most such minima that are tested as well
-    samples: int = 96  # least importance samples, in a round
-    most_samples: int = 768  # most, over all rounds
+    samples: int = 96  # least number of importance samples in a round
+    most_samples: int = 768  # largest number of importance samples over all rounds
     standard_error: float = 0.03  # of the modes' probabilities, at which sampling ends: searches are averaged
     least_share: float = 0.5  # least weight of the last search in the running mean
     # Mass over that of the best mode, below which the penetration of the hand is not evaluated.
@@ -96,13 +96,13 @@ class RelocalisationParams:
 class VisionParams:
     """What is assumed about poses from vision."""
 
-    correlation_time: float = 0.5  # s, after which errors are independent; more frequent poses count less
-    lasting_share: float = 0.3  # of a pose's variances that is common to all, for example of the extrinsics
-    max_age: float = 1.0  # s; older poses are ignored
-    outlier_probability: float = 0.05  # that a pose is an outlier, with uniform rotation
-    outlier_volume: float = 1.0  # and uniform translation within this volume, m^3
+    correlation_time: float = 0.5  # time after which errors are independent, s; more frequent poses count less
+    lasting_share: float = 0.3  # share of a pose's variances that is common to all, for example of the extrinsics
+    max_age: float = 1.0  # largest age of a pose that is used, s
+    outlier_probability: float = 0.05  # probability that a pose is an outlier, with uniform rotation and translation
+    outlier_volume: float = 1.0  # volume in which an outlier's translation is uniform, m^3
     gate: float = 22.5  # NIS of a pose by the earlier ones, beyond which they contradict it (chi-square, 0.1 %)
-    remembered: int = 16  # times of poses before the last one that are kept to recognise repeated ones
+    remembered: int = 16  # number of times of poses before the last one that are kept to recognise repeated ones
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -122,26 +122,26 @@ class PoseTrackerParams:
     """What the belief assumes of the hand and of the motion, and how much it works."""
 
     calibration_position: float = 0.0005  # standard deviation of the constant part of a contact's error, each axis, m
-    calibration_normal_deg: float = 2.5  # the same of its normal about each axis, deg
-    frame_position: float = 0.00075  # of contacts with declared covariance: the part that is new at each time, m
-    frame_normal_deg: float = 4.3  # the same of their normals, deg
-    surface_position: float = 0.0001  # of the model's surface from the object's, m
-    surface_normal_deg: float = 1.0  # of its normals about each axis, deg
-    lever_arm: float = 0.25  # of the object's size: distance from O at which rad and m are compared
-    settling_time: float = 0.09  # s after a further finger touches or the best mode changes, until it settles
+    calibration_normal_deg: float = 2.5  # the same for a rotation of its normal about each axis, deg
+    frame_position: float = 0.00075  # standard deviation that is new each time, of contacts with declared covariance, m
+    frame_normal_deg: float = 4.3  # the same for their normals, deg
+    surface_position: float = 0.0001  # standard deviation of the model's surface from the object's, m
+    surface_normal_deg: float = 1.0  # standard deviation of the surface's normals about each axis, deg
+    lever_arm: float = 0.25  # distance from O at which rad and m are compared, as a share of the object's size
+    settling_time: float = 0.09  # time after a further finger touches or the best mode changes, until it settles, s
     settled_distance: float = 0.01  # displacement of the surface beyond which two best modes are different, m
-    answer_probability: float = 0.98  # of the best mode from which on it is the answer; it may stay so for long
+    answer_probability: float = 0.98  # probability from which on the best mode is the answer; it may stay so for long
     # Standard deviations up to which a mode is an answer, in what the current touch determines: fewer than one in a
     # hundred are then off by 20 mm or 20 degrees.
-    answer_distance: float = 0.0075  # m
-    answer_turn_deg: float = 7.5  # deg
-    untold_share: float = 0.3  # of the object's size: standard deviation from which on the touch does not determine it
-    slip_time: float = 0.1  # s for which a detected slip is assumed to go on
-    flicker_time: float = 0.06  # s without contact after which a touch has ended: readings may be lost, or weak
-    lost_time: float = 0.2  # s without an explanation of the touch, after which the pose is lost
-    unobserved_time: float = 1.0  # s without touch or vision, after which the pose is lost
+    answer_distance: float = 0.0075  # largest standard deviation of an answer's translation, m
+    answer_turn_deg: float = 7.5  # the same of its rotation, deg
+    untold_share: float = 0.3  # standard deviation, over the object's size, above which the touch does not determine it
+    slip_time: float = 0.1  # time for which a detected slip is assumed to go on, s
+    flicker_time: float = 0.06  # time without contact after which a touch has ended, s: readings may be lost, or weak
+    lost_time: float = 0.2  # time without an explanation of the touch after which the pose is lost, s
+    unobserved_time: float = 1.0  # time without touch or vision after which the pose is lost, s
     least_touch_chance: float = 1e-6  # p-value below which noise does not explain a touch; tested at each frame
-    seed: int = 0  # of the searches' random numbers
+    seed: int = 0  # seed of the searches' random numbers
     noise: MotionNoise = dataclasses.field(default_factory=MotionNoise)
     contact_update: ContactUpdateParams = dataclasses.field(default_factory=ContactUpdateParams)
     calibration_scale: CalibrationScaleParams = dataclasses.field(default_factory=CalibrationScaleParams)

@@ -25,14 +25,14 @@ _MARGIN = 0.004  # beyond three sigma of the noise, by which a surface must be n
 class DepthCameraModel:
     """The geometry and noise of a depth camera."""
 
-    width: int = 240  # of the image, pixels
-    height: int = 180  # pixels
-    focal_length: float = 200.0  # pixels
+    width: int = 240  # width of the image, pixels
+    height: int = 180  # height of the image, pixels
+    focal_length: float = 200.0  # focal length, pixels
     depth_noise: float = 1.43e-3  # standard deviation of a depth z over z^2, 1/m: that of the Kinect [K12]
     # Share of its variance that is common to neighbouring pixels, so that averaging over the object does not reduce it.
     common_share: float = 0.3
     nearest: float = 0.1  # least depth that is measured, m
-    farthest: float = 3.0  # m
+    farthest: float = 3.0  # largest depth that is measured, m
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""

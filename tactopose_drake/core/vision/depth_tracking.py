@@ -34,15 +34,15 @@ class DepthTrackerModel:
     # and the covariance includes that the object may be where points are unexplained.
     knows_hand: bool = True
     gate: float = 0.03  # distance from the object's expected surface up to which a point counts, m
-    least_pixels: int = 60  # of the object
-    most_hidden: float = 0.8  # share of the object's pixels that may be hidden
-    most_seen_through: float = 0.5  # share of the others that may see something farther, before the object is lost
+    least_pixels: int = 60  # least number of the object's pixels
+    most_hidden: float = 0.8  # largest share of the object's pixels that may be hidden
+    most_seen_through: float = 0.5  # largest share of the others that may see something farther, before it is lost
     sigma_translation: float = 0.05  # standard deviation of the motion between frames along each axis, m
-    sigma_rotation_deg: float = 15.0  # the same about each axis, deg
+    sigma_rotation_deg: float = 15.0  # standard deviation of the rotation between frames about each axis, deg
     first_width: float = 0.03  # width of the robust loss at the first step of the fit, m
-    width_factor: float = 0.6  # by which it shrinks from step to step
+    width_factor: float = 0.6  # factor by which this width shrinks from step to step
     narrowing_steps: int = 8  # number of steps in which it shrinks
-    last_steps: int = 8  # number of steps in which it is three sigma
+    last_steps: int = 8  # number of steps at the end, in which it is three sigma
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""

@@ -16,10 +16,10 @@ from tactopose_drake.core.validation import FloatArray, finite_array
 class VisionModel:
     """The magnitude of the error: it grows linearly with the object's hidden share, until the view is lost."""
 
-    translation_clear: float = 0.005  # error when nothing is hidden, m
-    translation_hidden: float = 0.036  # error when the view is lost, m
-    rotation_clear_deg: float = 2.0  # the same for the rotation, deg
-    rotation_hidden_deg: float = 18.0  # deg
+    translation_clear: float = 0.005  # translation error when nothing is hidden, m
+    translation_hidden: float = 0.036  # translation error when the view is lost, m
+    rotation_clear_deg: float = 2.0  # rotation error when nothing is hidden, deg
+    rotation_hidden_deg: float = 18.0  # rotation error when the view is lost, deg
     lost_share: float = 0.25  # the hidden share at which the view is lost, up to 1
 
     def validate(self) -> None:
