@@ -152,7 +152,7 @@ def _read(path: Path) -> RawMesh:
 
 
 def _in_metres(mesh: RawMesh, unit: str | None, path: Path) -> RawMesh:
-    """The triangles of a file whose numbers are in a unit, as trimesh calls it, in metres."""
+    """Converts a file's triangles to metres from its unit, by trimesh's name; None stays as it is."""
     from trimesh.units import unit_conversion
 
     if unit is None:

@@ -11,7 +11,7 @@ from tactopose_drake.core.validation import FloatArray, finite_array, positive_n
 from tactopose_drake.errors import InvalidInputError
 
 _MAX_CELLS = 10_000  # of an array; the finest real ones have some hundreds
-_ROUNDING = 0.02  # tolerance of a cell's position, as a share of the cell, as of a drawing in hundredths of a millimetre
+_ROUNDING = 0.02  # tolerance of a position as a share of a cell, as of a drawing in hundredths of a millimetre
 
 
 def _check_count(name: str, count: float) -> None:
@@ -89,7 +89,7 @@ class RowPattern:
         return row
 
     def _check_overlaps(self, along: FloatArray, normal: FloatArray) -> None:
-        """Raises InvalidInputError if cells of two rows lie over each other; not where they are on opposite sides."""
+        """Raises InvalidInputError if cells of two rows overlap, unless they are on opposite sides of the pad."""
         centers = np.array([row.center for row in self.rows]) @ np.stack([along, normal, np.cross(along, normal)], 1)
         angles = np.radians([row.tangent_deg for row in self.rows])
         half, width = 0.5 * (1.0 - _ROUNDING) * np.array([row.cell for row in self.rows]).T
@@ -100,7 +100,7 @@ class RowPattern:
             turn, mean = 0.5 * (angles[others] - angles[i]), 0.5 * (angles[others] + angles[i])
             over, up, _ = (centers[others] - centers[i]).T
             reach = half[others] + half[i]
-            # Rows that meet in an edge of a bent pad are as far apart as this along the middle of their directions.
+            # Rows that share an edge of a bent pad are this far apart along the mean of their directions.
             is_over = np.abs(np.cos(mean) * over - np.sin(mean) * up) < reach * np.cos(turn)
             is_near = np.abs(np.sin(mean) * over + np.cos(mean) * up) < reach
             apart = first[others] - first[i]
