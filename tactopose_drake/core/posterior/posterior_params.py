@@ -87,7 +87,7 @@ class SamplingParams:
     held_turn: float = 0.02  # standard deviation to which turns about a continuous axis are held, if they are free, rad
 
     def round_of(self, tiles: int) -> int:
-        """The least number of samples in a round with so many tiles."""
+        """The least number of samples in a round with this number of tiles."""
         return max(self.samples, self.samples_a_tile * tiles)
 
 
