@@ -121,10 +121,10 @@ def increments_between(X_from: FloatArray, X_to: FloatArray) -> FloatArray:
 
 
 def increments_of_images(X_AB: FloatArray, X_image: FloatArray) -> FloatArray:
-    """Matrices (..., 6, 6) that give the increments of images (..., 3, 4) of poses by those of the poses themselves.
+    """Jacobians (..., 6, 6) of the increments of symmetric images (..., 3, 4) by those of the poses themselves.
 
-    Where an object looks the same turned by S = (E, s), the image is X_AB S. With the pose by (w, v) it turns by E^T w,
-    about its own axes, and moves by v - R_AB [s]x w. What is known of increments is of other axes at an image.
+    For the image X_AB S with S = (E, s), an increment (w, v) of the pose becomes (E^T w, v - R_AB [s]x w). Covariances
+    of increments must be transformed accordingly, as the image has other axes.
     """
     S = compose(inverse(X_AB), X_image)
     J = np.tile(np.eye(6), (*S.shape[:-2], 1, 1))

@@ -46,9 +46,9 @@ def capsule_mesh(radius: float, length: float) -> trimesh.Trimesh:
 
 
 def _whole_scale(radius: float) -> float:
-    """By how much larger a solid of revolution is made: trimesh leaves out faces below 1e-8 m2, such as those at poles.
+    """The factor by which a solid of revolution is made larger, as trimesh omits faces below 1e-8 m^2, as at poles.
 
-    It is a power of two, so that making the solid smaller again changes no bit.
+    It is a power of two, so that scaling back is exact.
     """
     return float(2.0 ** (1 - np.frexp(radius)[1]))
 

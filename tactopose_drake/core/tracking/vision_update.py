@@ -215,11 +215,11 @@ def update_with_pose(
 
 
 def _nearest_images(model: ObjectModel, seen: PoseMeasurement, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Of the poses that look as the measured one does, the nearest to each of others (n, 3, 4), and how sure it is.
+    """The symmetric image of the measured pose that is nearest to each of the poses (n, 3, 4), and its covariance.
 
     Returns:
-        These poses, shape (n, 3, 4), and the covariances of increments from them, shape (n, 6, 6): rotations are about
-        the object's own axes, which lie otherwise in an image.
+        The images, shape (n, 3, 4), and the covariances of the increments from them, shape (n, 6, 6), which differ, as
+        rotations are about the object's own axes.
     """
     turns, symmetries = model.symmetry_turns, model.symmetries
     images = np.array([nearest_images(seen.X_PO[None], X, turns, symmetries)[0] for X in X_PO])
