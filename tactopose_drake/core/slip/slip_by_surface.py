@@ -119,7 +119,7 @@ def _has_slipped(
         weights = found[known][:, _ROWS + _KIND_OF_ROW].reshape(-1)
         moved = Motion(np.zeros(6), params.motion_share * _between(test.motions, recent, earlier))
         explained, u = _explain(J, weights, differences, error_of_motion(change.X_PO[None], moved)[0])
-        if explained > threshold and _rms_displacement(reading.contacts.p_PC, change.X_PO, u) > params.least_distance:
+        if explained > threshold and _way(reading.contacts.p_PC, change.X_PO, u) > params.least_distance:
             return True
     return False
 
@@ -135,7 +135,7 @@ def _between(motions: FloatArray, recent: int, earlier: int) -> FloatArray:
     return covariance
 
 
-def _rms_displacement(p_PC: FloatArray, X_PO: FloatArray, u: FloatArray) -> float:
+def _way(p_PC: FloatArray, X_PO: FloatArray, u: FloatArray) -> float:
     """Root mean square displacement of the contacts on the object by an increment (6,) of the pose, m."""
     arms = (p_PC - X_PO[:, 3]) @ X_PO[:, :3]
     moved = np.cross(u[:3], arms) @ X_PO[:, :3].T + u[3:]
