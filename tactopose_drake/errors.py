@@ -21,14 +21,14 @@ Each leaf is also the built-in error that it is a case of, so code that knows no
 from collections.abc import Iterable
 from typing import Any
 
-_LONG, _BEGINNING = 80, 60  # letters of a value, and of the text that a longer one begins with
+_LONG, _BEGINNING = 80, 60  # characters: length from which a value is abbreviated, and what is kept of a long string
 
 
 def shown(value: object) -> str:
-    """A value as messages show it, in one line: what it is, or where that is long how a text begins, or the type."""
+    """A value as error messages show it, in one line: its repr; if that is long, a string's beginning or the type."""
     try:
         text = " ".join(line.strip() for line in repr(value).splitlines())
-    except ValueError:  # Python writes no integer of thousands of digits.
+    except ValueError:  # Python refuses to print integers of thousands of digits.
         return f"a {type(value).__name__}"
     if len(text) < _LONG:
         return text
@@ -39,7 +39,8 @@ class TactoposeError(Exception):
     """The root of this package's errors."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # By its message, which other arguments may have led to: so it comes out of another process as it is.
+        # Restored from its message, not by calling the constructor, whose arguments differ between subclasses: this
+        # keeps an error that another process raised intact.
         return _remade, (type(self), self.args), vars(self)
 
 
@@ -104,7 +105,7 @@ class EndOfLogError(DriverError, EOFError):
     """A log that has been played to its end; the message says whether it was cut off.
 
     Attributes:
-        whole: whether it was not.
+        whole: False if the log was cut off.
     """
 
     def __init__(self, message: str, *, whole: bool = True) -> None:

@@ -22,7 +22,7 @@ def estimate_of(belief: PoseBelief, model: ObjectModel, duration: float = 0.0) -
     Args:
         belief: the belief.
         model: the object; directions known to less than a tenth of its size are free.
-        duration: what is given as the estimate's, s.
+        duration: the estimate's `duration`, s.
     """
     if not belief.has_pose:
         return None
@@ -41,7 +41,7 @@ def estimate_of(belief: PoseBelief, model: ObjectModel, duration: float = 0.0) -
 
 
 def _free(belief: PoseBelief, model: ObjectModel) -> list[FloatArray]:
-    """Of each mode what is not determined: told by the middle of an object whose origin is far away."""
+    """The free directions of each mode, computed about the object's middle where its origin is far away."""
     _, near = about_middle(model, belief.mixture)
     free = free_directions(inverses(near.covariance)[0], model.size)
     if not has_far_origin(model):

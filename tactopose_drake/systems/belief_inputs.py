@@ -1,4 +1,4 @@
-"""What a belief is told at one time: its input ports, read with a doubt about each."""
+"""The input ports of a belief, read at one time and checked for implausible values."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ from tactopose_drake.estimation.shape_errors import with_shape_errors
 from tactopose_drake.systems.collision_input import CollisionInput
 from tactopose_drake.systems.ports import eval_items, eval_optional_input, port_name
 
-# Noise moves a reading that is alive within less than this, s.
+# The noise of a live sensor changes its reading within this time, s; a reading that stays the same longer is frozen.
 _FROZEN = 0.5
-_PAUSE = 1.5  # s without a reading, longer than any period: that the next is the same says nothing of the meantime
-# No hand is carried as fast, m/s and rad/s, over so many seconds or more: of a palm that is, its frame or the world's
-# has jumped.
+_PAUSE = 1.5  # s without a reading, longer than any period, after which an equal reading does not count as frozen
+# Velocities that no carried hand reaches, m/s and rad/s, and the shortest time over which they are measured, s. A palm
+# that exceeds them has not moved: its frame or the world frame has jumped.
 _FASTEST_PALM, _FASTEST_TURN, _SHORTEST = 10.0, 30.0, 0.02
-_ROUNDING = 1e-12  # by which the size of a force differs, relatively, that is turned with its fingertip
+_ROUNDING = 1e-12  # relative rounding error in the norm of a force that is rotated with its fingertip
 
 
 def pad_source(pad: str) -> str:
-    """What a pad is called among the sources of contacts, where a finger may have its name."""
+    """The name of a pad among the sources of contacts, distinct from that of a finger with the same name."""
     return f"pad {pad}"
 
 
 class PalmPlace(NamedTuple):
-    """Where the palm is said to be: X_WP, shape (3, 4), since when, and how long after the place before, s."""
+    """A palm pose X_WP, shape (3, 4), the time at which it was first read, and how long after the previous one, s."""
 
     X_WP: FloatArray
     since: float
@@ -51,15 +51,15 @@ class PalmPlace(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Remembered:
-    """What was read before and tells no time of its own, and since when it is so, s.
+    """Earlier readings that carry no time of their own, with the times from which they hold, s.
 
     Attributes:
-        seen: the prior that vision said last; None before the first.
-        prior: that which was news, as a measurement of then.
-        time: of the last reading, s.
-        palm: where the palm was said to be at that reading; None where that was not known.
-        felt: what each finger or pad felt, and since when, s, by its name: the size of a force, shape (1,), N, which no
-            motion of the joints changes, or where there is none the point, shape (3,), m.
+        seen: the last `PosePrior` from vision; None before the first.
+        prior: the last one that was new, as a measurement with the time at which it was read.
+        time: time of the last reading, s.
+        palm: the palm's pose at that reading; None if it was unknown.
+        felt: what each finger or pad read, by its name, and since when, s: the norm of its force, shape (1,), N, which
+            does not change when the joints move, or without a force its point, shape (3,), m.
     """
 
     seen: PosePrior | None = None
@@ -74,19 +74,19 @@ class Remembered:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Reading:
-    """All inputs at one time, and what is wrong with them."""
+    """All inputs at one time, and remarks on what is wrong with them."""
 
     frame: Frame
     remarks: tuple[str, ...]
 
 
 class BeliefInputs:
-    """The input ports of a system that keeps a belief; `PoseBeliefEstimator` says what they hold."""
+    """The input ports of a system that keeps a belief; `PoseBeliefEstimator` documents them."""
 
     def __init__(self, system: LeafSystem, model: ObjectModel, clearance: CollisionInput | None) -> None:
-        """Declares the ports; keeps references to the object's model, whose surface may be off, and to `clearance`."""
+        """Declares the ports; keeps references to the object's model, whose shape errors count, and to `clearance`."""
         self._model, self._clearance = model, clearance
-        _ = model.unevenness, model.growth  # The first touch would wait for them.
+        _ = model.unevenness, model.growth  # Computed now, so that the first touch need not wait for them.
 
         def declare(name: str, model: Any) -> Any:
             return system.DeclareAbstractInputPort(name, AbstractValue.Make(model))
@@ -105,10 +105,10 @@ class BeliefInputs:
         self.palm = declare("palm_pose", RigidTransform())
 
     def read(self, context: Context, before: Remembered) -> tuple[Reading, Remembered]:
-        """All that the inputs say now, and what is to be remembered of it.
+        """All inputs at the context's time, and what the next reading needs of them.
 
         Raises:
-            PortTypeError: if an input holds what it cannot, or neither contacts nor patches are connected.
+            PortTypeError: if an input holds a wrong type, or neither contacts nor patches are connected.
         """
         now = context.get_time()
         if before.time > now:
@@ -134,7 +134,7 @@ class BeliefInputs:
         velocities = self._read_velocities(context, remarks)
         X_WP, before = self._read_palm(context, before, remarks)
         if not sources and not patches and untouched is None and self._untouched.HasValue(context):
-            # No sensor says that nothing is touched: the object is not known to have left the hand.
+            # No sensor reports the absence of a touch, so the object is not known to have left the hand.
             X_WP = None
         for port in self._statuses:
             status = eval_optional_input(port, context, str)
@@ -145,7 +145,7 @@ class BeliefInputs:
         return reading, dataclasses.replace(before, time=now)
 
     def _read_touch(self, context: Context) -> tuple[Contacts, tuple[Patch, ...], tuple[str, ...]]:
-        """Contacts, patches, and the names of what touches."""
+        """Contacts, patches, and the names of the fingers and pads that touch."""
         if not (self._contacts.HasValue(context) or self._patches.HasValue(context)):
             raise PortTypeError(f"{port_name(self._contacts)}: is not connected; it needs a Contacts.")
         contacts = eval_optional_input(self._contacts, context, Contacts) or Contacts.empty()
@@ -156,7 +156,7 @@ class BeliefInputs:
         return contacts, patches, (*fingers, *felt)
 
     def _read_names(self, port: InputPort, context: Context, rows: list[str]) -> tuple[str, ...]:
-        """The names that a port gives what touches, or where it is not connected the rows' own."""
+        """The names that a port gives to the contacts or patches; the rows' own if it is not connected."""
         names = eval_optional_input(port, context, tuple)
         if names is None:
             return tuple(rows)
@@ -182,11 +182,11 @@ class BeliefInputs:
             measured = PoseMeasurement.from_prior(seen, now)
             is_news = before.prior is None or measured.is_news_after(before.prior)
             before = dataclasses.replace(before, seen=seen, prior=measured if is_news else before.prior)
-        # One that stays as it is is no new measurement, nor a late one.
+        # A prior that does not change is neither a new measurement nor a late one.
         return (before.prior if before.prior is not None and now < before.prior.time + _FROZEN else None), before
 
     def _read_prior(self, context: Context) -> PosePrior | None:
-        """What is known of the pose before it is felt: the prior, or vision where that gives such a one."""
+        """The prior of the pose before it is felt: that of the port `prior`, else a `PosePrior` from vision."""
         prior = eval_optional_input(self._prior, context, PosePrior)
         seen = eval_optional_input(self._vision, context, object)
         return seen if prior is None and isinstance(seen, PosePrior) else prior
@@ -206,7 +206,7 @@ class BeliefInputs:
     def _read_palm(
         self, context: Context, before: Remembered, remarks: list[str]
     ) -> tuple[FloatArray | None, Remembered]:
-        """The palm's pose, where it is known and has come there by a motion."""
+        """The palm's pose; None if it is unknown, or differs from the last one by more than a motion allows."""
         palm = eval_optional_input(self.palm, context, RigidTransform)
         if palm is None:
             return None, dataclasses.replace(before, palm=None)
@@ -219,7 +219,7 @@ class BeliefInputs:
             return X_WP, dataclasses.replace(before, palm=PalmPlace(X_WP, now))
         if np.array_equal(X_WP, last.X_WP):
             return X_WP, before
-        # A pose that is told less often than beliefs are made has moved for as long as between two of them.
+        # If palm poses arrive less often than beliefs are updated, the motion took the time between two poses.
         after = now - last.since
         jump = _jump(last.X_WP, X_WP, max(now - before.time, min(after, last.after)))
         before = dataclasses.replace(before, palm=PalmPlace(X_WP, now, after))
@@ -230,7 +230,7 @@ class BeliefInputs:
 
 
 def _jump(X_before: FloatArray, X: FloatArray, duration: float) -> str:
-    """By how much a palm is elsewhere than any motion of so many seconds leads; empty where one may."""
+    """How far a palm has moved, as text, if no motion within the duration in s can explain it; else empty."""
     moved = float(np.linalg.norm(X[:, 3] - X_before[:, 3]))
     turned = float(np.linalg.norm(log_so3(X_before[:, :3].T @ X[:, :3])))
     duration = max(duration, _SHORTEST)
@@ -240,7 +240,7 @@ def _jump(X_before: FloatArray, X: FloatArray, duration: float) -> str:
 
 
 def _readings(evidence: Evidence) -> list[FloatArray]:
-    """What each source of the touch reads that changes whenever its sensor does, as `Remembered` keeps it."""
+    """For each source of the touch a quantity that changes with every sensor reading, as in `Remembered.felt`."""
     points, forces = list(evidence.touch.p_PC), evidence.contacts.f_PC
     if forces is not None:
         points[: len(forces)] = list(np.linalg.norm(forces, axis=1, keepdims=True))
@@ -250,7 +250,7 @@ def _readings(evidence: Evidence) -> list[FloatArray]:
 def _felt_since(
     before: Mapping[str, tuple[FloatArray, float]], readings: Mapping[str, FloatArray], now: float
 ) -> dict[str, tuple[FloatArray, float]]:
-    """Each source's reading and since when it is so: since before where it has not changed at all, or else now."""
+    """Each source's reading and the time since which it has not changed at all, s."""
     since = {}
     for name, reading in readings.items():
         last, time = before.get(name, (reading, now))
@@ -259,6 +259,6 @@ def _felt_since(
 
 
 def _is_same(reading: list[float], last: list[float]) -> bool:
-    """Whether two readings are the same but for rounding; of few numbers, NumPy's calls take long."""
+    """Whether two readings are equal up to rounding; plain Python, as NumPy is slower for so few numbers."""
     pairs = zip(reading, last, strict=False)
     return len(reading) == len(last) and all(abs(a - b) <= _ROUNDING * abs(b) for a, b in pairs)

@@ -1,4 +1,4 @@
-"""Barrett's BH8-280 hand on a CAN bus, or a log of one, where a diagram has simulated tactile arrays and joints."""
+"""Barrett's BH8-280 hand on a CAN bus or in a log, as a replacement for simulated tactile arrays and joints."""
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -15,10 +15,10 @@ PADS = ("finger_1", "finger_2", "finger_3", "palm")  # in the order of the drive
 
 
 class CanBarrettHand(CollectableSystem):
-    """Gives the newest sample of the hand, and says how old it is. It never moves the hand.
+    """Outputs the newest sample of the hand and its age. It never moves the hand.
 
-    The hand need not answer when the diagram starts, and may come and go, whole or finger by finger: what does not
-    answer has no numbers meanwhile.
+    The hand need not answer when the diagram starts; the whole hand or single fingers may drop out and come back. The
+    outputs of what does not answer are NaN meanwhile.
 
     .. pydrake_system::
 
@@ -33,22 +33,22 @@ class CanBarrettHand(CollectableSystem):
         - age
         - status
 
-    - joint_positions: in the order of `barrett_joints.JOINTS`, shape (7,), rad. This and all other ports change once a
-      period, first right after t = 0. NaN where there is no valid number.
-    - pressures_<pad>: of its 24 cells, Pa; likewise.
-    - fingertip_torques: about the outer joints of the fingers, shape (3,), N m; likewise.
-    - age: of the newest sample, s, shape (1,); infinite before the first.
+    - joint_positions: in the order of `barrett_joints.JOINTS`, shape (7,), rad. NaN where there is no valid number.
+      This and all other ports change once a period, first right after t = 0.
+    - pressures_<pad>: of the pad's 24 cells, Pa; NaN as above.
+    - fingertip_torques: about the outer joints of the fingers, shape (3,), N m; NaN as above.
+    - age: age of the newest sample, s, shape (1,); infinite before the first.
     - status: str, the status of the sample (`HandSample`), or why there is none: "no sample yet", "stale: " and its
       age, or what is wrong with the hand or its bus.
     """
 
     def __init__(self, hand: BarrettHand, period: float = 0.025, max_age: float = 0.15) -> None:
-        """Keeps the driver; who has made it, ends it.
+        """Keeps the driver; the caller closes it.
 
         Args:
             hand: the driver. On a bus without a thread, the diagram's time counts from the bus's origin.
-            period: between two polls of it, s.
-            max_age: of a sample that counts, s.
+            period: time between two polls, s.
+            max_age: samples older than this are stale, s.
         """
         super().__init__()
         self._hand = hand

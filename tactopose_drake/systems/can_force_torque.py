@@ -1,4 +1,4 @@
-"""A force-torque sensor on a CAN bus, or a log of one, where a diagram has a simulated one."""
+"""A force-torque sensor on a CAN bus or in a log, as a replacement for a simulated one."""
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -11,10 +11,10 @@ from tactopose_drake.systems.collectable_system import CollectableSystem
 
 
 class CanForceTorque(CollectableSystem):
-    """Gives the newest sample of a force-torque board, and says how old it is.
+    """Outputs the newest sample of a force-torque board and its age.
 
-    The board need not answer when the diagram starts, and may come and go: there is no number meanwhile. Unlike the
-    simulated sensor it does not know the fingertip's weight: what was there when the board was tared is taken off.
+    The board need not answer when the diagram starts, and may drop out and come back; the wrench is NaN meanwhile.
+    Unlike the simulated sensor it does not know the fingertip's weight: the tare subtracts the load of that moment.
 
     .. pydrake_system::
 
@@ -26,18 +26,18 @@ class CanForceTorque(CollectableSystem):
 
     - wrench: F_S = [m_x, m_y, m_z, f_x, f_y, f_z] about the origin of the transducer's frame S, in S, N m and N.
       Changes once a period, first right after t = 0. NaN where there is no valid sample.
-    - age: of the newest sample, valid or not, s, shape (1,); infinite before the first. Changes with `wrench`.
+    - age: age of the newest sample, valid or not, s, shape (1,); infinite before the first. Changes with `wrench`.
     - status: str, the status of the sample (`ForceTorqueSample`), or why there is none: "no sample yet", "stale: " and
       its age, or what is wrong with the board or its bus. Changes with `wrench`.
     """
 
     def __init__(self, sensor: NetCanOemForceTorque, period: float = 0.005, max_age: float = 0.05) -> None:
-        """Keeps the driver; who has made it, ends it.
+        """Keeps the driver; the caller closes it.
 
         Args:
             sensor: the driver. On a bus without a thread, the diagram's time counts from the bus's origin.
-            period: between two polls of it, s.
-            max_age: of a sample that counts, s.
+            period: time between two polls, s.
+            max_age: samples older than this are stale, s.
         """
         super().__init__()
         self._sensor = sensor

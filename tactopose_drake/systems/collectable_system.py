@@ -1,9 +1,9 @@
-"""Systems in Python whose diagram is freed when nobody uses it any more.
+"""Python systems that the garbage collector can free together with their diagram.
 
-A diagram and its systems refer to each other, and only Python's garbage collector can free them. What Drake's C++ holds
-of Python it does not see: the callback of an output port or of a cache entry, and the handle of one, keep the diagram
-for ever, where those of events do not. So these callbacks are kept by the system, and C++ gets them by way of a weak
-reference.
+A diagram and its systems refer to each other, so only Python's garbage collector can free them. It does not see the
+Python objects that Drake's C++ code holds: callbacks of output ports and cache entries, and handles of cache entries,
+would keep the diagram alive for ever (callbacks of events do not). Here the system itself holds those callbacks, and
+C++ reaches them through a weak reference.
 """
 
 import weakref
@@ -18,17 +18,20 @@ _LeafType: Any = type(LeafSystem)
 
 
 class _OneDictionary(_LeafType):
-    """Classes whose objects have no dictionary beside their base's, which the collector would count twice."""
+    """Metaclass that adds `__slots__`, so that objects have only their base's dictionary.
+
+    The garbage collector would count a second one twice.
+    """
 
     def __new__(cls, name: str, bases: tuple[type, ...], content: dict[str, Any], **options: Any) -> Any:
         return super().__new__(cls, name, bases, {"__slots__": (), **content}, **options)
 
 
 def _keeping(declare: Any) -> Any:
-    """One of LeafSystem's methods that declare something, with callbacks that are kept by the system."""
+    """Wraps one of LeafSystem's Declare methods so that the system holds the callbacks."""
 
     def declare_kept(self: LeafSystem, *arguments: Any, **options: Any) -> Any:
-        """As of a LeafSystem."""
+        """As in LeafSystem."""
         kept = [_kept(self, value) for value in arguments]
         return declare(self, *kept, **{name: _kept(self, value) for name, value in options.items()})
 
@@ -38,11 +41,11 @@ def _keeping(declare: Any) -> Any:
 class CollectableSystem(LeafSystem, metaclass=_OneDictionary):
     """The base of all systems here: a LeafSystem that Python's garbage collector can free with its diagram.
 
-    Once it is made, the compiled loops that it may run are ready.
+    Its constructor makes the compiled kernels ready, so that the first update need not wait for them.
     """
 
     def __init__(self) -> None:
-        """Compiles or loads what is not ready yet."""
+        """Compiles or loads the kernels that are not ready yet."""
         super().__init__()
         make_kernels_ready()
 
@@ -51,23 +54,23 @@ class CollectableSystem(LeafSystem, metaclass=_OneDictionary):
 
 
 class CachedValue:
-    """A cache entry of a system, by its number."""
+    """A cache entry of a system, referred to by its index."""
 
     def __init__(self, system: LeafSystem, index: Any) -> None:
         """Keeps a weak reference to the system."""
         self._system, self._index = weakref.ref(system), index
 
     def Eval(self, context: Any) -> Any:
-        """The value in a context of the system."""
+        """Evaluates the entry in a context of its system."""
         return self._entry().Eval(context)
 
     def ticket(self) -> DependencyTicket:
-        """What depends on the value has this among its prerequisites."""
+        """The dependency ticket for computations that depend on the entry."""
         return self._entry().ticket()
 
     def _entry(self) -> Any:
         system = self._system()
-        assert system is not None  # Its own methods ask.
+        assert system is not None  # Only its own methods call this.
         return system.get_cache_entry(self._index)
 
 
@@ -81,18 +84,18 @@ def declare_cache(
     """Declares a cache entry.
 
     Args:
-        system: whose it is.
-        description: for messages.
-        allocate: makes an AbstractValue.
-        calc: computes it, of a context and the value.
-        prerequisites: what it depends on.
+        system: the system that owns the entry.
+        description: the entry's name in messages.
+        allocate: returns a new AbstractValue.
+        calc: computes the value, given a context and the AbstractValue to set.
+        prerequisites: tickets of what the entry depends on.
     """
     producer = ValueProducer(allocate=_kept(system, allocate), calc=_kept(system, calc))
     return CachedValue(system, system.DeclareCacheEntry(description, producer, prerequisites).cache_index())
 
 
 def _kept(system: LeafSystem, value: Any) -> Any:
-    """A value that C++ may keep: in place of a function, one that looks for it at the system."""
+    """A value that C++ may hold: a function is stored in the system and replaced by one that looks it up there."""
     if not callable(value):
         return value
     functions = system.__dict__.setdefault("_functions", [])

@@ -1,4 +1,4 @@
-"""The check of poses against the hand as it stands, for systems that are told its joints."""
+"""Collision checks of poses against the hand, for systems with an input of its joint positions."""
 
 import dataclasses
 
@@ -10,17 +10,17 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.collision import Collisions, HandCollision
 from tactopose_drake.systems.collectable_system import declare_cache
 
-_DEEP = 0.02  # m; how much deeper it is makes no difference
+_DEEP = 0.02  # m; deeper penetrations need not be told apart
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PosedHandCollision:
-    """The check at one time.
+    """The collision check at one time.
 
     Attributes:
-        collision: of the hand and the object.
+        collision: the collision checker of hand and object.
         q: the hand's joint positions, shape (nq,), rad.
-        scratch: what the check works in; for one thread at a time.
+        scratch: the checker's scratch context; for one thread at a time.
     """
 
     collision: HandCollision
@@ -32,7 +32,7 @@ class PosedHandCollision:
         return self.collision.check(self.q, X_PO, enough=enough, scratch=self.scratch)
 
     def depth(self, X_PO: FloatArray) -> FloatArray:
-        """How deep the object reaches into the hand at poses (B, 3, 4), shape (B,), m; at least, where that is deep."""
+        """Penetration depth of the object into the hand at poses (B, 3, 4), shape (B,), m; a lower bound if deep."""
         return self.check(X_PO, _DEEP).depth
 
 
@@ -40,7 +40,7 @@ class CollisionInput:
     """The input port `joint_positions` of a system that checks poses against the hand."""
 
     def __init__(self, system: LeafSystem, collision: HandCollision) -> None:
-        """Declares the port, and a cache entry for what the check works in."""
+        """Declares the port, and a cache entry for the scratch context."""
         self._collision = collision
         self._positions = system.DeclareVectorInputPort("joint_positions", collision.num_positions)
         self._scratch = declare_cache(
@@ -52,7 +52,7 @@ class CollisionInput:
         )
 
     def posed(self, context: Context) -> PosedHandCollision | None:
-        """The check by the joints as they are in the system's context; None where one is not known."""
+        """The check at the joint positions in the system's context; None if any of them is unknown."""
         if not self._positions.HasValue(context):
             return None
         q: FloatArray = np.array(self._positions.Eval(context))

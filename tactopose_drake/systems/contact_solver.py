@@ -19,10 +19,10 @@ _NO_READING = np.full(6, np.nan)
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class ContactSolverParams:
-    """Which wrenches count as a contact."""
+    """Thresholds that decide which wrenches count as a contact."""
 
     min_force: float = MIN_FORCE  # force below which a finger is not in contact, N
-    friction_coefficient: float | None = None  # the largest that can occur; not checked without
+    friction_coefficient: float | None = None  # the largest that can occur; None: friction is not checked
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
@@ -43,10 +43,10 @@ class ContactSolver(CollectableSystem):
         - contact_solutions
 
     - wrench_<finger>: one per finger, F_S = [m_x, m_y, m_z, f_x, f_y, f_z] that the environment exerts on the
-      fingertip, about the origin of S, in S, N m and N. NaN where the sensor has no reading; may stay unconnected
-      where a finger has no sensor, which counts as no reading, and is said.
-    - contact_solutions: dict of `ContactSolution` in S by finger, all fingers; changes with the wrenches. A finger
-      without a reading or a contact has `valid` False and the reason.
+      fingertip, about the origin of S, in S, N m and N. NaN where the sensor has no reading. May stay unconnected,
+      which counts as no reading; the solution's reason says so.
+    - contact_solutions: dict of `ContactSolution` in S by finger, for all fingers; changes with the wrenches. A finger
+      without a reading or a contact has `valid` False and a reason.
     """
 
     def __init__(
@@ -61,8 +61,8 @@ class ContactSolver(CollectableSystem):
         Args:
             surfaces: the surface of each fingertip, placed in its S, by finger.
             params: thresholds.
-            layers: soft layers on fingertips, by finger; the others are rigid.
-            biases: what sensors read without a touch, shape (6,), N m and N, by finger; it is taken off.
+            layers: soft layers on fingertips, by finger; the other fingertips are rigid.
+            biases: wrenches that sensors read without a touch, shape (6,), N m and N, by finger; they are subtracted.
         """
         super().__init__()
         self._params = params_of(ContactSolverParams, params)

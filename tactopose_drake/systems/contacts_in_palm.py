@@ -1,4 +1,4 @@
-"""The move of contacts from the fingertips into the palm frame."""
+"""The transformation of contacts from the fingertips into the palm frame."""
 
 import dataclasses
 import math
@@ -23,13 +23,13 @@ from tactopose_drake.systems.ports import eval_named
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class ContactsInPalmParams:
-    """How far the contacts can be trusted, sensors and kinematics together."""
+    """Uncertainty of the contacts, from sensors and kinematics together."""
 
     sigma_position: float = 0.0009  # standard deviation of each coordinate, m
     sigma_normal_deg: float = 5.0  # standard deviation of the normal about each axis, deg
 
     def validate(self) -> None:
-        """Raises InvalidInputError if a value is not positive, or a position's is more than `Contacts` takes."""
+        """Raises InvalidInputError if a value is not positive, or `sigma_position` exceeds the limit of `Contacts`."""
         most, name = MOST_SIGMA_POSITION, "ContactsInPalmParams"
         positive_number(f"{name}.sigma_position", self.sigma_position, most=most, unit="m")
         positive_number(f"{name}.sigma_normal_deg", self.sigma_normal_deg)
@@ -37,7 +37,7 @@ class ContactsInPalmParams:
 
 @dataclasses.dataclass(frozen=True)
 class _Touch:
-    """What the output ports show."""
+    """The values of the output ports."""
 
     contacts: Contacts
     fingers_in_contact: tuple[str, ...]
@@ -46,7 +46,7 @@ class _Touch:
 
 
 class ContactsInPalm(CollectableSystem):
-    """Moves each fingertip's contact into the palm frame, by the measured joint positions.
+    """Transforms each fingertip's contact into the palm frame, by the measured joint positions.
 
     .. pydrake_system::
 
@@ -60,14 +60,14 @@ class ContactsInPalm(CollectableSystem):
         - fingers_untouched
         - status
 
-    - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad. NaN where one
-      is not known or is far beyond its limits; fingers that it moves then give no contact.
+    - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad; NaN where
+      unknown. A finger that is moved by an unknown joint, or by one far beyond its limits, gives no contact.
     - contact_solutions: dict of `ContactSolution` by finger.
     - contacts: `Contacts` in P of the fingers whose solution is valid, with normals and forces; changes with either
-      input. Normals point out of the object, against the fingertip's own.
+      input. Normals point out of the object, opposite to the fingertip's own.
     - fingers_in_contact: tuple of the fingers' names, in the order of the rows of `contacts`.
-    - fingers_untouched: tuple of the names of the fingers whose sensor says that nothing touches them. A finger may be
-      in neither tuple: without a reading, or with a wrench that no single contact explains.
+    - fingers_untouched: tuple of the names of the fingers whose sensor says that nothing touches them. A finger without
+      a reading, or with a wrench that no single contact explains, is in neither tuple.
     - status: str, "ok", or each finger that gives no contact and why.
     """
 
@@ -86,7 +86,7 @@ class ContactsInPalm(CollectableSystem):
             sensor_frames: the frame S of each finger's contact solution, by finger.
             palm_frame: P.
             params: standard deviations.
-            uncertainty: the hand's errors, which say of each contact how far it can be trusted, in place of `params`.
+            uncertainty: the hand's errors, from which each contact's covariance is computed, in place of `params`.
         """
         super().__init__()
         self._uncertainty = uncertainty

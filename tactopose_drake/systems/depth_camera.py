@@ -38,12 +38,12 @@ class DepthNoise(CollectableSystem):
         - depth_image
 
     - exact_depth: `ImageDepth32F`, m; infinite or 0 where nothing is seen, as Drake's `RgbdSensor` has it.
-    - noise: random input, eight standard normal numbers (`AddRandomInputs` connects it): the seed of an image's.
+    - noise: random input, eight standard normal numbers (`AddRandomInputs` connects it): the seed of an image's noise.
     - depth_image: `ImageDepth32F`, m; 0 where nothing is seen.
     """
 
     def __init__(self, model: DepthCameraModel) -> None:
-        """The camera that `exact_depth` is of."""
+        """Declares the ports; `model` describes the camera that takes `exact_depth`."""
         super().__init__()
         model.validate()
         self._model = model
@@ -72,26 +72,26 @@ def AddDepthCamera(
 ) -> OutputPort:
     """Adds a depth camera to a scene: Drake's `RgbdSensor`, rendered by VTK off screen, and its noise.
 
-    It sees what has Drake's perception role: the visual shapes of models that were parsed. Its random input is left to
-    `AddRandomInputs`.
+    It sees geometry with Drake's perception role: the visual shapes of parsed models. `AddRandomInputs` connects its
+    random input.
 
     Args:
         builder: receives both systems.
         scene_graph: the scene.
         X_WC: pose of the camera in the world; z forward, y down.
         model: size, range and noise.
-        name: of the sensor.
+        name: name of the sensor.
 
     Returns:
         The port of the images, `ImageDepth32F`, m; 0 where nothing is seen.
 
     Raises:
-        InvalidInputError: if a system of the builder has the name already.
+        InvalidInputError: if another system of the builder has the name.
     """
     check_name_is_free(builder, name)
     if not scene_graph.HasRenderer(_RENDERER):
         scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(RenderEngineVtkParams()))
-    # Drake's renderers take a pixel's middle to be half a pixel beyond its number, as `rays` has it.
+    # Drake's renderers place a pixel's centre half a pixel beyond its index, as `rays` does.
     focal, middle = model.focal_length, (0.5 * model.width, 0.5 * model.height)
     core = RenderCameraCore(
         _RENDERER,
@@ -121,7 +121,7 @@ def depth_of(image: ImageDepth32F) -> np.ndarray:
 
 
 def image_of(depth: np.ndarray) -> ImageDepth32F:
-    """Drake's image of depths (height, width), m; 0 where they are infinite."""
+    """Drake's image of depths of shape (height, width), m; 0 where they are infinite."""
     image = ImageDepth32F(depth.shape[1], depth.shape[0])
     image.mutable_data[:, :, 0] = np.where(np.isfinite(depth), depth, 0.0)
     return image

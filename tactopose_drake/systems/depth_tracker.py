@@ -1,4 +1,4 @@
-"""A tracker of the object in depth images: late, sometimes wrong or without an answer."""
+"""A tracker of the object in depth images, with latency, wrong answers and dropouts."""
 
 import dataclasses
 import math
@@ -25,21 +25,21 @@ from tactopose_drake.systems.depth_camera import depth_of
 from tactopose_drake.systems.ports import eval_input
 from tactopose_drake.visualization.body_meshes import BodyMeshes
 
-# How far a wrong answer is from the truth, along each axis, m: one standard deviation.
+# Standard deviation of a wrong answer's error along each axis, m.
 _WRONG = 0.3
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class DepthTrackerParams:
-    """Camera, tracker, and what goes wrong with them."""
+    """Parameters of camera and tracker, and the faults that they simulate."""
 
     camera: DepthCameraModel = dataclasses.field(default_factory=DepthCameraModel)
     model: DepthTrackerModel = dataclasses.field(default_factory=DepthTrackerModel)
     period: float = 0.1  # s between two pictures
     latency: float = 0.0  # s from a picture to the pose in it
-    wrong_share: float = 0.0  # of answers that are anywhere, with the usual covariance
-    missing_share: float = 0.0  # of pictures without an answer
-    frozen_from: float | None = None  # time from which on the picture is the last one, s; None: never
+    wrong_share: float = 0.0  # share of answers with an arbitrary pose and the usual covariance
+    missing_share: float = 0.0  # share of pictures without an answer
+    frozen_from: float | None = None  # time from which on the last picture is repeated, s; None: never
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
@@ -55,7 +55,7 @@ class DepthTrackerParams:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _TrackerState:
-    """Where the object was seen last (None: lost), what is under way, and what is out."""
+    """Poses of the last fit (None: lost), answers with the times at which they are due, and the published one."""
 
     tracked: TrackedPoses | None = None
     waiting: tuple[tuple[float, PoseMeasurement | None], ...] = ()
@@ -64,11 +64,11 @@ class _TrackerState:
 
 
 class DepthTracker(CollectableSystem):
-    """Fits the object's model to what the hand leaves of it in the images of a depth camera.
+    """Fits the object's model to the part of it that the hand leaves visible in the images of a depth camera.
 
-    Where the object is, it knows from the images alone: at first, and whenever it has lost the object, it looks for it
-    in the whole image, and then follows it. Where several poses agree with the images about equally well, as those of a
-    mug whose handle is hidden, it follows them all; the covariance reaches as far as they do.
+    It uses the images alone: it searches the whole image at first and whenever it has lost the object, and tracks the
+    object from then on. Where several poses agree with the images about equally well, as those of a mug whose handle
+    is hidden, it tracks them all, and the covariance covers all of them.
 
     .. pydrake_system::
 
@@ -83,16 +83,16 @@ class DepthTracker(CollectableSystem):
         - hidden_share
         - pose_in_world
 
-    - depth_image: `ImageDepth32F`, m, of `AddDepthCamera` or your camera; 0 or infinite where nothing is seen; read at
-      each picture.
-    - body_poses: list of `RigidTransform` X_WB, the plant's port of that name; read at each picture. It tells where the
-      robot's own bodies are, as its joints have them; the object's is not looked at.
-    - noise: random input, eight standard normal numbers (`AddRandomInputs` connects it): what goes wrong.
-    - vision: `PoseMeasurement` X_PO in the palm, as of the time of its picture, or None where the tracker has no
-      answer; changes `latency` after each picture. Your own tracker takes its place by giving this type.
-    - prior: the same as `PosePrior`, at least as wide; None likewise.
-    - hidden_share: size 1, the share of the object's pixels, at the last pose found, before which something nearer was
-      seen, 0 to 1.
+    - depth_image: `ImageDepth32F`, m, of `AddDepthCamera` or a real camera; 0 or infinite where nothing is seen; read
+      at each picture.
+    - body_poses: list of `RigidTransform` X_WB, the plant's port of that name; read at each picture. It gives the poses
+      of the robot's own bodies; the object's pose is not used.
+    - noise: random input, eight standard normal numbers (`AddRandomInputs` connects it), the seed of the faults.
+    - vision: `PoseMeasurement` X_PO in the palm, with the time of its picture, or None where the tracker has no
+      answer; changes `latency` after each picture. Your own tracker can replace this one by giving this type.
+    - prior: the same as a `PosePrior`, at least as wide; None likewise.
+    - hidden_share: size 1, the share of the object's pixels, at the last pose found, that are occluded by something
+      nearer, 0 to 1.
     - pose_in_world: `RigidTransform` X_WO of the last picture's fit, or None.
     """
 
@@ -107,9 +107,8 @@ class DepthTracker(CollectableSystem):
 
         Args:
             view: object, hand and camera.
-            others: more model instances that are known and not the object, whose pixels count as the hand's: an arm, a
-                table.
-            params: see there.
+            others: further model instances whose pixels count as the hand's, such as an arm or a table.
+            params: parameters of camera, tracker and faults.
         """
         super().__init__()
         self._params = params_of(DepthTrackerParams, params)
@@ -127,7 +126,7 @@ class DepthTracker(CollectableSystem):
         ticket = {self.abstract_state_ticket(self._state)}
         period, latency = self._params.period, self._params.latency
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._take_picture)
-        # Where it falls on a picture, delivery is that event's business: of two at one time only one would count.
+        # If delivery coincides with a picture, that event delivers: of two simultaneous updates only one would count.
         offset = latency - period * math.floor(latency / period + 1e-6)
         if offset > 1e-6 * period:
             self.DeclarePeriodicUnrestrictedUpdateEvent(period, offset, self._deliver)
@@ -165,7 +164,7 @@ class DepthTracker(CollectableSystem):
     def _answer(
         self, tracked: TrackedPoses | None, X_CP: FloatArray, time: float, generator: np.random.Generator
     ) -> PoseMeasurement | None:
-        """The tracker's answer in the palm, with what goes wrong on its way."""
+        """The tracker's answer in the palm, with the simulated faults."""
         wrong, missing = generator.random(2)
         if tracked is None or missing < self._params.missing_share:
             return None
@@ -173,7 +172,7 @@ class DepthTracker(CollectableSystem):
         X_PO = compose(X_PC, tracked.best.X_CO)
         if wrong < self._params.wrong_share:
             X_PO = np.column_stack([random_rotations(generator, 1)[0], X_PO[:, 3] + _WRONG * generator.normal(size=3)])
-        turn = np.eye(6)  # an increment's translation is in C, and is to be in P
+        turn = np.eye(6)  # rotates the increment's translation from C to P
         turn[3:, 3:] = X_PC[:, :3]
         covariance = turn @ tracked.covariance @ turn.T
         return PoseMeasurement(time, X_PO, 0.5 * (covariance + covariance.T))
@@ -203,7 +202,7 @@ class DepthTracker(CollectableSystem):
 
 
 def _delivered(state: _TrackerState, time: float) -> _TrackerState:
-    """What has arrived by now is out."""
+    """The state after the answers that are due by now have been published."""
     arrived = [answer for due, answer in state.waiting if due <= time + 1e-9]
     if not arrived:
         return state

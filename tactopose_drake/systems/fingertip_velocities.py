@@ -1,4 +1,4 @@
-"""How the fingertips move in the palm, as a system."""
+"""The fingertips' velocities in the palm, as a system."""
 
 from collections.abc import Mapping
 
@@ -13,7 +13,7 @@ from tactopose_drake.systems.hand_kinematics import declare_kinematics
 
 
 class FingertipVelocities(CollectableSystem):
-    """Computes the velocities of the fingertips in the palm by the hand's Jacobians.
+    """Computes the velocities of the fingertips in the palm from the hand's Jacobians.
 
     .. pydrake_system::
 
@@ -26,8 +26,8 @@ class FingertipVelocities(CollectableSystem):
 
     - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
     - joint_velocities: of the same joints, shape (nv,), rad/s; may stay unconnected.
-    - tip_velocities: dict of spatial velocities by finger, shape (6,) each, in P: [w, v], rad/s, and m/s of the
-      fingertip's point at the origin of P; None while a position or velocity is not known. Changes with either input.
+    - tip_velocities: dict of spatial velocities [w, v] in P by finger, shape (6,) each, rad/s and m/s; v is that of the
+      fingertip's point at the origin of P. None while a position or velocity is unknown. Changes with either input.
     """
 
     def __init__(self, plant: MultibodyPlant, tip_frames: Mapping[str, Frame], palm_frame: Frame) -> None:
@@ -58,5 +58,5 @@ class FingertipVelocities(CollectableSystem):
         if not (kinematics.knows_all and np.all(np.isfinite(v))):
             output.set_value(None)
             return
-        with np.errstate(over="ignore", invalid="ignore"):  # Whoever reads them tells what is beyond arithmetic.
+        with np.errstate(over="ignore", invalid="ignore"):  # Readers of the port reject what is not finite.
             output.set_value({finger: kinematics.velocity(frame, v) for finger, frame in self._tip_frames.items()})

@@ -1,4 +1,4 @@
-"""Takes the turning of the fingertips' weight off the wrenches of sensors that were tared once."""
+"""Compensates the wrenches of tared sensors for the fingertips' weight as it turns."""
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -12,10 +12,10 @@ from tactopose_drake.systems.ports import eval_input
 
 
 class FingertipWeight(CollectableSystem):
-    """Follows the fingertips' weight from where joints and palm were when the sensors were tared.
+    """Subtracts the change of the fingertips' weight, in the sensors' frames, since the sensors were tared.
 
-    A tare takes off what the fingertip weighs in its orientation of then. When the finger bends or an arm turns the
-    hand, the weight turns in the sensor's frame, and up to twice the weight would be taken for a touch.
+    A tare subtracts the fingertip's weight in the orientation of that moment. When the finger bends or an arm turns
+    the hand, the weight turns in the sensor's frame, and up to twice the weight would be taken for a touch.
 
     .. pydrake_system::
 
@@ -28,21 +28,21 @@ class FingertipWeight(CollectableSystem):
         - wrench_<finger>
 
     - joint_positions: of the hand, shape (nq,), rad. Those at a context's first initialisation count as those of the
-      tare; of a finger with one that is not known then, the first that are at a later step or initialisation.
-    - palm_pose: `RigidTransform` X_WP at each instant, of a hand that an arm moves, z of W pointing up; its orientation
-      alone counts, NaN where that is not known. Optional: without it, the hand's base stays as `weights` has it.
-    - wrench_<finger> (input): F_S of a sensor that was tared with nothing but the fingertip on it, N m and N.
-    - wrench_<finger> (output): F_S of what touches the fingertip; changes with both inputs. NaN where a joint that
-      turns the sensor, or the palm's orientation, is not known, now or at the tare.
+       tare. For a finger with an unknown joint at that time, the first known ones at a later step or initialisation do.
+     - palm_pose: `RigidTransform` X_WP at each instant of a hand that an arm moves, z of W pointing up; only its
+       orientation is used, NaN where unknown. Optional: without it, the hand's base stays as in `weights`.
+     - wrench_<finger> (input): F_S of a sensor that was tared with nothing but the fingertip on it, N m and N.
+     - wrench_<finger> (output): F_S of what touches the fingertip; changes with all inputs. NaN where a joint that
+       turns the sensor, or the palm's orientation, is unknown, now or at the tare.
     """
 
     def __init__(self, weights: FingertipWeights, fingers: tuple[str, ...], num_positions: int) -> None:
         """Keeps a reference to the plant of `weights`.
 
         Args:
-            weights: of the hand's fingertips.
-            fingers: which of them have a tared sensor.
-            num_positions: of the hand's joints.
+            weights: the weights of the hand's fingertips.
+            fingers: names of the fingers with a tared sensor.
+            num_positions: number of the hand's joint positions.
         """
         super().__init__()
         instance_of("weights", weights, FingertipWeights)
@@ -90,7 +90,7 @@ class FingertipWeight(CollectableSystem):
 
     def _remember(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         before = context.get_discrete_state(self._at_tare).value()
-        if not np.isnan(before).any():  # A context that goes on is of sensors that were tared before.
+        if not np.isnan(before).any():  # In a context that is initialized again, the sensors stay tared.
             return EventStatus.DidNothing()
         now = self._now(context)
         at_tare = np.concatenate([now[finger] for finger in self._fingers])

@@ -24,7 +24,7 @@ from tactopose_drake.systems.ports import eval_input
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class ForceTorqueModelFile:
-    """A sensor's YAML file: its calibrations by name."""
+    """The content of a sensor's YAML file: its calibrations by name."""
 
     calibrations: dict[str, ForceTorqueModel] = dataclasses.field(default_factory=dict)
 
@@ -33,12 +33,12 @@ def load_force_torque_model(calibration: str = "SI-12-0.12", name_or_path: str |
     """Reads one calibration of a force-torque sensor.
 
     Args:
-        calibration: its name in the file.
+        calibration: name of the calibration in the file.
         name_or_path: one of the package's sensors by name, or any file by path.
 
     Raises:
         InvalidFileError: if the file cannot be read or does not fit the format.
-        UnknownNameError: if it has no such calibration.
+        UnknownNameError: if the file has no such calibration.
         InvalidInputError: if a value is out of its range.
     """
     path, calibrations = _read(name_or_path)
@@ -50,7 +50,7 @@ def load_force_torque_model(calibration: str = "SI-12-0.12", name_or_path: str |
 
 
 def sufficient_calibration(force: float, moment: float, name_or_path: str | Path = "nano17") -> str:
-    """The calibration of a sensor with the least range that bears a load on every axis; of none, that with the largest.
+    """The calibration with the smallest range that covers a load on every axis; if none does, the one with the largest.
 
     Args:
         force: N.
@@ -76,11 +76,11 @@ def _read(name_or_path: str | Path) -> tuple[Path, dict[str, ForceTorqueModel]]:
 
 
 class ForceTorqueSensor(CollectableSystem):
-    """Measures the wrench that the environment exerts on a fingertip, as the sensor at its root does.
+    """Measures the wrench that the environment exerts on a fingertip, as the sensor at its base does.
 
-    The load is the reaction at the weld between finger and fingertip. Noise, bias, drift, range and quantisation act on
-    it; then the fingertip's weight is subtracted, as a calibrated driver does. Its inertial force (mass times
-    acceleration) is not: like the real instrument, the sensor reads it as a load.
+    The load is the reaction at the weld between finger and fingertip. The model applies noise, bias, drift, range and
+    quantisation, then subtracts the fingertip's weight, as a calibrated driver does. It does not subtract the
+    fingertip's inertial force (mass times acceleration): like the real instrument, the sensor reads it as a load.
 
     .. pydrake_system::
 
@@ -97,8 +97,8 @@ class ForceTorqueSensor(CollectableSystem):
     - body_poses: list of `RigidTransform` X_WB, the plant's port of that name; only the sensor's orientation is used.
     - noise: random input, six standard normal numbers (`AddRandomInputs` connects it); zero when not connected.
     - wrench: F_S = [m_x, m_y, m_z, f_x, f_y, f_z] about the origin of S, in S, N m and N. Changes once a period, first
-      at t = period, since a discrete plant has no reaction before its first step. NaN before, where the plant gives
-      none, and while the sensor is saturated: what is beyond its range is not known.
+      at t = period, since a discrete plant has no reaction before its first step. NaN before that, where the plant
+      gives no reaction, and while the sensor is saturated, as loads beyond its range are unknown.
     - status: str, "ok", "no sample yet", "no signal", or "saturated: " and the axes; changes with `wrench`.
     """
 
@@ -118,7 +118,7 @@ class ForceTorqueSensor(CollectableSystem):
         model.validate()
         positive_number("period", period)
         self._model = model
-        # Of joints that were removed again the plant gives no reaction, but the others keep their indices.
+        # The plant's reactions skip joints that were removed, while the remaining joints keep their indices.
         self._joint = list(plant.GetJointIndices()).index(weld.index())
         self._body = int(sensor_frame.body().index())
         has_weight = plant.is_gravity_enabled(weld.child_body().model_instance())

@@ -29,14 +29,14 @@ from tactopose_drake.systems.collectable_system import CollectableSystem
 class GraspControllerParams:
     """Gains and times of the grasp controller."""
 
-    finger_stiffness: float = 5.0  # of each joint that moves a fingertip, N m/rad; a radian is 5 cm if it slides
+    finger_stiffness: float = 5.0  # of each finger joint, N m/rad; for a prismatic joint, 5 cm count as a radian
     finger_damping: float = 0.02  # N m s/rad
-    other_stiffness: float = 300.0  # of the wrist and whatever else moves no fingertip alone, N m/rad
+    other_stiffness: float = 300.0  # of the wrist and all other joints that are not part of a finger, N m/rad
     other_damping: float = 0.5  # N m s/rad
     push_rate: float = 8.0  # how fast a finger's push grows, N/s
     settle_time: float = 0.06  # how long all fingers must carry their set force before they hold, s
-    closing_time: float = 2.5  # after which the fingers hold whatever they have, s
-    period: float = 0.008  # of the force loop, s
+    closing_time: float = 2.5  # time after which the fingers hold in any case, s
+    period: float = 0.008  # period of the force loop, s
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is not positive."""
@@ -44,9 +44,9 @@ class GraspControllerParams:
 
 
 class GraspController(CollectableSystem):
-    """Brings the hand from an open posture to a grasp by joint torques, from its own senses alone.
+    """Closes the hand from an open posture to a grasp by joint torques, using only its own sensors.
 
-    When the clock goes back, the times of `GraspControllerParams` begin anew; a hand that holds goes on holding.
+    When the clock goes back, the times of `GraspControllerParams` start again; a hand that holds keeps holding.
 
     .. pydrake_system::
 
@@ -64,15 +64,15 @@ class GraspController(CollectableSystem):
     - hand_state: measured positions and velocities of the hand's joints, shape (nq + nv,), rad and rad/s.
     - wrench_<finger>: F_S, shape (6,), N m and N; NaN counts as no force while the fingers close, and changes nothing
       while they hold.
-    - open: shape (1,); above 0 the fingers go back to where they began, and close again afterwards; may stay
+    - open: shape (1,); while above 0 the fingers go back to where they began, and close again afterwards; may stay
       unconnected.
-    - rest_positions: where the joints of the fingers that take no part, and all others, are to be, shape (nq,), rad;
-      may stay unconnected, and they are then where `q_rest` says.
+    - rest_positions: desired positions, shape (nq,), rad, of which those of joints outside the closing fingers are
+      used; `q_rest` if not connected.
     - actuation: torques, shape (na,), N m, in the order of the hand's actuators; changes with `hand_state` and
       `rest_positions`.
-    - holding: shape (1,), 1 once all fingers carry their set force (or closing took too long), 0 before and while they
+    - holding: shape (1,), 1 once all fingers carry their set force or `closing_time` is over, 0 before and while they
       open.
-    - status: str, "closing", "holding", or "holding; not carrying: " and the fingers that never reached their force.
+    - status: str, "closing", "holding", or "holding; not carrying: " and the fingers with too little force now.
     """
 
     def __init__(
@@ -88,12 +88,12 @@ class GraspController(CollectableSystem):
         Args:
             plant: finalized plant that holds the hand.
             hand: the hand in it.
-            motions: how each finger that takes part closes, by finger.
-            q_rest: where all other joints stay, shape (nq,) of the hand, rad.
+            motions: closing motion of each finger that takes part, by finger.
+            q_rest: positions of all other joints, shape (nq,) of the hand, rad.
             params: gains and times.
 
         Raises:
-            UnknownNameError: if a motion's finger is not one of the hand's.
+            UnknownNameError: if a motion is for a finger that the hand lacks.
         """
         super().__init__()
         self._params = params_of(GraspControllerParams, params)
@@ -122,8 +122,8 @@ class GraspController(CollectableSystem):
         self._wrenches = {finger: self.DeclareVectorInputPort(f"wrench_{finger}", 6) for finger in motions}
         self._open = self.DeclareVectorInputPort("open", 1)
         self._rest_positions = self.DeclareVectorInputPort("rest_positions", self._nq)
-        # Pushes, then since when all fingers carry their set force (s; NaN: they do not), whether holding, and when the
-        # fingers began to close (s; NaN: they have not).
+        # Pushes, N, then the time since which all fingers carry their set force (s; NaN: they do not), whether the hand
+        # holds, and the time at which the fingers began to close (s; NaN: they have not).
         start = np.append(np.full(len(motions), -self._law.approach_push), [np.nan, 0.0, np.nan])
         state = self.discrete_state_ticket(self.DeclareDiscreteState(start))
         self.DeclarePeriodicDiscreteUpdateEvent(self._params.period, 0.0, self._update)
@@ -138,7 +138,7 @@ class GraspController(CollectableSystem):
 
         Args:
             pushes: one for each finger that closes, N.
-            q_rest: where the others are to be, shape (nq,), rad; None: where they stay.
+            q_rest: positions of the other joints, shape (nq,), rad; None: the constructor's `q_rest`.
         """
         q = np.array(self._q_rest if q_rest is None else q_rest)
         for (finger, motion), push in zip(self._motions.items(), pushes, strict=True):
@@ -154,7 +154,7 @@ class GraspController(CollectableSystem):
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         time, value = context.get_time(), context.get_discrete_state_vector().value()
         pushes, since, holding, began = value[:-3].copy(), value[-3], bool(value[-2]), value[-1]
-        # A time that is yet to come is of before the clock went back, and counts as NaN.
+        # A time in the future was set before the clock went back, and counts as NaN.
         began = began if began <= time else time
         if self._open.HasValue(context) and self._open.Eval(context)[0] > 0.0:
             pushes = np.maximum(pushes - self._params.period * self._law.push_rate, -self._law.approach_push)

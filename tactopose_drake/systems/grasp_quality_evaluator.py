@@ -1,4 +1,4 @@
-"""The quality of the present grasp, as a system."""
+"""The quality of the current grasp, as a system."""
 
 import dataclasses
 import math
@@ -23,14 +23,14 @@ _NOTHING_HELD = (0.0, 0.0, 0.0, math.nan)  # radius, volume, force closure, prob
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class GraspQualityParams:
-    """How grasps are judged, and how often."""
+    """How and how often grasps are evaluated."""
 
-    period: float = 0.1  # s between two judgements
+    period: float = 0.1  # s between two evaluations
     friction: float = 0.6  # coefficient between fingertips and object
-    norm: str = "L1"  # what bounds the forces, "L1" or "Linf"
-    edges: int = 8  # of the pyramid that stands for a friction cone
+    norm: str = "L1"  # norm that bounds the forces, "L1" or "Linf"
+    edges: int = 8  # of the pyramid that approximates a friction cone
     samples: int = 200  # poses drawn from the hypotheses for the probability of force closure
-    seed: int = 0  # of the draws, the same at each judgement
+    seed: int = 0  # of the draws, the same at each evaluation
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range or the norm unknown."""
@@ -42,7 +42,7 @@ class GraspQualityParams:
 
 
 class GraspQualityEvaluator(CollectableSystem):
-    """Judges how well the present contacts hold the object where it is believed to be.
+    """Evaluates how well the current contacts hold the object at its estimated pose.
 
     .. pydrake_system::
 
@@ -58,17 +58,17 @@ class GraspQualityEvaluator(CollectableSystem):
         - force_closure
         - probability
 
-    All inputs are read, and all outputs change, at each period. Before the first, outputs are those of no contact. So
-    they are while the hypotheses' status is "no_solution": `object_pose`, which may be held, is then no estimate.
+    All inputs are read, and all outputs change, at each period. Before the first, and while the hypotheses' status is
+    "no_solution", outputs are those without contacts: `object_pose`, which may be held, is then not an estimate.
 
     - contacts: `Contacts` in P.
     - object_pose: `RigidTransform` X_PO.
     - hypotheses: `PoseEstimate`, or None while there is none; may stay unconnected.
-    - quality: `GraspQuality` at the object's pose; None before the first judgement, and while there is no estimate.
-    - radius: of the largest ball in the wrench space, shape (1,), N.
-    - volume: of the wrench space, shape (1,), N^6; NaN for the norm "Linf", where it takes too long.
+    - quality: `GraspQuality` at the object's pose; None before the first evaluation, and while there is no estimate.
+    - radius: radius of the largest ball in the wrench space, shape (1,), N.
+    - volume: volume of the wrench space, shape (1,), N^6; NaN for the norm "Linf", where it takes too long.
     - force_closure: shape (1,), 1 or 0.
-    - probability: of force closure over the hypotheses, shape (1,); NaN without any.
+    - probability: probability of force closure over the hypotheses, shape (1,); NaN without hypotheses, and at first.
     """
 
     def __init__(self, model: ObjectModel, params: GraspQualityParams | None = None) -> None:

@@ -1,4 +1,4 @@
-"""A controller that closes a hand's fingers until each stalls, and then holds."""
+"""A controller that closes each finger of a hand until its motors stall, and then holds."""
 
 import dataclasses
 
@@ -20,13 +20,12 @@ from tactopose_drake.systems.collectable_system import CollectableSystem
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class GripControllerParams:
-    """How the motors move. Of a joint that slides, 5 cm count as a radian."""
+    """Speed, stall torque and position control of the motors. For prismatic joints, 5 cm count as a radian."""
 
-    # Joints that do not close: their position, rad, of one that slides m.
-    fixed: dict[str, float] = dataclasses.field(default_factory=dict)
+    fixed: dict[str, float] = dataclasses.field(default_factory=dict)  # positions of joints that do not close, rad or m
     falling: list[str] = dataclasses.field(default_factory=list)  # joints that close towards smaller positions
-    closing_speed: float = 1.5  # of the others, rad/s
-    stall_torque: float = 1.0  # of the others, N m
+    closing_speed: float = 1.5  # of the other joints, rad/s
+    stall_torque: float = 1.0  # of the other joints, N m
     stiffness: float = 50.0  # of each motor's position control, N m/rad
     damping: float = 1.0  # N m s/rad
     period: float = 0.004  # s
@@ -46,10 +45,10 @@ class GripControllerParams:
 
 
 def set_motor_gains(plant: MultibodyPlant, hand: Hand, params: GripControllerParams) -> None:
-    """Gives the hand's motors their position control, which the plant solves together with the contact.
+    """Sets the PD gains of the hand's motors; the plant solves the control implicitly together with the contact.
 
     Args:
-        plant: not finalized yet.
+        plant: plant that is not finalized yet.
         hand: the hand in it.
         params: stiffness and damping.
     """
@@ -68,10 +67,11 @@ def _arm(joint: Joint) -> float:
 
 
 class GripController(CollectableSystem):
-    """Closes each finger at a constant speed until its motor stalls; from then on the motor holds its position.
+    """Closes each joint at a constant speed until its motor stalls; from then on the motor holds its position.
 
-    So do hands with worm drives, like Barrett's. A joint closes towards larger positions, unless the parameters say
-    that it is `falling`; one of no finger, such as a wrist's, stays where it is. The plant needs `set_motor_gains`.
+    Hands with worm drives, like Barrett's, behave so. A joint closes towards larger positions, unless the parameters
+    list it as `falling`; a joint of no finger, such as a wrist's, keeps its position. Call `set_motor_gains` for the
+    plant before.
 
     .. pydrake_system::
 
@@ -83,11 +83,11 @@ class GripController(CollectableSystem):
         - holding
         - status
 
-    - hand_state: measured positions and velocities of the hand's joints, shape (nq + nv,), rad and rad/s, of those that
-      slide m and m/s.
-    - desired_state: of the hand's actuators, positions, then velocities, shape (2 na,), likewise; for the plant's port
-      of that name. Changes once a period. The initialisation sets all but the fixed joints to where they are measured,
-      0 before; a context that is initialised again goes on as it was.
+    - hand_state: measured positions and velocities of the hand's joints, shape (nq + nv,), rad and rad/s, or m and m/s
+      for prismatic joints.
+    - desired_state: positions, then velocities, of the hand's actuators, shape (2 na,), in the same units; for the
+      plant's port of that name. Changes once a period. The first initialisation sets all but the fixed joints to their
+      measured positions, 0 before; a later one changes nothing.
     - holding: shape (1,), 1 once every closing motor has stalled, 0 before.
     - status: str, "closing: " and the joints whose motors have not stalled, or "holding".
     """
@@ -98,10 +98,10 @@ class GripController(CollectableSystem):
         Args:
             plant: finalized plant that holds the hand.
             hand: the hand in it.
-            params: how the motors move.
+            params: speed, torque and gains of the motors.
 
         Raises:
-            UnknownNameError: if `fixed` or `falling` name a joint that no motor moves.
+            UnknownNameError: if `fixed` or `falling` name a joint without an actuator.
         """
         super().__init__()
         self._params = params_of(GripControllerParams, params)
@@ -121,7 +121,7 @@ class GripController(CollectableSystem):
 
         nx = plant.num_multibody_states(hand.model_instance)
         self._state_port = self.DeclareVectorInputPort("hand_state", nx)
-        # Commands, NaN until the initialisation where nothing is commanded yet, then which motors have stalled; a motor
+        # Commanded positions (of closing joints NaN until the initialisation), then which motors have stalled; a motor
         # that does not close counts as stalled.
         state = self.DeclareDiscreteState(np.concatenate([start, stays]))
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
@@ -142,7 +142,7 @@ class GripController(CollectableSystem):
 
     def _start(self, context: Context, state: DiscreteValues) -> EventStatus:
         commanded, stalled = np.split(context.get_discrete_state_vector().value(), 2)
-        # Commands of a context that goes on stay: they lie beyond the joint by what the motor presses with.
+        # Commands from before a repeated initialisation stay: they lie beyond the joint in proportion to the torque.
         begun = np.where(np.isnan(commanded), self._measured(context), commanded)
         state.get_mutable_vector().SetFromVector(np.concatenate([begun, stalled]))
         return EventStatus.Succeeded()
@@ -162,7 +162,7 @@ class GripController(CollectableSystem):
 
     def _calc_desired_state(self, context: Context, output: BasicVector) -> None:
         commanded, stalled = np.split(context.get_discrete_state_vector().value(), 2)
-        # Without the velocity, the damping would hold a moving finger back as if it had stalled.
+        # With a desired velocity of 0, damping would hold a moving finger back as if it had stalled.
         velocity = np.where(stalled > 0, 0.0, self._signs * self._arms * self._params.closing_speed)
         output.SetFromVector(np.concatenate([np.nan_to_num(commanded), velocity]))
 

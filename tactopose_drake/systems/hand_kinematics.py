@@ -1,4 +1,4 @@
-"""A hand's kinematics within a system, at the joint positions that one of its ports has."""
+"""A hand's kinematics within a system, at the joint positions of one of its input ports."""
 
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
@@ -13,11 +13,11 @@ def declare_kinematics(system: LeafSystem, plant: MultibodyPlant, frame: Frame, 
     """Declares a cache entry of a system that holds a `HandKinematics`.
 
     Args:
-        system: whose it is.
+        system: the system that owns the entry.
         plant: finalized plant of the hand alone.
-        frame: that everything is expressed in.
-        positions: the system's port of the joint positions; NaN where one is not known. One far beyond its limits
-            is not known either.
+        frame: frame in which everything is expressed.
+        positions: the system's port of the joint positions; NaN where one is unknown. A position far beyond its limits
+            counts as unknown, too.
     """
 
     def move(context: Context, cached: AbstractValue) -> None:

@@ -1,4 +1,4 @@
-"""The hand's volume where its joints put it, as a system."""
+"""The hand's volume at the measured joint positions, as a system."""
 
 import dataclasses
 import math
@@ -23,7 +23,7 @@ class _Placed:
     """The spheres in the palm.
 
     Attributes:
-        hand: those of links that are where they seem, all joints in between being known; None where there are none.
+        hand: the spheres of links whose pose in the palm is known; None where there are none.
         known: which of all spheres they are, shape (h,).
     """
 
@@ -46,8 +46,9 @@ class HandVolume(CollectableSystem):
 
     - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
     - fingers_untouched: tuple of the names of the fingers that nothing touches; may stay unconnected.
-    - hand: `HandGeometry` in P of all links but those that a joint moves whose position is not known.
-    - untouched: `HandGeometry` in P of the fingertips of those fingers; None where there are none.
+    - hand: `HandGeometry` in P of all links except those moved by a joint whose position is unknown; None if there are
+      none.
+    - untouched: `HandGeometry` in P of the fingertips of `fingers_untouched`; None where there are none.
     """
 
     def __init__(
@@ -62,8 +63,8 @@ class HandVolume(CollectableSystem):
         Args:
             plant: finalized plant of the hand alone, for kinematics.
             hand: the hand in it.
-            spheres: what fills its links.
-            uncertainty: the hand's errors, by which its surface is off too.
+            spheres: the spheres that fill its links.
+            uncertainty: the hand's errors, which increase the uncertainty of its surface.
         """
         super().__init__()
         self._spheres, self._uncertainty = spheres, uncertainty

@@ -1,4 +1,4 @@
-"""The encoders of a simulated hand's joints, which show other angles than there are."""
+"""The joint encoders of a simulated hand, with their errors."""
 
 import numpy as np
 from pydrake.common import RandomDistribution
@@ -11,7 +11,7 @@ _FARTHEST = 10.0  # rad or m
 
 
 class JointEncoders(CollectableSystem):
-    """Shows a hand's joint positions with the encoders' offsets, noise and quantisation.
+    """Measures a hand's joint positions with the encoders' offsets, noise and quantisation.
 
     .. pydrake_system::
 
@@ -23,11 +23,11 @@ class JointEncoders(CollectableSystem):
         - measured
 
     - joint_positions: true positions of the hand's joints, shape (nq,), rad.
-    - noise: random input, a standard normal number for each encoder (`AddRandomInputs` connects it); there is such a
-      port only where there is noise.
-    - measured: what is known of the positions, shape (nq,), rad; changes with both inputs. Joints that follow another's
-      encoder err with it, but each is rounded by itself: where a coupling has an offset that is no whole number of the
-      follower's steps, the two are up to half such a step from where a hand has them that computes the follower's
+    - noise: random input, a standard normal number for each encoder (`AddRandomInputs` connects it); the port exists
+      only with `sigma` above 0.
+    - measured: the measured positions, shape (nq,), rad; changes with both inputs. A joint coupled to another's encoder
+      shares that encoder's error, but is rounded by itself. If the coupling's offset is not a multiple of the
+      follower's step, the result differs by up to half a step from that of a hand which computes the follower's
       position from its leader's reading.
     """
 
@@ -35,16 +35,16 @@ class JointEncoders(CollectableSystem):
         """Declares the ports.
 
         Args:
-            gains: what an error of one in each encoder adds to the positions, shape (nq, k).
-            offsets: what each encoder shows too much, shape (k,).
-            sigma: standard deviation of each reading.
-            step: quantisation of what each joint shows, in the encoders' unit; 0 for none.
+            gains: derivative of the positions by each encoder's error, shape (nq, k).
+            offsets: what each encoder reads too much, shape (k,), rad.
+            sigma: standard deviation of each encoder's reading, rad.
+            step: quantisation step of the encoders, rad; 0 for none.
         """
         super().__init__()
         self._gains = gains
         self._offsets = gains @ limited("offsets", offsets, (gains.shape[1],), most=_FARTHEST)
         self._sigma = positive_number("sigma", sigma, allow_zero=True)
-        # Of a joint that follows, the step is that of its leader, times their ratio.
+        # The step of a coupled joint is that of its leader, times their ratio.
         self._steps = np.abs(gains).max(axis=1, initial=0.0) * positive_number("step", step, allow_zero=True)
         self._positions = self.DeclareVectorInputPort("joint_positions", len(gains))
         self._noise = None

@@ -1,4 +1,4 @@
-"""Takes off joint positions what a belief over time finds the encoders to show too much."""
+"""Estimates encoder offsets while a hand feels an object, and subtracts them from the joint positions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tactopose_drake.systems.ports import eval_input, eval_named
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Refined:
-    """What is known of the offsets, what of it is taken off, and in which posture a touch last told of them."""
+    """The offsets' estimate, the offsets that are subtracted, and the joint positions at the last update."""
 
     offsets: JointOffsets
     applied: FloatArray
@@ -44,8 +44,8 @@ class _Refined:
 class JointOffsetRefiner(CollectableSystem):
     """Refines the encoders' offsets by the touches of a run; see `core.calibration.offset_refinement`.
 
-    What is found is taken off once nothing is touched for `let_go_time`: contacts do not jump while the hand holds
-    something.
+    New offsets are applied only once nothing has been touched for `let_go_time`, so that contacts do not jump while the
+    hand holds something.
 
     .. pydrake_system::
 
@@ -59,12 +59,12 @@ class JointOffsetRefiner(CollectableSystem):
         - joint_offsets
         - joint_offset_sigmas
 
-    - joint_positions (input): as they are measured, shape (nq,), rad.
+    - joint_positions (input): measured positions, shape (nq,), rad.
     - contact_solutions: dict of `ContactSolution` by finger.
-    - belief: `PoseBelief`; both are read once a period.
-    - joint_positions (output): less the offsets, shape (nq,), rad.
-    - joint_offsets: what each encoder shows too much by what was felt so far, in the order of `joints`, shape (k,),
-      rad; of a joint that slides, 1 degree counts as 1 mm.
+    - belief: `PoseBelief`; all inputs are read once a period.
+    - joint_positions (output): the measured positions minus the applied offsets, shape (nq,), rad.
+    - joint_offsets: estimated offset (reading minus true position) of each encoder, in the order of `joints`, shape
+      (k,), rad; for a prismatic joint, 1 degree stands for 1 mm.
     - joint_offset_sigmas: their standard deviations, likewise.
     """
 
@@ -81,9 +81,9 @@ class JointOffsetRefiner(CollectableSystem):
         Args:
             plant: finalized plant of the hand alone.
             hand: the hand in it.
-            uncertainty: how far its encoders may be off, before anything is felt.
+            uncertainty: the prior uncertainty of its encoders.
             model: the object.
-            params: how slowly they are refined.
+            params: how slowly the offsets are refined.
         """
         super().__init__()
         self._params, self._model = params_of(OffsetRefinementParams, params), model
@@ -118,10 +118,10 @@ class JointOffsetRefiner(CollectableSystem):
         output.SetFromVector(self._positions.Eval(context) - self._gains @ self._state(context).applied)
 
     def advance(self, context: Context) -> None:
-        """Looks at the belief at once: for a loop without a simulator.
+        """Updates the offsets at once: for a loop without a simulator.
 
         Args:
-            context: this system's; its state becomes the next.
+            context: context of this system, whose state is updated.
         """
         self._update(context, context.get_mutable_state())
 
@@ -134,7 +134,7 @@ class JointOffsetRefiner(CollectableSystem):
         return EventStatus.Succeeded()
 
     def _follow(self, context: Context, belief: PoseBelief, before: _Refined) -> _Refined:
-        """What is known after a look at the belief."""
+        """The next state, given the belief."""
         q = self._positions.Eval(context)
         if not len(belief.contacts) or belief.touch_time < belief.time:
             if before.q_told is None or belief.time < belief.touch_time + self._params.let_go_time:
@@ -154,13 +154,13 @@ class JointOffsetRefiner(CollectableSystem):
         return _Refined(dataclasses.replace(found, mean=found.mean + before.applied), before.applied, q.copy())
 
     def _is_settled(self, belief: PoseBelief) -> bool:
-        """Whether one mode of the belief explains a touch that has lasted."""
+        """Whether the belief's best mode is probable and explains a touch that has lasted long enough."""
         is_known = belief.status in ("ok", "ambiguous") and belief.probability[0] >= self._params.least_probability
         has_lasted = bool(belief.keyframes) and belief.keyframes[-1].frames >= self._params.least_frames
         return is_known and has_lasted and bool(belief.explains_touch[0])
 
     def _contact_gains(self, context: Context, solutions: Mapping[str, ContactSolution]) -> dict[str, FloatArray]:
-        """What errors of the encoders move each contact by."""
+        """Jacobian of each contact by the encoders' errors, by finger."""
         kinematics: HandKinematics = self._kinematics.Eval(context)
         gains = {}
         for finger in kinematics.poses(self._frames):
@@ -171,7 +171,7 @@ class JointOffsetRefiner(CollectableSystem):
 
 
 def _contacts(touch: Keyframe, rows: list[int]) -> Contacts:
-    """Some contacts of a touch of now."""
+    """The given rows of a keyframe's contacts."""
     position, normal = np.ascontiguousarray(np.sqrt(touch.variances[rows]).T)
     normals = None if touch.normals is None else touch.normals[rows]
     return Contacts(touch.points[rows], normals).with_arrays(sigma_position=position, sigma_normal=normal)

@@ -1,4 +1,4 @@
-"""What is believed of the object's pose, as a message for LCM."""
+"""The belief of the object's pose as an LCM message."""
 
 import time
 from typing import NamedTuple
@@ -14,11 +14,11 @@ from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
-_REMEMBERED = 10.0  # s; a belief that is so late is lost
+_REMEMBERED = 10.0  # s; a belief that is this late is lost
 
 
 class _Heard(NamedTuple):
-    """When senses came, s of the diagram, and what they say of themselves."""
+    """The diagram's time at which a senses message arrived, s, and the message's own time and number."""
 
     time: float
     utime: int
@@ -26,7 +26,7 @@ class _Heard(NamedTuple):
 
 
 class LcmBelief(CollectableSystem):
-    """Makes messages `lcmt_object_belief` of an estimate or a belief, for an `LcmPublisherSystem`.
+    """Converts an estimate or a belief to messages `lcmt_object_belief`, for an `LcmPublisherSystem`.
 
     .. pydrake_system::
 
@@ -41,9 +41,9 @@ class LcmBelief(CollectableSystem):
 
     - hypotheses: `PoseEstimate`, or None where there is none yet.
     - status: str.
-    - senses: `HandSensesMessage`, the newest; may stay unconnected: `utime` is then the diagram's time.
-    - belief: `PoseBelief`, whose time says how late it is; may stay unconnected where it is of now.
-    - message: `ObjectBeliefMessage`, with `utime` and `sequence` of the newest senses that had come by the belief's
+    - senses: the newest `HandSensesMessage`; may stay unconnected: `utime` is then the belief's time and `sequence` -1.
+    - belief: `PoseBelief`, for its time; may stay unconnected if it has no latency.
+    - message: `ObjectBeliefMessage`, with `utime` and `sequence` of the newest senses that had arrived by the belief's
       time, 0 and -1 where there were none; changes with the inputs. Senses are remembered for 10 s.
     """
 
@@ -51,10 +51,10 @@ class LcmBelief(CollectableSystem):
         """Declares the ports.
 
         Args:
-            max_modes: that a message has, the most probable ones.
+            max_modes: largest number of modes in a message; the most probable ones are sent.
 
         Raises:
-            InvalidInputError: if they are no integer above 0.
+            InvalidInputError: if `max_modes` is not an integer above 0.
         """
         super().__init__()
         self._max_modes, self._session = whole_number("max_modes", max_modes, least=1), time.time_ns()
@@ -87,12 +87,12 @@ class LcmBelief(CollectableSystem):
         output.set_value(message)
 
     def _hear(self, context: Context, state: State) -> EventStatus:
-        """Remembers of which senses a later belief may be."""
+        """Remembers the newest senses, which a later belief may be based on."""
         senses, now = eval_optional_input(self._senses, context, HandSensesMessage), context.get_time()
         heard = context.get_abstract_state(self._heard).get_value()
         if senses is None or senses.sequence < 0:
             return EventStatus.DidNothing()
-        # Where the clock went back, what was heard later is not known yet.
+        # If the clock went back, messages with a later time are dropped.
         kept = tuple(each for each in heard if now - _REMEMBERED < each.time <= now)
         if kept and (senses.utime, senses.sequence) == (kept[-1].utime, kept[-1].sequence):
             return EventStatus.DidNothing()
@@ -101,12 +101,12 @@ class LcmBelief(CollectableSystem):
 
 
 def belief_message(estimate: PoseEstimate | None, status: str, max_modes: int) -> ObjectBeliefMessage:
-    """A message of the most probable hypotheses, without times and counts.
+    """A message of the most probable hypotheses, without time, sequence number and session.
 
     Args:
-        estimate: None where there is none yet.
-        status: in words.
-        max_modes: that it has.
+        estimate: the estimate; None where there is none yet.
+        status: the status as text.
+        max_modes: largest number of hypotheses in the message.
     """
     modes = () if estimate is None else estimate.hypotheses[:max_modes]
     if not modes:

@@ -1,4 +1,4 @@
-"""What a hand senses, from messages over LCM, where a diagram has simulated senses."""
+"""A hand's senses from LCM messages, as a replacement for simulated senses."""
 
 import copy
 import dataclasses
@@ -23,7 +23,7 @@ _NO_MESSAGE = "no message yet"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Received:
-    """The last message, the diagram's time when it came, s, and what is said of it now."""
+    """The last message, the diagram's time at which it arrived, s, and its current status."""
 
     message: HandSensesMessage
     time: float
@@ -35,7 +35,7 @@ class _Received:
 
 
 class LcmHandSenses(CollectableSystem):
-    """Gives a hand's senses from messages `lcmt_hand_senses`, and says how old they are.
+    """Outputs a hand's senses from messages `lcmt_hand_senses`, and their age.
 
     .. pydrake_system::
 
@@ -49,16 +49,17 @@ class LcmHandSenses(CollectableSystem):
         - age
         - status
 
-    - message: `HandSensesMessage`, of an `LcmSubscriberSystem`; read once a period. Between two of its reads only the
-      last message counts.
+    - message: `HandSensesMessage`, of an `LcmSubscriberSystem`; read once a period. Of several messages that arrive
+      between two reads only the last one counts.
     - wrench_<finger>: F_S on each fingertip with a force-torque sensor, shape (6,), N m and N. NaN where the message
       has none, or is older than `max_age`.
-    - pressures_<pad>: of each pad's cells, Pa; likewise.
-    - joint_positions: of the hand's own plant, shape (nq,), rad. NaN where the message has none; coupled joints follow.
-    - age: since the last message came, s, shape (1,); infinite before the first.
-    - status: str, "ok", "no message yet", "stale: " and its age, or what of the message does not fit the hand.
+    - pressures_<pad>: of each pad's cells, Pa; NaN likewise.
+    - joint_positions: of the hand's own plant, shape (nq,), rad; those of the last message, however old. NaN where it
+      has none; coupled joints follow.
+    - age: time since the last message arrived, s, shape (1,); infinite before the first.
+    - status: str, "ok", "no message yet", "stale: " and its age, or what in the message does not fit the hand.
 
-    All change once a period.
+    All outputs change once a period.
     """
 
     def __init__(self, hand: HandConfig, period: float = 0.0025, max_age: float = 0.1) -> None:
@@ -66,8 +67,8 @@ class LcmHandSenses(CollectableSystem):
 
         Args:
             hand: the hand.
-            period: between two looks at the message, s.
-            max_age: of a message that counts, s.
+            period: time between two reads of the message, s.
+            max_age: messages older than this are stale, s.
         """
         super().__init__()
         plant, parts = make_hand_plant(hand)
@@ -102,14 +103,14 @@ class LcmHandSenses(CollectableSystem):
         message = eval_input(self._message, context, HandSensesMessage)
         before, now = context.get_abstract_state(self._received).get_value(), context.get_time()
         is_new = (message.utime, message.sequence) != (before.message.utime, before.message.sequence)
-        # A copy: a sender may fill one message again and again, which would be compared with itself.
+        # Copied, because a sender may reuse one message object, which would then be compared with itself.
         message = copy.deepcopy(message) if is_new else before.message
         came = now if is_new and message.sequence >= 0 else before.time
         age = now - came
         status = self._fit(message)
         if not np.isfinite(came):
             status = _NO_MESSAGE
-        elif abs(age) > self._max_age:  # One of the future is no fresher: the clock went back.
+        elif abs(age) > self._max_age:  # A message from the future, after the clock went back, is stale, too.
             status = f"stale: {age:.2f} s old"
         received = _Received(message, came, status, is_used=abs(age) <= self._max_age)
         state.get_mutable_abstract_state(self._received).set_value(received)
@@ -117,7 +118,7 @@ class LcmHandSenses(CollectableSystem):
         return EventStatus.Succeeded()
 
     def _fit(self, message: HandSensesMessage) -> str:
-        """What of a message does not fit the hand; "ok" where all does."""
+        """What in a message does not fit the hand; "ok" if everything fits."""
         return "; ".join(misfits(message, self._joints.names, self._fingers, self._cells)) or "ok"
 
     def _calc_joints(self, context: Context, output: BasicVector) -> None:
@@ -132,13 +133,13 @@ class LcmHandSenses(CollectableSystem):
 def misfits(
     message: HandSensesMessage, joints: tuple[str, ...], fingers: tuple[str, ...], cells: Mapping[str, int]
 ) -> list[str]:
-    """What of a message does not fit a hand, in a few words each.
+    """Lists what in a message does not fit a hand, in a few words each.
 
     Args:
-        message: of its senses.
+        message: message of the hand's senses.
         joints: names of the hand's joints.
         fingers: names of its fingers with a force-torque sensor.
-        cells: numbers of its pads' cells, by pad.
+        cells: number of cells of each of its pads, by pad.
     """
     wrong = [
         f"the hand has no {what} {name!r}"

@@ -1,4 +1,4 @@
-"""The Meshcat display of which object a hand holds, as a system."""
+"""A Meshcat display of the likelihoods of the objects that a hand may hold, as a system."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ class LikelihoodDisplayParams:
 
 
 class LikelihoodDisplay(CollectableSystem):
-    """Shows the likelihoods of some objects as bars beside their shapes.
+    """Shows the likelihoods of several objects as bars beside their shapes.
 
     .. pydrake_system::
 
@@ -40,9 +40,9 @@ class LikelihoodDisplay(CollectableSystem):
         input_ports:
         - identities
 
-    - identities: `Identification`, or None while there is none; read once a period. Objects are known by their names.
+    - identities: `Identification`, or None while there is none; read once a period. Objects are matched by name.
 
-    What is shown goes into Meshcat's recording when there is one.
+    The display is part of Meshcat's recording when one is running.
     """
 
     def __init__(
@@ -51,12 +51,12 @@ class LikelihoodDisplay(CollectableSystem):
         models: Sequence[ObjectModel],
         params: LikelihoodDisplayParams | None = None,
     ) -> None:
-        """Keeps a reference to the display; the parts are made when a simulation is initialized.
+        """Keeps a reference to the display; the bars are created when a simulation is initialized.
 
         Args:
             meshcat: the display.
-            models: the objects that have a row, from the top; y runs along the bars, z up.
-            params: where in the tree, and how often.
+            models: the objects, one row each from the top; y runs along the bars, z up.
+            params: path and period.
 
         Raises:
             InvalidInputError: if there is no display or no object.
@@ -65,7 +65,7 @@ class LikelihoodDisplay(CollectableSystem):
         check_meshcat(meshcat)
         self._params = params_of(LikelihoodDisplayParams, params)
         if not models:
-            raise InvalidInputError("models: there are 0; the display needs at least 1.")
+            raise InvalidInputError("models: is empty; allowed are one or more objects.")
         self._meshcat, self._models = meshcat, tuple(models)
         self._identities = self.DeclareAbstractInputPort("identities", AbstractValue.Make(None))
         self.DeclareInitializationPublishEvent(self._make_rows)

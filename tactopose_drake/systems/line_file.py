@@ -1,4 +1,4 @@
-"""A file of lines that a run writes as it goes, and that a full disk does not end."""
+"""A text file that a run writes line by line; a full disk ends the file, but not the run."""
 
 from pathlib import Path
 from typing import TextIO
@@ -7,11 +7,11 @@ from tactopose_drake.errors import InvalidFileError
 
 
 class LineFile:
-    """Lines in a new file, each of which is on disk when it is written.
+    """A new text file; each line is flushed as it is written.
 
     Attributes:
-        count: of the lines that are written.
-        problem: why there are no more, in a sentence; empty while all is well.
+        count: number of lines written.
+        problem: why writing has stopped, in a sentence; empty while there is no problem.
     """
 
     def __init__(self, path: Path) -> None:
@@ -28,7 +28,7 @@ class LineFile:
             raise InvalidFileError(f"{path}: cannot be written ({error.strerror}).") from None
 
     def write(self, line: str) -> None:
-        """Adds a line, unless an earlier one could not be written."""
+        """Adds a line; does nothing once an earlier line could not be written."""
         if self.problem:
             return
         try:
@@ -42,7 +42,7 @@ class LineFile:
         """Closes the file."""
         try:
             self._file.close()
-        except OSError as error:  # what could not be written before is tried once more
+        except OSError as error:  # Closing tries once more to write what is still buffered.
             self._fail(error)
 
     def _fail(self, error: OSError) -> None:

@@ -16,19 +16,19 @@ from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.systems.belief_inputs import Reading
 from tactopose_drake.systems.pose_belief_estimator import PoseBeliefEstimator, PoseBeliefParams, TimedBelief
 
-# A belief is late that is older than so many periods: one is what the thread has, another what it waits for.
+# A belief older than this many periods is late: the thread is busy for up to one, and waits up to one for its input.
 _PUNCTUAL = 2.5
 
 
 class _Exchange:
-    """What the loop and the thread hand each other, under a lock.
+    """The data that the control loop and the thread exchange, under a lock.
 
     Attributes:
-        wakened: the lock, and what the thread waits for.
-        newest: the last reading that the thread has not begun with; None where there is none.
-        finished: the last belief.
-        error: what the thread has failed with; None while it runs.
-        is_told: whether somebody has raised that.
+        wakened: the condition variable that guards all other attributes and wakes the thread.
+        newest: the newest reading that the thread has not started to process; None if there is none.
+        finished: the last belief that the thread finished.
+        error: the exception that ended the thread; None while it runs.
+        is_told: whether that exception has been raised in the control loop.
         closing: whether the thread is to end.
     """
 
@@ -48,17 +48,17 @@ class _Exchange:
 
 
 class LivePoseBeliefEstimator(PoseBeliefEstimator):
-    """`PoseBeliefEstimator` whose updates are computed in a thread of its own.
+    """A `PoseBeliefEstimator` that computes its updates in a thread of its own.
 
-    At each period the inputs are handed to the thread, which takes the newest when it is free; what it has not begun by
-    then is passed over. The outputs show the last belief that it finished. So the control loop never waits, and what
-    comes out depends on how fast the machine is: simulate with the other one. While the thread falls behind, the status
-    tells the belief's age; one older than `PoseTrackerParams.lost_time` is called lost. The belief lives in the thread,
-    not in the context: a system serves one context.
+    At each period the inputs are passed to the thread, which processes the newest ones when it is free and skips older
+    ones. The outputs show the last belief that it finished. The control loop therefore never waits, but the results
+    depend on the speed of the machine: use `PoseBeliefEstimator` in simulation. While the thread falls behind, the
+    status gives the belief's age; a belief older than `PoseTrackerParams.lost_time` gets the status "lost". The belief
+    is stored outside the context, so a system serves only one context.
 
-    An exception in the thread ends it, and is raised by the next update of the system, or by `close`; whoever goes on
-    all the same is told it by the status, of a belief that is lost. The thread ends by `close`, too, or when a diagram
-    that nobody uses any more is freed.
+    An exception in the thread ends it, and is raised by the next update of the system or by `close`. If the loop
+    continues nevertheless, the belief's status is "lost" and names the exception. `close` ends the thread, and so does
+    freeing an unused diagram.
     """
 
     def __init__(
@@ -68,15 +68,15 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
 
         Args:
             model: the object.
-            params: the period, and what is assumed; the latency is what it is.
-            collision: as of `PoseBeliefEstimator`.
+            params: period and assumptions; `latency` is ignored, as the real one counts.
+            collision: as in `PoseBeliefEstimator`.
         """
         super().__init__(model, dataclasses.replace(params_of(PoseBeliefParams, params), latency=0.0), collision)
         self._exchange = _Exchange(TimedBelief(self._tracker.start()))
-        # A thread that held the system would keep its diagram for ever.
+        # A strong reference from the thread would keep the system and its diagram alive for ever.
         own = weakref.ref(self), self._exchange
         weakref.finalize(self, self._exchange.close).atexit = False
-        # A daemon, so that a diagram that nobody closed does not keep the program from ending.
+        # A daemon thread, so that a system that was not closed does not keep the program from ending.
         self._thread = threading.Thread(target=_work, args=own, name="pose belief", daemon=True)
         self._thread.start()
 
@@ -89,7 +89,7 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
         self.close()
 
     def close(self) -> None:
-        """Ends the thread after the update that it is at, and raises what it may have failed with."""
+        """Ends the thread after its current update, and raises the exception that may have ended it before."""
         self._exchange.close()
         self._thread.join()
         self._raise()
@@ -106,7 +106,7 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
         return EventStatus.Succeeded()
 
     def _aged(self, timed: TimedBelief, now: float) -> TimedBelief:
-        """What is to be said of a belief some time after it."""
+        """The belief with the status and remarks that its age calls for."""
         belief, age, error = timed.belief, now - timed.belief.time, self._exchange.error
         if error is None and 0.0 <= age <= _PUNCTUAL * self._params.period:
             return timed
@@ -126,7 +126,7 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
 
 
 def _work(of: weakref.ref[LivePoseBeliefEstimator], exchange: _Exchange) -> None:
-    """The thread: updates with the newest frame, again and again, as long as there is the system."""
+    """The thread: updates the belief with the newest reading, as long as the system exists."""
     while True:
         with exchange.wakened:
             exchange.wakened.wait_for(lambda: exchange.closing or exchange.newest is not None)
@@ -140,7 +140,7 @@ def _work(of: weakref.ref[LivePoseBeliefEstimator], exchange: _Exchange) -> None
             return
         try:
             finished = system._step(before, reading)
-        except BaseException as error:  # Nothing is lost: the control loop raises it.
+        except BaseException as error:  # The control loop raises it.
             with exchange.wakened:
                 exchange.error = error
             return

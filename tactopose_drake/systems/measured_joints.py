@@ -1,4 +1,4 @@
-"""From the joints that a hand measures to the positions of its plant, as a system."""
+"""The conversion of a hand's measured joints to the positions of its plant, as a system."""
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context
@@ -8,9 +8,9 @@ from tactopose_drake.systems.collectable_system import CollectableSystem
 
 
 class MeasuredJoints(CollectableSystem):
-    """Puts measured joints into the plant's order, and lets the others follow.
+    """Puts measured joints into the plant's order, and computes the coupled joints from them.
 
-    Unlike a `MatrixGain` it leaves a joint that is not known (NaN) from the others.
+    Unlike with a `MatrixGain`, an unknown joint (NaN) does not spread to unrelated joints.
 
     .. pydrake_system::
 
@@ -20,16 +20,16 @@ class MeasuredJoints(CollectableSystem):
         output_ports:
         - joint_positions
 
-    - measured: in the hand's own order, shape (k,), rad; NaN where a joint is not known.
-    - joint_positions: of the plant, shape (nq,), rad; NaN where what it follows is not known.
+    - measured: in the hand's own order, shape (k,), rad; NaN where a joint is unknown.
+    - joint_positions: of the plant, shape (nq,), rad; NaN where the measured joint that it follows is unknown.
     """
 
     def __init__(self, matrix: FloatArray, offsets: FloatArray | float = 0.0) -> None:
         """Takes the order and the ratios from a matrix.
 
         Args:
-            matrix: `joint_matrix` of the hand, shape (nq, k): each row has one entry.
-            offsets: `joint_offsets` of the hand, shape (nq,), where its couplings have any.
+            matrix: `joint_matrix` of the hand, shape (nq, k), with one nonzero entry in each row.
+            offsets: `joint_offsets` of the hand, shape (nq,), rad, which are added.
         """
         super().__init__()
         matrix = finite_array("matrix", matrix, (None, None))

@@ -1,4 +1,4 @@
-"""Which finger is to touch where next, as a system."""
+"""The choice of the next exploratory touch, as a system."""
 
 import dataclasses
 import math
@@ -35,17 +35,17 @@ _RULES = ("information", "chance")
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class NextTouchParams:
-    """What the next touch is chosen by, and how often."""
+    """How and how often the next touch is chosen."""
 
     period: float = 0.1  # s between two choices
     rule: str = "information"  # or "chance": any motion that meets the object at the most probable pose
-    moves: int = 300  # of each finger, to anywhere within its joints' limits
-    places: int = 40  # along each
-    same_translation: float = 0.010  # within which poses are one and the same, m
+    moves: int = 300  # candidate motions of each finger, to random postures within its joints' limits
+    places: int = 40  # postures that are checked along each motion
+    same_translation: float = 0.010  # poses closer than this, in both respects, count as the same, m
     same_rotation_deg: float = 15.0  # likewise, deg
-    enough: float = 0.95  # share of the belief about one pose from which on no touch is needed
+    enough: float = 0.95  # probability of one pose from which on no touch is needed
     friction: float = 0.6  # coefficient between fingertips and object
-    seed: int = 0  # of the motions
+    seed: int = 0  # of the candidate motions
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range, or there is no such rule."""
@@ -60,22 +60,22 @@ class NextTouchParams:
 
     @property
     def tolerance(self) -> Tolerance:
-        """Within which poses are one and the same."""
+        """The tolerance within which poses count as the same."""
         return Tolerance(translation=self.same_translation, rotation=math.radians(self.same_rotation_deg))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class GuardedMove:
-    """A motion of one finger, straight in its joints, that is to end where the fingertip meets the object.
+    """A motion of one finger, straight in joint space, that ends where the fingertip meets the object.
 
     Attributes:
-        finger: that makes it.
+        finger: name of the finger.
         joints: names of the finger's actuated joints.
-        q_start: their positions before, shape (n,), rad.
-        q_goal: where they go if nothing stops them, shape (n,), rad.
-        information: by how much the touch is expected to reduce the entropy, nats.
-        entropy: before it, nats.
-        time: when it was chosen, s.
+        q_start: their positions at the start, shape (n,), rad.
+        q_goal: their positions at the end if nothing stops them, shape (n,), rad.
+        information: expected reduction of the belief's entropy by the touch, nats.
+        entropy: the belief's entropy before the touch, nats.
+        time: when the motion was chosen, s.
     """
 
     finger: str
@@ -88,7 +88,7 @@ class GuardedMove:
 
 
 class NextTouchChooser(CollectableSystem):
-    """Chooses the guarded motion of a free finger that is expected to tell most about the pose of the held object.
+    """Chooses the guarded motion of a free finger with the largest expected information on the held object's pose.
 
     .. pydrake_system::
 
@@ -104,27 +104,28 @@ class NextTouchChooser(CollectableSystem):
         - resolved
         - status
 
-    Inputs are read, and outputs change, at each period in which a motion is asked for. Fingers that touch the object
-    stay: the motions are of the others, from where they are, clear of the other fingers, and of the object but for the
-    fingertip.
+    Inputs are read, and outputs change, at each period in which a motion is asked for. Only fingers that do not touch
+    the object move. Each candidate motion starts at the finger's current posture and avoids the other fingers; of the
+    moving finger only the fingertip may touch the object.
 
     - hypotheses: `PoseEstimate` of an estimate or a belief, X_PO, or None while there is none.
     - contacts: `Contacts` in P of the fingers that hold the object.
     - fingers_in_contact: tuple of their names.
     - joint_positions: of the hand, in the order of a plant of the hand alone, shape (nq,), rad.
-    - deciding: shape (1,), above 0 while a motion is asked for; may stay unconnected, and one always is.
-    - next_touch: `GuardedMove`; None where none is needed or allowed, or the joints are not known.
+    - deciding: shape (1,), above 0 while a motion is asked for; if unconnected, a motion is always asked for.
+    - next_touch: `GuardedMove`; None if no touch is needed, no motion is allowed, or a joint position is unknown.
     - resolved: the probability that the object is within the tolerance of one pose, shape (1,); 0 while there is no
       estimate, or none that explains the touch.
-    - status: str, "chosen", "resolved" where enough of the belief is about one pose, or "held: " and why there is no
+    - status: str, "chosen", "resolved" if that probability is at least `enough`, or "held: " and why there is no
       choice.
     """
 
     def __init__(self, hand: HandConfig, model: ObjectModel, params: NextTouchParams | None = None) -> None:
-        """Makes the fingers' kinematics; keeps a reference to the model.
+        """Builds the fingers' kinematics; keeps a reference to the model.
 
         Raises:
-            InvalidInputError: parameters out of their range, or a hand of which fewer than two fingertips feel forces.
+            InvalidInputError: if a parameter is out of its range, or fewer than two of the hand's fingertips have a
+                force-torque sensor.
         """
         super().__init__()
         instance_of("hand", hand, HandConfig)
@@ -204,7 +205,7 @@ class NextTouchChooser(CollectableSystem):
         return GuardedMove(finger, *motion, found.information, found.entropy, context.get_time()), "chosen"
 
     def _rest_of_hand(self, finger: str, q: Mapping[str, FloatArray]) -> HandGeometry:
-        """The last two links and the tips of the other fingers, whose joints are at q."""
+        """The last two links and the tips of the other fingers, at joint positions q."""
         others = [sides(other, q[name][None]) for name, other in self._fingers.items() if name != finger]
         return HandGeometry(np.concatenate([p[0] for p, _ in others]), np.concatenate([r for _, r in others]))
 

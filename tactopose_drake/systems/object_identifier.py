@@ -1,4 +1,4 @@
-"""Which object a hand holds, as a system."""
+"""The identification of a held object, as a system."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -24,14 +24,14 @@ class ObjectIdentifierParams:
     """How and how often the object is identified."""
 
     period: float = 0.5  # s between two identifications
-    min_contacts: int = 3  # fewer contacts and patches that are felt leave the identities as they are
+    min_contacts: int = 3  # with fewer contacts and felt patches the identities are not updated
     likelihood: str = "evidence"  # a likelihood of `identify`
-    candidates: int = 16  # of a library so many have their poses estimated
+    candidates: int = 16  # objects of a library whose poses are estimated
     seed: int = 0  # of the search's random numbers, the same each time
-    unknown_prior: float = 1.0 / 3.0  # that it is none of the objects, before the touch; 0 to below 1
+    unknown_prior: float = 1.0 / 3.0  # prior probability that it is none of the objects; 0 to below 1
 
     def validate(self) -> None:
-        """Raises InvalidInputError if a number is out of its range, or there is no such likelihood."""
+        """Raises InvalidInputError if a number is out of its range, or the likelihood is unknown."""
         positive_number("ObjectIdentifierParams.period", self.period)
         for name, least in (("min_contacts", 1), ("candidates", 1), ("seed", 0)):
             whole_number(f"ObjectIdentifierParams.{name}", getattr(self, name), least=least)
@@ -40,7 +40,7 @@ class ObjectIdentifierParams:
 
 
 class ObjectIdentifier(CollectableSystem):
-    """Tells which of many objects the contacts and tactile patches of one instant are on, or that it may be none.
+    """Identifies the held object among many by the contacts and tactile patches of one instant; it may be none of them.
 
     .. pydrake_system::
 
@@ -55,10 +55,10 @@ class ObjectIdentifier(CollectableSystem):
     Inputs are read at each period.
 
     - contacts: `Contacts` in P; may stay unconnected where patches are connected.
-    - patches: tuple of `Patch` in P, those that feel nothing too; may stay unconnected.
+    - patches: tuple of `Patch` in P, including those that feel nothing; may stay unconnected.
     - identities: `Identification`, the objects by falling likelihood, with their poses X_PO and probabilities, and the
-      probability that it is none of them; None before the first. Held between updates, and while the touch is too
-      little.
+      probability that it is none of them; None before the first. Held between updates, and while there are too few
+      contacts.
     - status: str, `Identification.status` for identities of this period; else "held: " and why. Changes with
       `identities`.
     """
@@ -69,12 +69,12 @@ class ObjectIdentifier(CollectableSystem):
         params: ObjectIdentifierParams | None = None,
         executor: Executor | None = None,
     ) -> None:
-        """Keeps references to the objects and to the executor, which is not shut down; makes ready what is run.
+        """Keeps references to the objects and to the executor, which is not shut down; prepares models and kernels.
 
         Args:
-            models: the objects that it may be; those of a library are read as a touch asks for them.
-            params: how, and how often.
-            executor: estimates several objects at a time; one after the other without.
+            models: the candidate objects; those of a library are loaded when they are needed.
+            params: how and how often to identify.
+            executor: estimates several objects at a time; None: one after the other.
         """
         check_objects(models)
         if executor is not None:

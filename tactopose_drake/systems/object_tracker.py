@@ -1,4 +1,4 @@
-"""The belief of a held object's pose in a plain loop, for whoever has no diagram and wants none."""
+"""The belief of a held object's pose in a plain loop, without a diagram of one's own."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -25,28 +25,28 @@ from tactopose_drake.systems.pose_tracking import MakePoseTracking, PoseTracking
 
 
 class ObjectTracker:
-    """Keeps the belief of a held object's pose: one call for each reading of the hand's senses gives the next belief.
+    """Keeps the belief of a held object's pose: each call with a reading of the hand's senses returns the next belief.
 
-    It is the diagram of `AddPoseTracking`, whose clock is the readings'. What a sensor cannot say never raises, but
-    stands in the belief's status: a finger with NaN or without a reading, joints that are not known or read what is far
-    beyond their limits, a clock that goes back. What can only be a mistake raises before anything is changed: a name
-    that the hand lacks, a wrong shape, text.
+    It wraps the diagram of `AddPoseTracking`; the readings' times are its clock. Sensor faults do not raise but appear
+    in the belief's status: a finger with NaN or without a reading, joints that are unknown or read far beyond their
+    limits, a clock that goes back. Programming errors raise before anything changes: a name that the hand lacks, a
+    wrong shape, text in place of numbers.
 
     Attributes:
-        diagram: of `MakePoseTracking`.
-        context: its context, where the last reading stands at the ports and the belief in the state: all that the
-            diagram's other output ports say is to be had from it.
+        diagram: the diagram of `MakePoseTracking`.
+        context: its context, with the last reading at the input ports and the belief in the state; use it to evaluate
+            the diagram's other output ports.
         joint_names: the order of joint positions that are given without names.
     """
 
     def __init__(self, hand: HandConfig, model: ObjectModel, params: PoseTrackingParams | None = None) -> None:
-        """Makes the diagram, in about a second.
+        """Builds the diagram, which takes about a second.
 
         Args:
             hand: the hand's names, fingertips and model.
             model: the object.
-            params: parameters of each part; there is a belief whenever `update` is called, and `refinement` looks at
-                it, so that their periods, the latency and `live` count for nothing.
+            params: parameters of each part. Each call of `update` makes a belief and runs the refinement, so the
+                periods, `latency` and `live` are ignored.
         """
         params = params_of(PoseTrackingParams, params)
         belief = dataclasses.replace(params.belief, latency=0.0)
@@ -64,7 +64,7 @@ class ObjectTracker:
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
-            "an ObjectTracker is neither copied nor pickled: make one for each use, of hand and model; its beliefs are"
+            "an ObjectTracker cannot be copied or pickled; make another one from hand and model, or pickle its beliefs"
         )
 
     def update(
@@ -78,34 +78,34 @@ class ObjectTracker:
         vision: PoseMeasurement | PosePrior | None = None,
         palm_pose: RigidTransform | ArrayLike | None = None,
     ) -> PoseBelief:
-        """The belief by one more reading.
+        """Updates the belief with one reading.
 
         Args:
             wrenches: F_S on each fingertip by finger, shape (6,): [m_x, m_y, m_z, f_x, f_y, f_z], N m and N. A finger
                 that is None, NaN or left out has no reading, which is not the same as no contact.
-            joints: positions by the joints' names, or all in the order of `joint_names`, rad; NaN where not known.
-            time: when that was so, s of any clock that does not begin below 0. One that goes back begins a new belief,
-                which the status says.
-            pressures: of each pad's cells by pad, Pa; likewise.
-            joint_velocities: as `joints`, rad/s: the object moves with the fingertips. Without them, with the palm,
-                which the remarks say.
-            vision: the object's pose by a camera or another guess; None where there is no new one.
-            palm_pose: X_WP where it is known: an object that nothing touches then stays behind in the world. It stays
-                what it was until another is given; one with a NaN says that it is not known any more.
+            joints: positions by the joints' names, or all in the order of `joint_names`, rad; NaN where unknown.
+            time: time of the reading by any nonnegative clock, s. A clock that goes back starts a new belief, which the
+                status says.
+            pressures: of each pad's cells by pad, Pa; missing readings as in `wrenches`.
+            joint_velocities: as `joints`, rad/s; the object is taken to move with the fingertips. Without them it is
+                taken to move with the palm, and the remarks say so.
+            vision: the object's pose from a camera or another guess; None if there is no new one.
+            palm_pose: X_WP if known: an object that nothing touches then stays behind in the world. It holds until
+                another one is given; a pose with a NaN makes it unknown again.
 
         Returns:
-            The belief; `status` and `remarks` say how far it can be trusted, and `message` both.
+            The belief; `status` and `remarks` say how far it can be trusted, and `message` combines them.
 
         Raises:
-            InvalidInputError: for a name that the hand lacks, a shape that does not fit, what is not a number, or a
-                time that is not finite; the belief is then what it was.
+            InvalidInputError: for a name that the hand lacks, a wrong shape, a value that is not a number, or a time
+                that is negative or not finite; the belief then does not change.
         """
         values: dict[str, FloatArray] = {
             **self._readings("wrench", "wrenches", wrenches),
             **self._readings("pressures", "pressures", {} if pressures is None else pressures),
             "joint_positions": self._joints.positions("joints", joints),
         }
-        # None is known of velocities that are left out: those of the last reading say nothing of now.
+        # Velocities that are left out are unknown; those of the last reading no longer hold.
         velocities = self._joints.velocities("joint_velocities", {} if joint_velocities is None else joint_velocities)
         if self.diagram.HasInputPort("joint_velocities"):
             values["joint_velocities"] = velocities
@@ -134,13 +134,15 @@ class ObjectTracker:
         return estimate
 
     def _readings(self, kind: str, argument: str, given: Mapping[str, ArrayLike | None]) -> dict[str, FloatArray]:
-        """The values of all ports of a kind, by port."""
+        """The values for all input ports of a kind ("wrench" or "pressures"), by port name."""
         sizes = self._sizes[kind]
         if not isinstance(given, Mapping):
             raise InvalidInputError(f"{argument}: is a {type(given).__name__}; allowed is a mapping by name.")
         if given and not sizes:
             parts = {"wrench": "force-torque sensors", "pressures": "tactile pads"}[kind]
-            raise InvalidInputError(f"{argument}: are of {list(given)}, but the hand has no {parts}; allowed are none.")
+            raise InvalidInputError(
+                f"{argument}: are given for {list(given)}, but the hand has no {parts}; allowed are none."
+            )
         values = {f"{kind}_{name}": np.full(size, np.nan) for name, size in sizes.items()}
         for name, value in given.items():
             known_name(argument, name, sizes)
@@ -150,7 +152,7 @@ class ObjectTracker:
 
 
 def _palm_pose(given: RigidTransform | ArrayLike) -> RigidTransform:
-    """The palm's pose; one with a NaN in place of its position where some number of it is not known."""
+    """The palm's pose; its position is NaN if any of its numbers is."""
     matrix = (
         given.GetAsMatrix34() if isinstance(given, RigidTransform) else number_array("palm_pose", given, (3, 4), (4, 4))
     )

@@ -1,4 +1,4 @@
-"""Where the palm of a hand is in the world: as an arm says, or on a base that stands still."""
+"""The palm's pose in the world, from an arm or from a fixed base."""
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -13,7 +13,7 @@ from tactopose_drake.systems.ports import eval_optional_input
 
 
 class PalmOnBase(CollectableSystem):
-    """Passes the palm's pose on where it is known, and finds it by the measured joints where the base stands still.
+    """Passes on the palm's pose if it is connected, and else computes it from the measured joints and a fixed base.
 
     .. pydrake_system::
 
@@ -25,9 +25,9 @@ class PalmOnBase(CollectableSystem):
         - palm_pose
 
     - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
-    - palm_pose (input): `RigidTransform` X_WP of a hand that an arm moves. Optional: without it, the base stands still.
-    - palm_pose (output): `RigidTransform` X_WP; by the base, its position is NaN while a joint between base and palm is
-      not known.
+    - palm_pose (input): `RigidTransform` X_WP of a hand that an arm moves; may stay unconnected if the base is fixed.
+    - palm_pose (output): `RigidTransform` X_WP; computed from the base, its position is NaN while a joint between base
+      and palm is unknown.
     """
 
     def __init__(self, plant: MultibodyPlant, hand: Hand, X_WBase: RigidTransform) -> None:
@@ -36,7 +36,7 @@ class PalmOnBase(CollectableSystem):
         Args:
             plant: finalized plant of the hand alone, for kinematics.
             hand: the hand in it.
-            X_WBase: where its base is, unless an arm moves it.
+            X_WBase: pose of its base in the world, unless an arm moves it.
         """
         super().__init__()
         self._X_WBase, self._palm = X_WBase, {"palm": hand.palm_frame}

@@ -1,4 +1,4 @@
-"""Where the palm is in the world."""
+"""The palm's pose in the world, from a plant's body poses."""
 
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
@@ -11,7 +11,7 @@ from tactopose_drake.systems.ports import eval_input
 
 
 class PalmPose(CollectableSystem):
-    """Picks the palm's pose out of those of all bodies.
+    """Selects the palm's pose from those of all bodies.
 
     .. pydrake_system::
 

@@ -1,4 +1,4 @@
-"""From the pressures on a hand's tactile arrays to patches of the object's surface in the palm."""
+"""The conversion of pressures on a hand's tactile arrays to contact patches in the palm."""
 
 import dataclasses
 
@@ -21,18 +21,22 @@ from tactopose_drake.systems.hand_kinematics import declare_kinematics
 
 NO_READING = "no reading"
 
-_NOISES = 4.0  # standard deviations that a cell must show to be active: of 24 cells noise makes one in 1300 frames so
+# An active cell exceeds this many standard deviations of noise: with 24 cells, noise alone does so in 1 of 1300 frames.
+_NOISES = 4.0
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class PatchDescriptorParams:
-    """Which cells feel the object."""
+    """Thresholds that decide which cells feel the object.
+
+    An active cell also exceeds four standard deviations of its array's noise.
+    """
 
     threshold: float = 1000.0  # a cell is active above this pressure, Pa
-    # ... above four standard deviations of its array's noise, and above this share of its pad's highest pressure: that
-    # much the soft layer may spread onto cells that the object does not touch.
+    # ... and above this share of its pad's highest pressure, as the soft layer spreads up to that share onto cells
+    # that the object does not touch.
     threshold_share: float = 0.15
-    max_age: float = 0.15  # of a frame that counts, s; at least the period of each array
+    max_age: float = 0.15  # frames older than this are stale, s; at least the period of each array
 
     def validate(self) -> None:
         """Raises InvalidInputError if the threshold is negative, the share not below 1, or the age not positive."""
@@ -47,7 +51,7 @@ class PatchDescriptorParams:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Described:
-    """What a pad feels, None where that is not known, and what is to be said of it, if anything."""
+    """A pad's patch (None if unknown), and a remark on it for the status, which may be empty."""
 
     patch: Patch | None
     remark: str
@@ -69,16 +73,16 @@ class PatchDescriptor(CollectableSystem):
         - status
 
     - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad.
-    - pressures_<pad>: one per pad, of its cells, Pa; NaN where a cell is dead or, all of them, where there is no
-      reading. A cell that shows more than the array's range counts as dead, and so does one that the array's file
-      calls dead, whatever it shows. May stay unconnected, which counts as no reading.
-    - age_<pad>: one per pad, of its pressures, s, shape (1,). May stay unconnected where pressures are never old.
+    - pressures_<pad>: one per pad, the pressures of its cells, Pa; NaN where a cell is dead; all NaN if there is no
+      reading. A cell that reads more than the array's range counts as dead, as does one that the array's file
+      lists as dead. May stay unconnected, which counts as no reading.
+    - age_<pad>: one per pad, the age of its pressures, s, shape (1,). May stay unconnected if pressures are never old.
     - patches: tuple of `Patch` in P of the pads with a usable reading that is not too old, in the order of the hand's
       description; those that nothing touches have the status "no_contact". Changes with any input.
     - pads: tuple of the names of those pads, one for each patch.
-    - status: str, "ok" where every pad feels the object; else each pad that does not, and why: "no contact", "no
+    - status: str, "ok" if every pad feels the object; else each pad that does not, and why: "no contact", "no
       reading", "stale: " and its age, "unusable: " and which pressure is negative, or a joint position that is not
-      finite; and each pad with cells beyond their range, and which.
+      finite; and each pad with cells beyond their range, with the cells' numbers.
     """
 
     def __init__(
@@ -93,8 +97,8 @@ class PatchDescriptor(CollectableSystem):
         Args:
             plant: finalized plant of the hand alone, for kinematics; not the simulator's.
             hand: the hand in it.
-            params: threshold.
-            uncertainty: the hand's errors, which say of each patch by how much its pad may be misplaced.
+            params: thresholds.
+            uncertainty: the hand's errors, from which the uncertainty of each pad's pose is computed.
 
         Raises:
             InvalidInputError: if the hand has no pads, an array's file is unusable, a pad's threshold or noise is
@@ -131,7 +135,7 @@ class PatchDescriptor(CollectableSystem):
             )
 
     def _least_pressure(self, name: str, pad: TactilePad) -> float:
-        """Above which a pad's cells are active at the least, Pa, checked with what else its array's file says."""
+        """The lowest pressure above which a pad's cells are active, Pa; checks threshold, noise and period."""
         most, noise, params = pad.model.range, pad.model.noise, self._params
         if most <= params.threshold:
             raise InvalidInputError(
@@ -145,8 +149,8 @@ class PatchDescriptor(CollectableSystem):
             )
         if pad.period > params.max_age:
             raise InvalidInputError(
-                f"PatchDescriptorParams.max_age: is {params.max_age:g} s; allowed with pad {name!r}, which is read "
-                f"each {pad.period:g} s, are numbers from there on."
+                f"PatchDescriptorParams.max_age: is {params.max_age:g} s; allowed are numbers from {pad.period:g} s, "
+                f"the period of pad {name!r}."
             )
         return max(params.threshold, _NOISES * noise)
 
@@ -162,7 +166,7 @@ class PatchDescriptor(CollectableSystem):
                 described[name] = _Described(None, kinematics.fault(self._pad_frames[name]))
             elif not np.isfinite(age) or (abs(age) <= self._params.max_age and np.all(np.isnan(pressure))):
                 described[name] = _Described(None, NO_READING)
-            elif abs(age) > self._params.max_age:  # One of the future is no fresher: two clocks differ.
+            elif abs(age) > self._params.max_age:  # A frame from the future, by another clock, is stale, too.
                 described[name] = _Described(None, f"stale: {age:.2f} s old")
             else:
                 described[name] = self._describe(name, X_PT[name], pressure, kinematics)

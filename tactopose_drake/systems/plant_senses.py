@@ -1,4 +1,4 @@
-"""What a plant tells of a hand in it: joints and palm, and in simulation what its sensors feel."""
+"""Connects an estimation to a plant that holds its hand: joints, palm pose, and simulated touch sensors."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ def add_touch_sensors(
         hand: the hand in it.
         models: noise, range and quantisation of the force-torque sensors, by finger; `AddRandomInputs` connects the
             noise.
-        period: between two of their samples, s.
-        prefix: of the systems' names.
+        period: sampling period of the force-torque sensors, s.
+        prefix: prefix of the systems' names.
 
     Returns:
-        Their ports, `wrench_<finger>` and `pressures_<pad>`.
+        The sensors' output ports, by name: `wrench_<finger>` and `pressures_<pad>`.
     """
     ports = {}
     for finger, frame in hand.sensor_frames.items():
@@ -68,9 +68,9 @@ def add_touch_sensors(
 
 
 def told_hand(config: HandConfig, plant: MultibodyPlant | Hand | None, simulated_senses: bool) -> HandConfig:
-    """The hand by which a pose is estimated: where a plant simulates its senses, without its calibration.
+    """The hand as an estimation is to know it: without its calibration if a plant simulates its senses.
 
-    That is of a real hand; a simulated one is as its model.
+    A calibration is of a real hand, while a simulated hand conforms to its model.
     """
     is_simulated = plant is not None and simulated_senses is True and isinstance(config, HandConfig)
     return dataclasses.replace(config, calibration="") if is_simulated else config
@@ -84,22 +84,22 @@ def add_with_plant(
     plant: MultibodyPlant | Hand | None,
     simulated_senses: bool,
 ) -> Diagram:
-    """Adds an estimation or a tracking, connected to the plant that holds its hand, among whatever else.
+    """Adds an estimation or a tracking, and connects it to the plant that holds its hand.
 
-    Joint positions, and where there are such inputs joint velocities and the palm's pose, come from the plant's state;
-    with `simulated_senses` wrenches and pressures come from its reaction forces and contacts.
+    Joint positions and, where the diagram has such inputs, joint velocities and the palm's pose come from the plant's
+    state. With `simulated_senses`, wrenches and pressures come from its reaction forces and contacts.
 
     Args:
-        builder: of the plant's diagram; as it was where an error is raised.
-        name: of what is added.
-        estimation: of `AddPoseEstimation` or `AddPoseTracking`.
+        builder: builder of the plant's diagram; unchanged if an error is raised.
+        name: name of the system that is added.
+        estimation: the diagram of `AddPoseEstimation` or `AddPoseTracking`.
         config: the hand.
-        plant: finalized plant, or the hand in it; None where somebody else connects it all.
-        simulated_senses: whether what is felt is simulated, too.
+        plant: finalized plant, or the hand in it; None: the caller connects all ports.
+        simulated_senses: whether to simulate the touch sensors, too.
 
     Raises:
-        InvalidInputError: if the name is taken, or the plant is not finalized or not the builder's, or its models are
-            none or several of the hand, or the one is of another geometry.
+        InvalidInputError: if the name is taken, if the plant is not finalized or not in the builder, if none or several
+            of its models are the hand, or if that model has another geometry.
     """
     check_name_is_free(builder, name)
     felt = flag("simulated_senses", simulated_senses)
@@ -145,7 +145,7 @@ def _connect(
 
 
 def _find_in(place: MultibodyPlant | Hand, config: HandConfig) -> Hand:
-    """The hand in a plant, whatever its model is called there; of several alike that which is named itself."""
+    """The hand in a plant, whatever its model instance is called; if there are several, `place` must be the hand."""
     plant = place.palm_frame.GetParentPlant() if isinstance(place, Hand) else place
     instance_of("plant", plant, MultibodyPlant)
     if not plant.is_finalized():
@@ -161,18 +161,18 @@ def _find_in(place: MultibodyPlant | Hand, config: HandConfig) -> Hand:
         except UnknownNameError as error:
             reasons.append(f"{plant.GetModelInstanceName(instance)}: {error}")
     if not hands:
-        reasons = reasons or ["None has any joint."]
+        reasons = reasons or ["None of them has a joint."]
         raise InvalidInputError(f"plant: none of its models is the hand. {' '.join(reasons)}")
     if len(hands) > 1:
         names = ", ".join(plant.GetModelInstanceName(hand.model_instance) for hand in hands)
         raise InvalidInputError(
-            f"plant: its models {names} are all such hands; allowed is the hand itself, as `add_hand` gives it."
+            f"plant: its models {names} are all such hands; pass the hand itself, as `add_hand` returns it."
         )
     return hands[0]
 
 
 def _selectors(plant: MultibodyPlant, hand: Hand, alone: MultibodyPlant, hand_alone: Hand) -> dict[str, np.ndarray]:
-    """What picks the hand's joints, in the order of a plant of the hand alone, out of the plant's state."""
+    """Matrices that select the hand's joints from the plant's state, in the order of a plant of the hand alone."""
     positions = np.zeros((alone.num_positions(), plant.num_multibody_states()))
     velocities = np.zeros((alone.num_velocities(), plant.num_multibody_states()))
     for index in alone.GetJointIndices(hand_alone.model_instance):

@@ -1,4 +1,4 @@
-"""Recorded signals as systems: they give what was known at the diagram's time."""
+"""Recorded signals as systems: they output the signal's value at the diagram's time."""
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -19,7 +19,7 @@ class PlayedVector(CollectableSystem):
         output_ports:
         - value
 
-    - value: of the signal at the present time, NaN before its first; a function of time.
+    - value: value of the signal at the current time, NaN before its first; a function of time.
     """
 
     def __init__(self, signal: Signal) -> None:
@@ -47,8 +47,8 @@ class PlayedValue(CollectableSystem):
         output_ports:
         - value
 
-    - value: of the signal at the present time, None before its first; a function of time. Of a `RigidTransform`, which
-      ports of that type take, the first holds before its time, too.
+    - value: value of the signal at the current time, None before its first; a function of time. A `RigidTransform`
+      signal has its first value before that, too, since ports of that type accept no None.
     """
 
     def __init__(self, signal: Signal) -> None:

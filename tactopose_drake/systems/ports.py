@@ -1,4 +1,4 @@
-"""Reading abstract input ports with a check of what they hold, passing outputs on, and checks of systems' names."""
+"""Type-checked reading of abstract input ports, export of output ports, and checks of systems' names."""
 
 from collections.abc import Iterable
 from typing import Any, TypeVar
@@ -12,20 +12,20 @@ Kind = TypeVar("Kind")
 
 
 def export_outputs(builder: DiagramBuilder, system: System, prefix: str = "") -> None:
-    """Gives a diagram all outputs of one of its systems, by their names behind a prefix."""
+    """Exports all output ports of a system, by their names after a prefix."""
     for port in map(system.get_output_port, range(system.num_output_ports())):
         builder.ExportOutput(port, f"{prefix}{port.get_name()}")
 
 
 def check_name_is_free(builder: DiagramBuilder, name: str) -> None:
-    """Checks the name of a system that is to be added: Drake ends the process at the builder's `Build` otherwise.
+    """Checks the name of a system before it is added: Drake aborts the process in `Build` if it is empty or taken.
 
     Args:
-        builder: of the diagram.
-        name: of the system.
+        builder: the diagram's builder.
+        name: name of the system.
 
     Raises:
-        InvalidInputError: if it is empty or no string, or another system of the builder has it.
+        InvalidInputError: if the name is empty or no string, or another system of the builder has it.
     """
     instance_of("builder", builder, DiagramBuilder)
     instance_of("name", name, str)
@@ -33,15 +33,15 @@ def check_name_is_free(builder: DiagramBuilder, name: str) -> None:
         raise InvalidInputError("name: is empty; allowed is any other string.")
     if any(system.get_name() == name for system in builder.GetSystems()):
         raise InvalidInputError(
-            f"name: is {name!r}, which a system of the builder has already; allowed is another, such as "
+            f"name: is {name!r}, which another system of the builder has; allowed is an unused one, such as "
             f"name={name + '_2'!r}."
         )
 
 
 def eval_input(port: InputPort, context: Context, kind: type[Kind]) -> Kind:
-    """The value of an abstract input port, checked.
+    """The value of an abstract input port, with a check of its type.
 
-    Drake connects any two ports that carry Python objects, whatever their classes.
+    The check is needed because Drake connects any two ports that carry Python objects, whatever their classes.
 
     Args:
         port: input port of a system.
@@ -65,7 +65,7 @@ def eval_optional_input(port: InputPort, context: Context, kind: type[Kind]) -> 
 
 
 def eval_items(port: InputPort, context: Context, kind: type[Kind]) -> tuple[Kind, ...]:
-    """The tuple that an abstract input port holds, its items checked; none when it is not connected or holds None.
+    """The tuple that an abstract input port holds, its items checked; empty if it is not connected or holds None.
 
     Args:
         port: input port of a system.
@@ -88,7 +88,7 @@ def eval_named(port: InputPort, context: Context, kind: type[Kind]) -> dict[str,
 
 
 def port_name(port: InputPort) -> str:
-    """What an error calls an input port."""
+    """The name of an input port in error messages."""
     return f"input port {port.get_name()!r} of system {port.get_system().get_name()!r}"
 
 

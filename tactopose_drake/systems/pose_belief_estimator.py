@@ -30,11 +30,11 @@ from tactopose_drake.systems.ports import eval_optional_input
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class PoseBeliefParams:
-    """How often the belief is updated, how late it is known, and what it assumes."""
+    """Period and latency of the belief, and the tracker's parameters."""
 
     tracker: PoseTrackerParams = dataclasses.field(default_factory=PoseTrackerParams)
-    period: float = 0.01  # s between two updates; up to 1, for by then an object that is not felt is lost
-    latency: float = 0.0  # s from the reading of the inputs until the outputs show it: the time that computing takes
+    period: float = 0.01  # s between two updates; at most 1, since an object that is not felt is lost by then
+    latency: float = 0.0  # s from reading the inputs until the outputs change: the simulated computing time
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range."""
@@ -55,7 +55,7 @@ class TimedBelief:
 
 
 class PoseBeliefEstimator(CollectableSystem):
-    """Keeps the belief of a held object's pose up to date, from touch, vision, and the fingers' motion.
+    """Keeps the belief of a held object's pose up to date from touch, vision, and the fingers' motion.
 
     .. pydrake_system::
 
@@ -84,52 +84,52 @@ class PoseBeliefEstimator(CollectableSystem):
         - status
         - belief
 
-    All inputs but palm_pose are read at each period; any may stay unconnected, but one of contacts and patches.
+    All inputs are read at each period. Either contacts or patches must be connected; all others are optional.
 
     - contacts: `Contacts` in P.
-    - fingers_in_contact: tuple of the names of the fingers of its rows, by which a contact is known again; without it,
-      by the row.
-    - patches: tuple of `Patch` in P, one for each pad that has a reading, those that feel nothing too.
-    - pads: tuple of the names of those pads, by which a patch is known again; without it, by its place among them.
-    - contact_status, patch_status: str, "ok", or which fingers and pads do not feel the object and why; remarks of the
-      status.
-    - prior: `PosePrior`, or None while there is none. It counts once, and as well as it says until the object is felt;
-      one that changes before that takes its place. Where an object that was gone is felt again, one that has not
-      changed says nothing of it.
-    - vision: `PoseMeasurement`, with the time of its picture, or `PosePrior`, which counts as of when its pose changes
-      or is surer than before, and the first as a prior; None while there is none.
-    - hand: `HandGeometry` in P, where the object is not, or None.
+    - fingers_in_contact: tuple of the fingers' names, one for each row of contacts, which identify a contact over time;
+      without it, the row's index does.
+    - patches: tuple of `Patch` in P, one for each pad that has a reading, including those that feel nothing.
+    - pads: tuple of the names of those pads, which identify a patch over time; without it, its index does.
+    - contact_status, patch_status: str, "ok", or which fingers and pads do not feel the object and why; repeated in the
+      remarks of the status.
+    - prior: `PosePrior`, or None while there is none. It counts once, with the uncertainty it states, until the object
+      is felt; a prior that changes before that replaces it. When a lost object is felt again, a prior that has not
+      changed is ignored.
+    - vision: `PoseMeasurement`, with the time of its picture, or `PosePrior`, or None while there is none. The first
+      `PosePrior` counts as a prior, and later ones as measurements at the time when their pose changes or becomes more
+      certain.
+    - hand: `HandGeometry` in P, space that the object does not occupy, or None.
     - untouched: `HandGeometry` in P, the parts of the hand that feel no contact, or None.
-    - planes: tuple of `PlaneContact` in P, what of the world the object rests against; they count while it is felt.
-    - tip_velocities: dict of the fingertips' spatial velocities [w, v] in P by finger, or None: the object then moves
-      with the palm.
-    - palm_pose: `RigidTransform` X_WP; a NaN where it is not known. Where it jumps as no hand is carried, the object
-      goes with it.
-    - joint_positions: of the hand, shape (nq,), rad; there is such a port only where collisions are checked.
+    - planes: tuple of `PlaneContact` in P, planes of the world that the object rests against; used while it is felt.
+    - tip_velocities: dict of the fingertips' spatial velocities [w, v] in P by finger, or None: the object is then
+      taken to move with the palm.
+    - palm_pose: `RigidTransform` X_WP, NaN if unknown. If it jumps farther than any carried hand could move, the object
+      is taken to move with it.
+    - joint_positions: of the hand, shape (nq,), rad; the port exists only if collisions are checked.
     - object_pose: `RigidTransform` X_PO of the best mode; the identity before the first.
     - object_pose_vector: the same, size 7: the quaternion w, x, y, z, and the position, m.
-    - object_pose_in_world: `RigidTransform` X_WO, by palm_pose at the time that it is asked for; NaN where that is.
-    - covariance: size 36, that of the increment (w, v) of the best mode row by row, rad and m; before there is one,
-      infinite variances.
+    - object_pose_in_world: `RigidTransform` X_WO, computed from the current palm_pose; NaN if that is.
+    - covariance: size 36, the covariance of the best mode's increment (w, v), row by row, rad and m; infinite variances
+      before the first mode.
     - hypotheses: `PoseEstimate`, all modes; None before the first.
-    - status: str, that of `PoseBelief` ("ok", "ambiguous", "slipping", "no_contact", "lost"), maybe with ": " and
-      remarks: what is wrong with vision, with the senses, and with the clock. The pose is an estimate for the first
-      three only.
+    - status: str, that of `PoseBelief` ("ok", "ambiguous", "slipping", "no_contact", "lost"), possibly with ": " and
+      remarks on vision, the sensors, and the clock. The pose is an estimate only for the first three.
     - belief: `PoseBelief`.
 
-    The outputs change once a period, `latency` after the inputs are read.
+    The outputs change once a period, `latency` after the inputs are read; object_pose_in_world also with palm_pose.
     """
 
     def __init__(
         self, model: ObjectModel, params: PoseBeliefParams | None = None, collision: HandCollision | None = None
     ) -> None:
-        """Keeps references to the model and to what checks collisions.
+        """Keeps references to the model and to the collision checker.
 
         Args:
             model: the object.
-            params: period, latency, and what is assumed.
-            collision: says, where there are several likely modes, how deep the object reaches into the hand at each, as
-                a search ends; that is not asked without.
+            params: period, latency, and tracker.
+            collision: computes, at the end of a search with several likely modes, how deep the object penetrates the
+                hand at each of them; None: not checked.
         """
         instance_of("model", model, ObjectModel)
         super().__init__()
@@ -163,10 +163,10 @@ class PoseBeliefEstimator(CollectableSystem):
         )
 
     def advance(self, context: Context) -> None:
-        """Makes the next belief at once, of what the inputs are at the context's time: for a loop without a simulator.
+        """Updates the belief at once from the inputs at the context's time: for a loop without a simulator.
 
         Args:
-            context: this system's; its state becomes the next.
+            context: context of this system, whose state is updated.
         """
         self._update(context, context.get_mutable_state())
 
@@ -175,7 +175,7 @@ class PoseBeliefEstimator(CollectableSystem):
         pending = context.get_abstract_state(self._pending).get_value()
         latest = self._step(pending[-1], reading)
         set_back = latest.belief.time < pending[-1].belief.time
-        # Kept are those that are still to be shown.
+        # Keep the beliefs that are still to be shown.
         oldest = latest.belief.time - self._params.latency - 2.0 * self._params.period
         pending = (*(timed for timed in pending if timed.belief.time > oldest), latest)
         state.get_mutable_abstract_state(self._pending).set_value(pending)
@@ -184,7 +184,7 @@ class PoseBeliefEstimator(CollectableSystem):
         return EventStatus.Succeeded()
 
     def _show(self, context: Context, state: State) -> EventStatus:
-        """Shows the belief whose computation is done by now."""
+        """Publishes the newest belief whose latency is over."""
         ready = context.get_time() - self._params.latency + 1e-3 * self._params.period
         done = [timed for timed in context.get_abstract_state(self._pending).get_value() if timed.belief.time <= ready]
         if done:
@@ -192,7 +192,7 @@ class PoseBeliefEstimator(CollectableSystem):
         return EventStatus.Succeeded()
 
     def _step(self, timed: TimedBelief, reading: Reading) -> TimedBelief:
-        """The next belief. One that cannot be made of the last, as after a jump of the clock, is begun anew."""
+        """The next belief; if it cannot follow from the last, as after the clock went back, a new one is started."""
         started = time.perf_counter()
         before, frame, remarks = timed.belief, reading.frame, reading.remarks
         if frame.time < before.time:
@@ -221,7 +221,11 @@ class PoseBeliefEstimator(CollectableSystem):
         return TimedBelief(belief, time.perf_counter() - started)
 
     def _says_nothing(self, belief: PoseBelief, frame: Frame) -> bool:
-        """Whether something is felt or seen of an object that may be anywhere by now, or that never was in reach."""
+        """Whether the belief is useless for this frame.
+
+        So it is if the object was unobserved for so long that it may be anywhere and is felt or seen again, or if the
+        belief's pose is out of reach of the touch.
+        """
         since = frame.time - max(belief.touch_time, belief.vision.accepted_time)
         is_news = frame.vision is not None and frame.vision.time not in belief.vision.times
         is_forgotten = since > self._params.tracker.unobserved_time and (is_news or len(frame.evidence.touch) > 0)
@@ -234,7 +238,7 @@ class PoseBeliefEstimator(CollectableSystem):
         return not _may_be_touched(near, best.X_PO[0], best.covariance[0], frame)
 
     def _read(self, context: Context, state: State) -> Reading:
-        """All that the inputs say now; writes what is to be remembered of it into the state."""
+        """Reads all inputs, and stores in the state what the next reading needs."""
         before = context.get_abstract_state(self._remembered).get_value()
         reading, remembered = self._inputs.read(context, before)
         state.get_mutable_abstract_state(self._remembered).set_value(remembered)

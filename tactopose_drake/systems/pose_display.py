@@ -1,4 +1,4 @@
-"""The Meshcat display of a touch and of what is made of it, as a system."""
+"""A Meshcat display of contacts and pose estimates, as a system."""
 
 import dataclasses
 
@@ -26,7 +26,7 @@ from tactopose_drake.visualization.pose_marks import add_hypotheses, add_object,
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis, false_contacts, touch_of, worth_drawing
 from tactopose_drake.visualization.touch_marks import add_touch, move_touch
 
-_MARGIN = 2.2  # in which the hand about the object is seen, and estimates that are still beside it
+_MARGIN = 2.2  # of the camera's view, wide enough for the hand around the object and for estimates beside it
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -34,13 +34,13 @@ class PoseDisplayParams:
     """What is displayed, and how often."""
 
     period: float = 1.0 / 32.0  # s between two frames
-    path: str = "/tactopose"  # of all parts in Meshcat's tree; of two displays in one Meshcat, each needs its own
-    max_contacts: int = 10  # that can be shown at once
-    friction_coefficient: float | None = None  # of the friction cones; no cones without
-    aim_camera: bool = True  # once, at where the object is or is thought to be when a simulation is initialized
+    path: str = "/tactopose"  # of all parts in Meshcat's tree; two displays in one Meshcat need different paths
+    max_contacts: int = 10  # contacts that can be shown at once
+    friction_coefficient: float | None = None  # of the friction cones; None: no cones are shown
+    aim_camera: bool = True  # whether to aim the camera at the object once, when a simulation is initialized
     max_alternatives: int = MOVING_ALTERNATIVES  # hypotheses beside the best that can be shown at once, 0 to 5
     max_pads: int = 4  # tactile pads whose pressed cells can be shown at once
-    max_cells: int = 24  # of each pad that can be shown
+    max_cells: int = 24  # cells of each pad that can be shown
     frames: bool = False  # whether the frames of palm and object are shown
 
     def validate(self) -> None:
@@ -56,8 +56,8 @@ class PoseDisplayParams:
 class PoseDisplay(CollectableSystem):
     """Shows contacts with their forces and normals, and the object at the prior and the estimate.
 
-    With `hypotheses` it also shows how sure the estimate is, what is not determined of it, which contacts are probably
-    false, and other hypotheses.
+    With `hypotheses` it also shows the estimate's uncertainty and free directions, which contacts are probably false,
+    and other hypotheses.
 
     .. pydrake_system::
 
@@ -71,16 +71,15 @@ class PoseDisplay(CollectableSystem):
         - body_poses
 
     - contacts: `Contacts` in P.
-    - patches: tuple of `Patch` in P; may stay unconnected. Their middles are shown as contacts, their pressed cells as
-      plates as large as the pressure, their principal axes as bars.
+    - patches: tuple of `Patch` in P; may stay unconnected. Their centres are shown as contacts, their pressed cells as
+      plates whose size grows with the pressure, their principal axes as bars.
     - prior: `PosePrior` X_PO or None; nothing is shown for it when it is not connected or None.
     - object_pose: `RigidTransform` X_PO, the estimate.
-    - hypotheses: `PoseEstimate` or None; where it is connected, the estimate and all that is said of it, in place of
-      `object_pose`. None is no estimate.
+    - hypotheses: `PoseEstimate` or None (no estimate); replaces `object_pose` if it is connected.
     - body_poses: list of `RigidTransform` X_WB, the plant's port of that name, for the palm; P is Meshcat's world when
       it is not connected.
 
-    All are read once a period. What is shown goes into Meshcat's recording when there is one.
+    All inputs are read once a period. The display is part of Meshcat's recording when one is running.
     """
 
     def __init__(
@@ -91,15 +90,15 @@ class PoseDisplay(CollectableSystem):
         params: PoseDisplayParams | None = None,
         object_body: RigidBody | None = None,
     ) -> None:
-        """Keeps a reference to the display; the parts are made when a simulation is initialized.
+        """Keeps a reference to the display; its parts are created when a simulation is initialized.
 
         Args:
             meshcat: the display.
             model: the object.
             palm_frame: P in the plant of `body_poses`; needed when that is connected.
             params: what to show.
-            object_body: the object in the plant of `body_poses`, whose true pose is shown as a cage of wires: as a
-                solid, a simulated object would hide the estimate.
+            object_body: the object in the plant of `body_poses`, whose true pose is shown as a wire frame: as a solid,
+                a simulated object would hide the estimate.
         """
         super().__init__()
         check_meshcat(meshcat)
@@ -165,7 +164,7 @@ class PoseDisplay(CollectableSystem):
         return EventStatus.Succeeded()
 
     def _touch(self, context: Context) -> tuple[Contacts, tuple[Patch, ...]]:
-        """The contacts with the middles of the patches, and the patches."""
+        """The contacts, joined with the centres of the patches, and the patches."""
         patches = eval_items(self._patches, context, Patch)
         return touch_of(eval_input(self._contacts, context, Contacts), patches), patches
 
@@ -178,7 +177,7 @@ class PoseDisplay(CollectableSystem):
         return worth_drawing([ShownHypothesis.of(hypothesis) for hypothesis in estimate.hypotheses])
 
     def _true_pose(self, context: Context, X_WP: RigidTransform) -> RigidTransform | None:
-        """X_PO in the simulation; None where there is none."""
+        """X_PO in the simulation; None without a simulated object."""
         X_WB = eval_optional_input(self._body_poses, context, list)
         return None if X_WB is None or self._object_body is None else X_WP.inverse() @ X_WB[self._object_body]
 

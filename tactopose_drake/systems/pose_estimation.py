@@ -1,4 +1,4 @@
-"""From wrenches, pads' pressures and joint positions to the object's pose: one diagram to put into another."""
+"""A sub-diagram from wrenches, pad pressures and joint positions to the object's pose."""
 
 import dataclasses
 
@@ -38,7 +38,7 @@ def AddPoseEstimation(
     plant: MultibodyPlant | Hand | None = None,
     simulated_senses: bool = True,
 ) -> Diagram:
-    """Adds the estimation of a held object's pose to a diagram under construction.
+    """Adds the estimation of a held object's pose to a diagram.
 
     .. pydrake_system::
 
@@ -65,32 +65,33 @@ def AddPoseEstimation(
 
     - wrench_<finger>: one per finger of the hand, F_S on the fingertip about its sensor's origin, as a sensor measures
       it: [m_x, m_y, m_z, f_x, f_y, f_z], N m and N; NaN: no reading. This and the next two may stay unconnected.
-    - pressures_<pad>: one per tactile pad of the hand, of its cells, Pa; NaN where there is no reading.
-    - age_<pad>: of those, s; an old frame counts for nothing.
-    - joint_positions: measured, of the hand's joints, in the order of a plant of the hand alone, rad.
-    - prior: `PosePrior` X_PO; may stay unconnected where the method needs none.
-    - planes, which may stay unconnected, and palm_pose, which is there only with `balance`: of `PoseEstimator`, as are
-      object_pose, hypotheses, status; contact_solutions: of `ContactSolver`; contacts, fingers_in_contact,
-      contact_status: of `ContactsInPalm` (its `status`).
-    - patches, pads, patch_status: of `PatchDescriptor` (its `status`); only where the hand has pads.
+    - pressures_<pad>: one per tactile pad of the hand, pressures of its cells, Pa; NaN where there is no reading.
+    - age_<pad>: age of those pressures, s; an old frame is ignored.
+    - joint_positions: measured positions of the hand's joints, in the order of a plant of the hand alone, rad.
+    - prior: `PosePrior` X_PO; may stay unconnected if the method needs none.
+    - planes (may stay unconnected), palm_pose (exists only with `balance`), object_pose, hypotheses, status: see
+      `PoseEstimator`.
+    - contact_solutions: see `ContactSolver`.
+    - contacts, fingers_in_contact, contact_status (`status` there): see `ContactsInPalm`.
+    - patches, pads, patch_status (`status` there): see `PatchDescriptor`; only if the hand has pads.
 
     Args:
         builder: receives the diagram.
         hand: the hand's names, fingertips and model; its kinematics are computed in a plant of its own.
         model: the object.
         params: parameters of each part.
-        name: of the diagram in the other.
-        plant: finalized plant of the same diagram that holds the hand among whatever else: joints and palm are its. Of
-            several such hands in it, the one that `add_hand` gave.
-        simulated_senses: whether, with a plant, wrenches are of its reaction forces, and pressures of its contacts. A
-            calibration in the hand's file, which is of a real hand, then counts for nothing.
+        name: name of the added diagram.
+        plant: finalized plant in the same builder that holds the hand; joint positions and palm pose are connected to
+            it. If it holds several such hands, pass the one that `add_hand` returned.
+        simulated_senses: whether wrenches are simulated from the plant's reaction forces, and pressures from its
+            contacts. A calibration in the hand's file is then ignored, as it belongs to a real hand.
 
     Returns:
-        The diagram; all other ports are to be connected by name.
+        The diagram; connect its remaining ports by name.
 
     Raises:
-        InvalidInputError: if a parameter is out of its range, a system of the builder has the name already, or the
-            plant is not finalized or not the builder's, or holds no such hand, or several.
+        InvalidInputError: if a parameter is out of its range, another system of the builder has the name, or the plant
+            is not finalized, is not in the builder, or does not hold exactly one such hand.
     """
     hand = told_hand(hand, plant, simulated_senses)
     estimation = MakePoseEstimation(hand, model, params)
@@ -98,7 +99,7 @@ def AddPoseEstimation(
 
 
 def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimationParams | None = None) -> Diagram:
-    """The diagram that `AddPoseEstimation` adds, by itself."""
+    """Builds the diagram that `AddPoseEstimation` adds."""
     instance_of("hand", hand, HandConfig)
     instance_of("model", model, ObjectModel)
     params = params_of(PoseEstimationParams, params)

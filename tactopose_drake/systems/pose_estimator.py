@@ -36,7 +36,7 @@ from tactopose_drake.systems.collision_input import CollisionInput, PosedHandCol
 from tactopose_drake.systems.ports import eval_items, eval_optional_input
 from tactopose_drake.systems.touch_input import eval_touch, too_few
 
-_SIGMAS = 3.0  # of where the hand is, by which the object may be in it
+_SIGMAS = 3.0  # standard deviations of the hand's surface by which the object may penetrate it
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -45,19 +45,19 @@ class PoseEstimatorParams:
 
     period: float = 0.1  # s between two estimates
     method: str = "pair_search"  # a method of `estimate_pose`
-    min_contacts: int = 2  # fewer contacts and patches that are felt leave the pose as it is
+    min_contacts: int = 2  # with fewer contacts and felt patches the pose is not updated
     max_hypotheses: int = 16  # kept at the most
     seed: int = 0  # of the search's random numbers, the same at each estimate
-    max_duration: float | None = None  # s after which the search ends with the best that it has; None: never
-    # Depth in the hand that is no collision yet, m: three sigma of where it is; it is that at least, where `hand` says
-    # how far it may be off.
+    max_duration: float | None = None  # s after which the search ends with the best it has found; None: no limit
+    # Largest penetration of the hand that does not count as a collision, m. It is raised to three standard deviations
+    # of the hand's surface where the input `hand` tells them.
     collision_tolerance: float = 0.003
-    friction: float | None = None  # coefficient of friction, by which no contact slips; None: nothing is known of it
-    outlier_probability: float = 0.02  # that a contact is not of this object at all; 0: every contact is as told
+    friction: float | None = None  # coefficient of friction, if no contact slips; None: unknown
+    outlier_probability: float = 0.02  # probability that a contact is not on this object; 0: all contacts are trusted
     balance: bool = False  # whether the object rests on the sensing fingertips alone; its mass must be known
 
     def validate(self) -> None:
-        """Raises InvalidInputError if a number is out of its range or the method unknown."""
+        """Raises InvalidInputError if a number is out of its range or the method is unknown."""
         known_name("PoseEstimatorParams.method", self.method, METHODS)
         whole_number("PoseEstimatorParams.seed", self.seed, least=0)
         positive_number("PoseEstimatorParams.period", self.period)
@@ -98,40 +98,40 @@ class PoseEstimator(CollectableSystem):
 
     All inputs are read at each period.
 
-    - contacts: `Contacts` in P; may stay unconnected where patches are connected.
-    - contact_status, patch_status: str, "ok", or which fingers and pads do not feel the object and why; a remark of the
-      status. May stay unconnected.
-    - patches: tuple of `Patch` in P, those that feel nothing too; may stay unconnected.
-    - prior: `PosePrior` X_PO, or None while there is none yet. May stay unconnected where the method needs no prior.
-    - hand: `HandGeometry` in P, where the object is not, or None; may stay unconnected.
+    - contacts: `Contacts` in P; may stay unconnected if patches are connected.
+    - contact_status, patch_status: str, "ok", or which fingers and pads do not feel the object and why; repeated in the
+      remarks of the status. May stay unconnected.
+    - patches: tuple of `Patch` in P, including those that feel nothing; may stay unconnected.
+    - prior: `PosePrior` X_PO, or None while there is none yet. May stay unconnected if the method needs no prior.
+    - hand: `HandGeometry` in P, space that the object does not occupy, or None; may stay unconnected.
     - untouched: `HandGeometry` in P, the parts of the hand that feel no contact, or None; may stay unconnected.
-    - planes: tuple of `PlaneContact` in P, what of the world the held object rests against now and has rested against
-      in this hold; may stay unconnected.
-    - joint_positions: of the hand, shape (nq,), rad; there is such a port only where collisions are checked.
-    - palm_pose: `RigidTransform` X_WP, z of the world upwards; there is such a port only with `balance`, which counts
-      while the pose is finite, a contact is felt, and no patch, whose force would be missing.
+    - planes: tuple of `PlaneContact` in P, planes of the world that the held object rests against now or has rested
+      against since it was grasped; may stay unconnected.
+    - joint_positions: of the hand, shape (nq,), rad; the port exists only if collisions are checked.
+    - palm_pose: `RigidTransform` X_WP, z of the world upwards; the port exists only with `balance`. The balance is used
+      while the pose is finite, a contact is felt, and no patch is felt, since its force is unknown.
     - object_pose: `RigidTransform` X_PO, the most probable hypothesis; held between updates, and while the touch gives
-      no better one. Before the first estimate the prior's, before the first prior the identity.
-    - hypotheses: `PoseEstimate`, the last one made; None before the first. Hypotheses that collide with the hand are
-      left out, and the others weighed among themselves; all stay where every one that explains the touch collides.
-    - status: str, "ok" or "ambiguous" for a pose of this period, maybe with ": " and remarks (the search was cut short;
-      every hypothesis collides; what does not feel the object); else "held: " and why, and the remarks. Changes with
-      `object_pose`.
+      no solution. Before the first estimate it is the prior's pose, and the identity before the first prior.
+    - hypotheses: `PoseEstimate`, the last one; None before the first. Hypotheses that collide with the hand are
+      removed, and the others' probabilities normalized; if all that explain the touch collide, all are kept.
+    - status: str, "ok" or "ambiguous" for a pose of this period, possibly with ": " and remarks (the search was cut
+      short; every hypothesis collides; which fingers and pads feel nothing); else "held: ", the reason, and the
+      remarks. Changes with `object_pose`.
     """
 
     def __init__(
         self, model: ObjectModel, params: PoseEstimatorParams | None = None, collision: HandCollision | None = None
     ) -> None:
-        """Keeps references to the model and to what checks collisions.
+        """Keeps references to the model and to the collision checker.
 
         Args:
             model: the object.
             params: method and period.
-            collision: checks the hypotheses against the hand; they are not checked without.
+            collision: checks the hypotheses against the hand; None: not checked.
 
         Raises:
-            InvalidInputError: a value of another type, parameters out of their range, or balance of an object whose
-                mass is not known, or whose symmetries move its centre of mass.
+            InvalidInputError: if an argument has a wrong type, a parameter is out of its range, or `balance` is set for
+                an object whose mass is unknown or whose symmetries move its centre of mass.
         """
         instance_of("model", model, ObjectModel)
         super().__init__()
@@ -173,7 +173,7 @@ class PoseEstimator(CollectableSystem):
         return EventStatus.Succeeded()
 
     def _renew(self, context: Context, state: State) -> tuple[str, list[str]]:
-        """Estimates anew; returns the first word of the status, and the remarks on it."""
+        """Updates the estimate; returns the first word of the status, and the remarks that follow it."""
         contacts, patches = eval_touch(self._contacts, self._patches, context)
         planes = eval_items(self._planes, context, PlaneContact)
         prior = eval_optional_input(self._prior, context, PosePrior)
@@ -225,7 +225,7 @@ class PoseEstimator(CollectableSystem):
         )
 
     def _balance(self, context: Context, contacts: Contacts, patches: tuple[Patch, ...]) -> ForceBalance | None:
-        """That the forces carry the object, where that is so and they are all felt."""
+        """The balance of forces, if the felt forces are known to be all that carry the object; else None."""
         if self._palm_pose is None or not len(contacts) or contacts.f_PC is None:
             return None
         X_WP = eval_optional_input(self._palm_pose, context, RigidTransform)

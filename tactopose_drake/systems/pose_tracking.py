@@ -1,4 +1,4 @@
-"""From wrenches, joints and vision to the belief of the object's pose over time: one diagram to put into another."""
+"""A sub-diagram from wrenches, joints and vision to the belief of the object's pose over time."""
 
 import dataclasses
 
@@ -28,7 +28,7 @@ class PoseTrackingParams(TouchParams):
     belief: PoseBeliefParams = dataclasses.field(default_factory=PoseBeliefParams)
     use_joint_velocities: bool = True  # whether the object is taken to move with the fingertips; else with the palm
     live: bool = False  # whether the belief is computed in a thread of its own, for hardware; not repeatable
-    # Refines the encoders' offsets while it runs, by fingertips with a force-torque sensor; None: it does not.
+    # Online refinement of the encoders' offsets by fingertips with a force-torque sensor; None: no refinement.
     refinement: OffsetRefinementParams | None = None
 
     def validate(self) -> None:
@@ -51,7 +51,7 @@ def AddPoseTracking(
     plant: MultibodyPlant | Hand | None = None,
     simulated_senses: bool = True,
 ) -> Diagram:
-    """Adds the belief of a held object's pose; other ports of the diagram that comes are to be connected by name.
+    """Adds the tracking of a held object's pose to a diagram.
 
     .. pydrake_system::
 
@@ -84,33 +84,35 @@ def AddPoseTracking(
         - joint_offsets
         - joint_offset_sigmas
 
-    - wrench_<finger> to joint_positions, prior, planes: as of `AddPoseEstimation`, in whose place it can be put.
-    - joint_velocities: of the same joints, rad/s; only where `use_joint_velocities`. May stay unconnected.
-    - vision, palm_pose, and the outputs up to belief: of `PoseBeliefEstimator`; joint_offsets, joint_offset_sigmas: of
-      `JointOffsetRefiner`, only with `refinement`; the others as of `AddPoseEstimation`.
+    It can replace the diagram of `AddPoseEstimation`, which documents all ports that are not listed here.
+
+    - joint_velocities: of the joints of joint_positions, rad/s; the port exists only with `use_joint_velocities`, and
+      may stay unconnected.
+    - vision, palm_pose, and the outputs up to belief: see `PoseBeliefEstimator`.
+    - joint_offsets, joint_offset_sigmas: see `JointOffsetRefiner`; only with `refinement`.
 
     Args:
         builder: receives the diagram.
         hand: the hand's names, fingertips and model; its kinematics are computed in a plant of its own.
         model: the object.
         params: parameters of each part.
-        name: of the diagram in the other.
-        plant: as of `AddPoseEstimation`.
+        name: name of the added diagram.
+        plant: as in `AddPoseEstimation`.
         simulated_senses: likewise.
 
     Returns:
-        The diagram; all other ports are to be connected by name.
+        The diagram; connect its remaining ports by name.
 
     Raises:
-        InvalidInputError: if a parameter is out of its range, a system of the builder has the name already, or the
-            plant is not finalized or not the builder's, or holds no such hand, or several.
+        InvalidInputError: if a parameter is out of its range, another system of the builder has the name, or the plant
+            is not finalized, is not in the builder, or does not hold exactly one such hand.
     """
     hand = told_hand(hand, plant, simulated_senses)
     return add_with_plant(builder, name, MakePoseTracking(hand, model, params), hand, plant, simulated_senses)
 
 
 def MakePoseTracking(hand: HandConfig, model: ObjectModel, params: PoseTrackingParams | None = None) -> Diagram:
-    """The diagram that `AddPoseTracking` adds, by itself."""
+    """Builds the diagram that `AddPoseTracking` adds."""
     instance_of("hand", hand, HandConfig)
     instance_of("model", model, ObjectModel)
     params = params_of(PoseTrackingParams, params)
@@ -133,7 +135,7 @@ def MakePoseTracking(hand: HandConfig, model: ObjectModel, params: PoseTrackingP
 
 
 def _add_refiner(builder: DiagramBuilder, refining: JointOffsetRefiner, belief: LeafSystem) -> LeafSystem:
-    """Adds what refines the encoders' offsets by the belief."""
+    """Adds the refiner of the encoders' offsets, connected to the belief."""
     refiner: LeafSystem = builder.AddNamedSystem("offset_refiner", refining)
     builder.Connect(belief.GetOutputPort("belief"), refiner.GetInputPort("belief"))
     for name in ("joint_offsets", "joint_offset_sigmas"):
@@ -142,7 +144,7 @@ def _add_refiner(builder: DiagramBuilder, refining: JointOffsetRefiner, belief: 
 
 
 def _add_velocities(builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand, belief: LeafSystem) -> LeafSystem:
-    """Adds what tells a belief how the fingertips move."""
+    """Adds the computation of the fingertips' velocities, connected to the belief."""
     frames = {**hand.sensor_frames, **{pad_source(pad): frame for pad, frame in hand.pad_frames.items()}}
     moving = FingertipVelocities(plant, frames, hand.palm_frame)
     tips: LeafSystem = builder.AddNamedSystem("fingertip_velocities", moving)

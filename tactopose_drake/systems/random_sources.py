@@ -1,4 +1,4 @@
-"""Seeds of the random sources in a diagram: same seed, same log."""
+"""Seeding of the random sources in a diagram, so that equal seeds give equal logs."""
 
 from pydrake.common import RandomGenerator
 from pydrake.systems.framework import Context, Diagram
@@ -8,16 +8,16 @@ from pydrake.systems.primitives import RandomSource
 def seed_random_sources(diagram: Diagram, context: Context, seed: int) -> int:
     """Seeds every random source in a diagram, at any depth, in the order of its systems.
 
-    Without it Drake numbers the sources over the life of the process, so a second diagram of the same program has other
-    noise. Nothing but the random sources is touched (`Diagram.SetRandomContext` would move the plant too).
+    By default Drake numbers the sources over the life of the process, so that a second diagram in the same process has
+    different noise. Only the random sources are changed (`Diagram.SetRandomContext` would move the plant, too).
 
     Args:
-        diagram: root diagram, e.g. one that `AddRandomInputs` has worked on.
+        diagram: root diagram, e.g. one to which `AddRandomInputs` was applied.
         context: its root context, before `Simulator.Initialize`.
         seed: any integer >= 0.
 
     Returns:
-        How many sources were seeded.
+        The number of sources that were seeded.
     """
     return _seed(diagram, context, RandomGenerator(seed))
 

@@ -1,4 +1,4 @@
-"""What is wrong with any of a hand's senses, in one line."""
+"""The joint status of all of a hand's sensors, in one line."""
 
 from collections.abc import Sequence
 
@@ -20,12 +20,13 @@ class SenseStatus(CollectableSystem):
         output_ports:
         - sense_status
 
-    - <sense>: str, one port for each sense; "ok" where all is well, perhaps with a warning in brackets.
-    - sense_status: str, "ok", or each sense that is not, and why; changes with the inputs.
+    - <sense>: str, one port for each sensor; "ok" if all is well, possibly with a warning in brackets.
+    - sense_status: str, "ok", or the name and status of each sensor whose status differs from "ok"; changes with the
+      inputs.
     """
 
     def __init__(self, senses: Sequence[str]) -> None:
-        """Declares one input port for each sense."""
+        """Declares one input port for each of the named sensors."""
         super().__init__()
         self._statuses = {name: self.DeclareAbstractInputPort(name, AbstractValue.Make("")) for name in senses}
         self.DeclareAbstractOutputPort(

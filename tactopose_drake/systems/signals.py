@@ -1,8 +1,8 @@
-"""Signals: what changes over a run and is not on a CAN bus, such as joint positions and what a camera says.
+"""Recorded signals: data of a run that is not on a CAN bus, such as joint positions and a camera's poses.
 
-They are kept as JSON lines, one a change: `{"time": 0.25, "name": "joint_positions", "vector": [0.1, ...]}`. A line is
-whole by itself, so a file that is cut off is good to its last whole line; a number is written so that it comes back to
-the last bit; and any language reads it. NaN is `null`, and so is a pose that is not known.
+They are stored as JSON lines, one per change: `{"time": 0.25, "name": "joint_positions", "vector": [0.1, ...]}`. Each
+line is self-contained, so a truncated file is usable up to its last whole line; numbers are restored to the last bit;
+and any language can read the file. NaN is written as `null`, and so is an unknown pose.
 """
 
 import bisect
@@ -23,25 +23,26 @@ from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.resources.yaml_files import shown
 from tactopose_drake.systems.line_file import LineFile
 
-_LARGEST = 1e12  # of a time, and of a pose's numbers, in SI units; a sensor's readings may be anything
+_LARGEST = 1e12  # largest time, and largest number of a pose, in SI units; a sensor's readings have no limit
 
 UNKNOWN_POSE = RigidTransform(np.full((3, 4), np.nan))
-"""Of a palm, say, of which nothing is known for a while."""
+"""A pose that is unknown, such as the palm's for a while."""
 
-# A vector (FloatArray), a pose (RigidTransform), what is known of a pose (PosePrior), or None: not known yet.
+# A vector (FloatArray), a pose (RigidTransform), a prior of a pose (PosePrior), or None: unknown as yet.
 Value: TypeAlias = Any
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Signal:
-    """A value over time, which stays as it is between two changes.
+    """A value over time, constant between two changes.
 
     Attributes:
-        times: of the changes, at least one, s; none before the one before it. Of equal ones the last one counts.
-        values: as many, from each time on.
+        times: times of the changes in ascending order, at least one, s. Of equal times the last one counts.
+        values: the value from each of these times on.
 
     Raises:
-        InvalidInputError: no time, one that falls or is NaN, or another number of values.
+        InvalidInputError: if there is no time, if a time is NaN or less than the one before it, or if the number of
+            values differs.
     """
 
     times: list[float]
@@ -50,18 +51,20 @@ class Signal:
     def __post_init__(self) -> None:
         times = number_array("times", self.times, (None,))
         if len(times) != len(self.values):
-            raise InvalidInputError(f"times: are {len(times)}, and values {len(self.values)}; allowed are as many.")
+            raise InvalidInputError(
+                f"times: are {len(times)}, but values are {len(self.values)}; allowed are equal numbers of both."
+            )
         if not len(times):
-            raise InvalidInputError("times: are none; allowed is one or more.")
+            raise InvalidInputError("times: is empty; allowed are one or more times.")
         wrong = np.isnan(times)
         wrong[1:] |= times[1:] < times[:-1]
         if wrong.any():
             row = int(wrong.argmax())
-            raise InvalidInputError(f"times[{row}]: is {times[row]:g} s; allowed are numbers that do not fall.")
+            raise InvalidInputError(f"times[{row}]: is {times[row]:g} s; allowed are times in ascending order.")
 
     @classmethod
     def constant(cls, value: Value) -> Self:
-        """One value for ever."""
+        """A signal that has the same value at all times."""
         return cls([-np.inf], [value])
 
     def at(self, time: float) -> Value:
@@ -83,18 +86,18 @@ class Signal:
 
 
 class SignalRecorder:
-    """Keeps signals in memory, or on disk where it is told to; a context manager.
+    """Records signals in memory or, given a path, on disk; a context manager.
 
     Attributes:
-        signals: by name; empty where they are on disk.
-        file: on disk; None where they are in memory.
+        signals: the recorded signals by name; empty if they are on disk.
+        file: the file on disk; None if they are in memory.
     """
 
     def __init__(self, path: Path | None = None) -> None:
         """Creates the file.
 
         Args:
-            path: an existing file is replaced; only memory is used without.
+            path: the file to write; an existing one is replaced. None: signals are kept in memory.
 
         Raises:
             InvalidFileError: if the file cannot be written.
@@ -113,16 +116,17 @@ class SignalRecorder:
             self.file.close()
 
     def write(self, name: str, time: float, value: Value) -> None:
-        """Adds a value, unless it is the signal's last one.
+        """Adds a value, unless it equals the signal's last one.
 
         Args:
-            name: of the signal.
-            time: from when on it holds, s; not before that of the last value that was added, of whichever signal.
-            value: a vector, a `RigidTransform`, a `PosePrior`, or None while it is not known.
+            name: name of the signal.
+            time: time from which it holds, s; not before that of the last added value of any signal.
+            value: a vector, a `RigidTransform`, a `PosePrior`, or None while it is unknown.
 
         Raises:
-            InvalidInputError: what could not be read again: a time that is none or falls, or a value of another type,
-                or of another kind or length than the signal's others. Nothing is added.
+            InvalidInputError: if the value could not be read again, because the time is not a number or decreases, or
+                the type of the value is not allowed, or its type or length differs from the signal's others. Nothing
+                is added.
         """
         instance_of("name", name, str)
         time = float(finite_array("time", time, ()))
@@ -147,13 +151,13 @@ class SignalRecorder:
 
 
 def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
-    """Reads a file of signals, as far as it is whole.
+    """Reads a file of signals up to its last whole line.
 
     Returns:
         The signals by name, and a message if the file was cut off; empty if not.
 
     Raises:
-        InvalidFileError: if the file cannot be read, or a line of it is no signal.
+        InvalidFileError: if the file cannot be read, or one of its lines is not a signal.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -189,7 +193,7 @@ def _as_value(name: str, value: Value) -> Value:
 
 
 def _append(signals: dict[str, Signal], name: str, time: float, value: Value) -> None:
-    """Adds a value to one of the signals, which may be new."""
+    """Adds a value to the signal of that name, which may be new."""
     if name not in signals:
         signals[name] = Signal([time], [value])
         return
@@ -198,7 +202,7 @@ def _append(signals: dict[str, Signal], name: str, time: float, value: Value) ->
 
 
 def _read_line(line: str) -> tuple[float, str, Value]:
-    """Time, name and value; any of several errors for a line that is no signal."""
+    """Time, name and value of a line; raises one of several built-in errors if it is not a signal."""
     entry = json.loads(line, object_pairs_hook=_unique, parse_constant=_refuse)
     if not isinstance(entry, dict):
         raise TypeError("it is no mapping")
@@ -209,10 +213,10 @@ def _read_line(line: str) -> tuple[float, str, Value]:
 
 
 def _check_like(value: Value, others: list[Value]) -> None:
-    """Raises ValueError if a value is not of the kind and length of its signal's others; None is of any kind."""
+    """Raises ValueError if a value's type or shape differs from the signal's earlier values; None fits any signal."""
     other = next((known for known in reversed(others) if known is not None), None)
     if value is not None and other is not None and (type(value), np.shape(value)) != (type(other), np.shape(other)):
-        raise ValueError("it is of another kind or length than the signal's others")
+        raise ValueError("its value differs in kind or length from the signal's earlier ones")
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -227,7 +231,7 @@ def _refuse(text: str) -> float:
 
 
 def _finite(value: Any) -> float:
-    """A finite number. NumPy would take text and booleans for some."""
+    """Checks that a value is a finite number; NumPy would also accept strings and booleans."""
     if not isinstance(value, float | int) or isinstance(value, bool) or not math.isfinite(value):
         raise ValueError(f"{shown(value)} is no finite number")
     return float(value)

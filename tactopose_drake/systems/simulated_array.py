@@ -23,8 +23,8 @@ POINT_CONTACT = "a point contact is not felt"
 class TactileArray(CollectableSystem):
     """Measures the pressure on the cells of a pad, from the simulator's hydroelastic contact.
 
-    Each cell averages the normal pressure over its own area; the soft layer shares it with its neighbours, as rubber
-    does where the array says so; then noise, range, quantisation and dead cells act.
+    Each cell averages the normal pressure over its own area. The soft layer spreads it to neighbouring cells, with a
+    rubber model if the array's file has one; then noise, range, quantisation and dead cells are applied.
 
     .. pydrake_system::
 
@@ -38,15 +38,16 @@ class TactileArray(CollectableSystem):
         - status
 
     - contact_results: `ContactResults`, the plant's port of that name.
-    - body_poses: list of `RigidTransform` X_WB, the plant's port of that name; only the pad's pose is used. A plant
-      that samples its contact results gives those of its last step, so on a moving pad they are one time step old.
+    - body_poses: list of `RigidTransform` X_WB, the plant's port of that name; only the pad's pose is used. If the
+      plant samples its contact results, they are one time step older than this pose.
     - noise: random input, a standard normal number for each cell (`AddRandomInputs` connects it); zero when not
       connected.
-    - pressures: of each cell, Pa, >= 0. Changes once a period, first at t = period. NaN before, where a cell is dead,
-      and, while a point contact is on the pad, which has no pressure field, where a cell feels nothing else.
+    - pressures: pressure on each cell, Pa, >= 0. Changes once a period, first at t = period. NaN before that, where a
+      cell is dead, and, while a point contact, which has no pressure field, is on the pad, where a cell feels nothing
+      else.
     - status: str, "ok", "no contact", "no sample yet", or "saturated: " and the cells; ends with "a point contact is
-      not felt" while one is on the pad: shapes that are not compliant, or a contact model of points. Changes with
-      `pressures`.
+      not felt" while one is on the pad, as of shapes that are not compliant, or of the point contact model. Changes
+      with `pressures`.
     """
 
     def __init__(self, plant: MultibodyPlant, pad_frame: Frame, pad: TactilePad) -> None:
@@ -64,7 +65,7 @@ class TactileArray(CollectableSystem):
         super().__init__()
         pad.model.validate(len(pad.layout))
         body = pad_frame.body()
-        # Drake's own identifiers would keep the plant.
+        # Plain integers, because Drake's identifiers would keep the plant alive.
         self._geometries = {geometry.get_value() for geometry in plant.GetCollisionGeometriesForBody(body)}
         if not self._geometries:
             raise InvalidInputError(
@@ -81,7 +82,8 @@ class TactileArray(CollectableSystem):
         self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         self._noise = self.DeclareVectorInputPort("noise", len(pad.layout), RandomDistribution.kGaussian)
         self._pressures = self.DeclareDiscreteState(np.full(len(pad.layout), np.nan))
-        self._peaks = self.DeclareDiscreteState(np.zeros(len(pad.layout)))  # since each cell was touched, Pa
+        # The largest pressure since each cell was touched, Pa.
+        self._peaks = self.DeclareDiscreteState(np.zeros(len(pad.layout)))
         self._status = self.DeclareAbstractState(AbstractValue.Make(NO_SAMPLE))
         self.DeclarePeriodicUnrestrictedUpdateEvent(pad.period, pad.period, self._sample)
         self.DeclareStateOutputPort("pressures", self._pressures)

@@ -1,4 +1,4 @@
-"""A simulated vision source: the object's pose, the worse the more the hand hides."""
+"""A simulated vision source: the object's pose with an error that grows with occlusion by the hand."""
 
 import dataclasses
 
@@ -17,13 +17,13 @@ from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input
 
-# Surface points that the camera looks for; the share's standard error is then below 3 %.
+# Surface points that are tested for occlusion; the standard error of the hidden share is then below 3 %.
 _POINTS = 400
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class SimulatedVisionParams:
-    """How well and how often the object is seen."""
+    """Size of the error and frame rate."""
 
     model: VisionModel = dataclasses.field(default_factory=VisionModel)
     period: float = 0.5  # s between two frames
@@ -50,9 +50,9 @@ class SimulatedVision(CollectableSystem):
 
     - body_poses: list of `RigidTransform` X_WB, the plant's port of that name; read at each frame.
     - noise: random input, six standard normal numbers (`AddRandomInputs` connects it): the directions of the error.
-    - tail: random input, a standard normal number: how far this error lies in the tails; there is such a port only
-      where there are tails.
-    - prior: `PosePrior` X_PO in the palm frame; changes at each frame, first at t = 0; None before.
+    - tail: random input, a standard normal number that scales the error for heavy tails; the port exists only with
+      `degrees_of_freedom`.
+    - prior: `PosePrior` X_PO; changes at each frame, first at t = 0; None before.
     - hidden_share: size 1, the share of the object's camera side that the hand hides, 0 to 1; changes with `prior`.
     """
 
@@ -62,9 +62,9 @@ class SimulatedVision(CollectableSystem):
         """Takes numbers from a finalized plant; keeps no reference to it.
 
         Args:
-            view: object, hand and camera, which looks everywhere.
+            view: object, hand and camera, whose field of view is not limited.
             params: size of the error and frame rate.
-            degrees_of_freedom: of Student's t, whose heavy tails the error then has; None: as large as the prior says.
+            degrees_of_freedom: of Student's t distribution for a heavy-tailed error; None: Gaussian, as the prior says.
         """
         super().__init__()
         params.validate()

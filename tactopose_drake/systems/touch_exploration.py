@@ -1,4 +1,4 @@
-"""From the touch of a hand that holds an object to further touches, until its pose is known."""
+"""Exploration of a held object by touch until its pose is known, as a sub-diagram."""
 
 import dataclasses
 from typing import NamedTuple
@@ -37,8 +37,8 @@ class TouchExplorationParams:
         check_parts(self, estimator=PoseEstimatorParams, chooser=NextTouchParams, explorer=TouchExplorerParams)
         if self.estimator.balance:
             raise InvalidInputError(
-                "TouchExplorationParams.estimator.balance: is True; allowed is False, for touches of several instants "
-                "do not balance."
+                "TouchExplorationParams.estimator.balance: is True; allowed is False, because touches of several "
+                "instants do not balance."
             )
 
 
@@ -49,10 +49,10 @@ def AddTouchExploration(
     params: TouchExplorationParams | None = None,
     name: str = "touch_exploration",
 ) -> Diagram:
-    """Adds what explores a held object by touch to a diagram under construction.
+    """Adds the exploration of a held object by touch to a diagram.
 
-    The fingers that hold the object stay; one free finger after the other feels for it where that tells most, and the
-    pose is estimated anew from all that was felt, until enough of the belief is about one pose.
+    The fingers that hold the object stay. One free finger at a time touches it where that is most informative, and the
+    pose is estimated from all touches so far, until one pose is probable enough.
 
     .. pydrake_system::
 
@@ -75,27 +75,27 @@ def AddTouchExploration(
         - phase
         - count
 
-    - contacts, fingers_in_contact: of `AddPoseEstimation` or `AddPoseTracking`.
+    - contacts, fingers_in_contact: outputs of `AddPoseEstimation` or `AddPoseTracking`.
     - joint_positions: measured positions of the hand's joints, in the order of a plant of the hand alone, rad.
     - holding: shape (1,), above 0 once the hand holds the object.
-    - prior: `PosePrior` X_PO; may stay unconnected where the method needs none.
-    - object_pose, hypotheses, status: of `PoseEstimator`, by all that was felt.
-    - next_touch, resolved, touch_status: of `NextTouchChooser` (its `status`).
-    - rest_positions, touches, phase, count: of `TouchExplorer`. The first is what the hand's controller is to do with
-      the joints that do not hold, as encoders will read them: `GraspController` has an input of that name.
+    - prior: `PosePrior` X_PO; may stay unconnected if the method needs none.
+    - object_pose, hypotheses, status: see `PoseEstimator`; from all touches so far.
+    - next_touch, resolved, touch_status (`status` there): see `NextTouchChooser`.
+    - rest_positions, touches, phase, count: see `TouchExplorer`. rest_positions are desired encoder readings of the
+      joints that do not hold the object, for the input of that name of `GraspController`.
 
     Args:
         builder: receives the diagram.
         hand: the hand's names, fingertips and model.
         model: the object.
         params: parameters of each part.
-        name: of the diagram in the other.
+        name: name of the added diagram.
 
     Returns:
-        The diagram; its ports are to be connected by name.
+        The diagram; connect its ports by name.
 
     Raises:
-        InvalidInputError: if a parameter is out of its range, or a system of the builder has the name already.
+        InvalidInputError: if a parameter is out of its range, or another system of the builder has the name.
     """
     check_name_is_free(builder, name)
     params = params_of(TouchExplorationParams, params)
@@ -154,7 +154,7 @@ def _export_inputs(inner: DiagramBuilder, plant: MultibodyPlant, hand: Hand, sys
 def _export_outputs(inner: DiagramBuilder, plant: MultibodyPlant, hand: Hand, systems: _Systems) -> None:
     estimator, chooser, explorer, _ = systems
     rest = explorer.GetOutputPort("rest_positions")
-    if hand.calibration is not None:  # The explorer moves joints to where they truly are to be.
+    if hand.calibration is not None:  # The explorer outputs true positions; the controller needs encoder readings.
         readings = MeasuredJoints(np.eye(plant.num_positions()), reading_offsets(plant, hand))
         read = inner.AddNamedSystem("rest_readings", readings)
         inner.Connect(rest, read.GetInputPort("measured"))

@@ -1,4 +1,4 @@
-"""Feeling for more with a free finger, as a system: it moves, touches, remembers, and comes back."""
+"""The execution of exploratory touches with free fingers, as a system."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.next_touch_chooser import GuardedMove
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
-_SWEPT = 0.002  # m between the places of a fingertip that has met nothing
+_SWEPT = 0.002  # m between the recorded positions of a fingertip that has met nothing
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -27,13 +27,13 @@ class TouchExplorerParams:
     """Times and limits of the motions."""
 
     period: float = 0.01  # s between two decisions
-    speed: float = 0.8  # of the joint that moves farthest, rad/s: faster ones push the object about
-    # From the hand's hold, and again from each touch, until a motion is asked for, s: the estimate is to be of then.
+    speed: float = 0.8  # of the joint that moves farthest, rad/s; a faster finger would push the object away
+    # Wait after the grasp and after each touch before a motion is asked for, s, so that the estimate is up to date.
     settle_time: float = 0.6
-    touch_force: float = 0.25  # from which on a fingertip has met the object, N: it also feels its own acceleration
-    press_time: float = 0.1  # how long it must do so until that is remembered, s
-    most_lag: float = 0.05  # of a joint behind its command, beyond which the finger has met what it does not feel, rad
-    most_touches: int = 60  # after which it rests
+    touch_force: float = 0.25  # least force of a touch, N; less may be due to the fingertip's own acceleration
+    press_time: float = 0.1  # how long this force must last before the contact is recorded, s
+    most_lag: float = 0.05  # lag of a joint behind its command beyond which the finger is taken to be blocked, rad
+    most_touches: int = 60  # number of touches after which the exploration ends
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is not positive."""
@@ -42,17 +42,17 @@ class TouchExplorerParams:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Exploration:
-    """Where an exploration stands.
+    """The state of an exploration.
 
     Attributes:
         phase: see `TouchExplorer`.
-        since: when it began, s.
-        move: that is under way.
-        share: of its way that is commanded, 0 to 1.
-        way: the finger's measured positions along it, each of shape (n,), rad.
+        since: when the phase began, s.
+        move: the current motion; None if there is none.
+        share: commanded share of the motion's path, 0 to 1.
+        way: the finger's measured joint positions along the path, each of shape (n,), rad.
         felt: contacts that were felt by exploring, in P.
-        swept: spheres where a fingertip has met nothing, centres and radii, shape (n, 4), m.
-        touches: how many motions have ended.
+        swept: spheres in which a fingertip has met nothing, centres and radii in P, shape (n, 4), m.
+        touches: number of motions that have ended.
     """
 
     phase: str = "wait"
@@ -66,7 +66,7 @@ class Exploration:
 
 
 class TouchExplorer(CollectableSystem):
-    """Makes one guarded motion after the other while the hand holds an object, and remembers what each has felt.
+    """Executes guarded motions one after the other while the hand holds an object, and records what each has felt.
 
     .. pydrake_system::
 
@@ -85,33 +85,33 @@ class TouchExplorer(CollectableSystem):
         - phase
         - count
 
-    All inputs are read once a period. What was felt is kept in the palm's frame: it holds as long as the object rests
-    in the hand. Once the hand lets go, it is forgotten, and so it is when the clock goes back: the finger that is under
-    way comes back, and it waits again.
+    All inputs are read once a period. Touches are recorded in the palm frame, where they stay valid as long as the
+    object does not move in the hand. When the hand lets go, or the clock goes back, they are deleted, a moving finger
+    returns, and the system waits for the next grasp.
 
     - holding: shape (1,), above 0 while the hand holds the object.
-    - next_touch: `GuardedMove`, or None; `NextTouchChooser` gives it. One that was chosen before it was asked for, or
-      later than now, is not made.
+    - next_touch: `GuardedMove` of a `NextTouchChooser`, or None. A motion that was chosen before it was asked for, or
+      in the future, is ignored.
     - contacts: `Contacts` in P, with forces.
     - fingers_in_contact: tuple of the names of the fingers that make them.
-    - joint_positions: measured, of the hand, shape (nq,), rad; a finger of which one is NaN comes back.
-    - rest_positions: where the hand's joints are to be, shape (nq,), rad; for the port of `GraspController` that is
-      called so.
-    - touches: `Contacts` in P: those of the fingers that hold the object as they are, and those that were felt by
-      exploring as they were then. Their forces are not of one instant, and do not balance.
-    - untouched: `HandGeometry` in P, where a fingertip has met nothing; None where there is no such place.
-    - deciding: shape (1,), 1 while it waits for a motion to make.
-    - phase: str, "wait" until the hand holds, "settle", "decide", "reach", "press" and "return"; "done" after the most
-      touches.
-    - count: how many motions have ended in this hold, shape (1,).
+    - joint_positions: measured positions of the hand's joints, shape (nq,), rad; a finger with a NaN returns.
+    - rest_positions: desired positions of the hand's joints, shape (nq,), rad; for the port of that name of
+      `GraspController`.
+    - touches: `Contacts` in P: the current ones of the fingers that hold the object, and the recorded ones of the
+      exploration. Their forces are not simultaneous, so they do not balance.
+    - untouched: `HandGeometry` in P, the volume in which fingertips have met nothing; None if there is none.
+    - deciding: shape (1,), 1 while it waits for `next_touch`.
+    - phase: str, "wait" until the hand holds the object, then "settle", "decide", "reach", "press" and "return"; "done"
+      after `most_touches`.
+    - count: number of motions that have ended since the object was grasped, shape (1,).
     """
 
     def __init__(self, hand: HandConfig, params: TouchExplorerParams | None = None) -> None:
-        """Makes the fingers' kinematics.
+        """Builds the fingers' kinematics.
 
         Raises:
-            InvalidInputError: parameters out of their range, a hand of which fewer than two fingertips feel forces, or
-                whose joints are to rest beyond their limits.
+            InvalidInputError: if a parameter is out of its range, fewer than two of the hand's fingertips have a
+                force-torque sensor, or the hand's joints are to rest beyond their limits.
         """
         super().__init__()
         instance_of("hand", hand, HandConfig)
@@ -139,7 +139,7 @@ class TouchExplorer(CollectableSystem):
         self.DeclareVectorOutputPort("count", 1, self._calc_count, {ticket})
 
     def state(self, context: Context) -> Exploration:
-        """Where the exploration stands in a context of this system."""
+        """The state of the exploration in a context of this system."""
         state: Exploration = context.get_abstract_state(self._state).get_value()
         return state
 
@@ -163,7 +163,7 @@ class TouchExplorer(CollectableSystem):
         return EventStatus.Succeeded()
 
     def _let_go(self, context: Context, before: Exploration) -> Exploration:
-        """Forgets the object; a finger that is under way comes back first."""
+        """Deletes the recorded touches; a finger that is moving returns first."""
         nothing = Exploration()
         if before.move is None:
             return nothing
@@ -187,13 +187,13 @@ class TouchExplorer(CollectableSystem):
         return dataclasses.replace(before, phase="reach", since=context.get_time(), move=move, share=0.0, way=())
 
     def _reach(self, context: Context, before: Exploration) -> Exploration:
-        """Goes on until the fingertip feels the object, the finger is stopped or not known, or the way is over."""
+        """Moves on until the fingertip feels the object, the finger is blocked or unknown, or the path ends."""
         assert before.move is not None
         time, move = context.get_time(), before.move
         if self._felt_row(context, move.finger) is not None:
             return dataclasses.replace(before, phase="press", since=time)
         q = np.asarray(self._positions.Eval(context))[self._places[move.finger]]
-        is_near = np.abs(self._commanded(before) - q).max() <= self._params.most_lag  # not so of a NaN
+        is_near = np.abs(self._commanded(before) - q).max() <= self._params.most_lag  # False if q has a NaN
         if not is_near:
             return dataclasses.replace(before, phase="return", since=time)
         way = (*before.way, q)
@@ -202,7 +202,7 @@ class TouchExplorer(CollectableSystem):
         return dataclasses.replace(before, share=min(1.0, before.share + self._step(move)), way=way)
 
     def _press(self, context: Context, before: Exploration) -> Exploration:
-        """Remembers what the fingertip feels once it has come to rest there."""
+        """Records what the fingertip feels once it has pressed long enough."""
         assert before.move is not None
         row = self._felt_row(context, before.move.finger)
         if row is None:
@@ -221,7 +221,7 @@ class TouchExplorer(CollectableSystem):
         return dataclasses.replace(before, phase=phase, since=context.get_time(), move=None, touches=touches)
 
     def _felt_row(self, context: Context, finger: str) -> int | None:
-        """Which of the contacts is a finger's; None where it feels nothing, or too little."""
+        """The row of a finger's contact; None if it feels nothing, or too small a force."""
         fingers, contacts = eval_input(self._touching, context, tuple), eval_input(self._contacts, context, Contacts)
         if finger not in fingers:
             return None
@@ -230,17 +230,17 @@ class TouchExplorer(CollectableSystem):
         return row if is_firm else None
 
     def _step(self, move: GuardedMove) -> float:
-        """Share of a motion's way that is commanded in a period."""
+        """Share of a motion's path that is covered in a period."""
         farthest = float(np.abs(move.q_goal - move.q_start).max())
         return self._params.period * self._params.speed / max(farthest, 1e-6)
 
     def _commanded(self, state: Exploration) -> FloatArray:
-        """The moving finger's joints, shape (n,), rad."""
+        """Commanded positions of the moving finger's joints, shape (n,), rad."""
         assert state.move is not None
         return state.move.q_start + state.share * (state.move.q_goal - state.move.q_start)
 
     def _with_swept(self, before: Exploration, way: tuple[FloatArray, ...]) -> FloatArray:
-        """Where fingertips have met nothing, with the way that is over."""
+        """The spheres in which fingertips have met nothing, including those along a path that has ended."""
         assert before.move is not None
         finger = self._fingers[before.move.finger]
         tips = finger.tip(np.array(way))
@@ -277,7 +277,7 @@ class TouchExplorer(CollectableSystem):
 
 
 def _joined(first: Contacts, second: Contacts) -> Contacts:
-    """Contacts of both, of which either may be none at all."""
+    """The contacts of both; either may be empty."""
     if not len(first) or not len(second):
         return second if not len(first) else first
     return first.joined(second)

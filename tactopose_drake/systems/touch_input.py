@@ -1,4 +1,4 @@
-"""What is felt at one time, read from the ports for contacts and patches."""
+"""Reading of the contacts and patches of one instant from input ports."""
 
 from pydrake.systems.framework import Context, InputPort
 
@@ -9,7 +9,7 @@ from tactopose_drake.systems.ports import eval_input, eval_items
 
 
 def eval_touch(contacts: InputPort, patches: InputPort, context: Context) -> tuple[Contacts, tuple[Patch, ...]]:
-    """Contacts and patches, of whose ports one may stay unconnected.
+    """Reads contacts and patches; one of the two ports may stay unconnected.
 
     Args:
         contacts: input port of a system.
@@ -17,7 +17,7 @@ def eval_touch(contacts: InputPort, patches: InputPort, context: Context) -> tup
         context: that system's context.
 
     Raises:
-        PortTypeError: if neither is connected, or one holds another type; the message names the port.
+        PortTypeError: if neither is connected, or one holds a wrong type; the message names the port.
     """
     felt = eval_items(patches, context, Patch)
     if contacts.HasValue(context) or not patches.HasValue(context):
@@ -26,5 +26,5 @@ def eval_touch(contacts: InputPort, patches: InputPort, context: Context) -> tup
 
 
 def too_few(touches: int, needed: int) -> str:
-    """What a status says of touches that are too few."""
+    """The status text for too few touches."""
     return f"{counted(touches, 'touch', 'touches')}; {needed} {'is' if needed == 1 else 'are'} needed"

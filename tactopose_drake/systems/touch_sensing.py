@@ -1,4 +1,4 @@
-"""From what a hand senses to the touch of one instant: the systems that an estimator and a belief have in common."""
+"""The systems from a hand's sensors to contacts and patches, which estimation and tracking have in common."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -26,16 +26,16 @@ from tactopose_drake.systems.ports import export_outputs
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class TouchParams:
-    """The parameters of the parts that an estimation and a tracking have in common."""
+    """The parameters of the parts that estimation and tracking have in common."""
 
     solver: ContactSolverParams = dataclasses.field(default_factory=ContactSolverParams)
     contacts: ContactsInPalmParams = dataclasses.field(default_factory=ContactsInPalmParams)
     patches: PatchDescriptorParams = dataclasses.field(default_factory=PatchDescriptorParams)  # of a hand with pads
-    # Whether each contact and array is as certain as the hand's file says, where it does; else as parameters say.
+    # Whether contacts and patches get the uncertainty declared in the hand's file, if any, in place of the parameters'.
     use_uncertainty: bool = True
-    use_hand_volume: bool = True  # whether it is evidence that the object is not in the hand, nor at silent fingertips
-    # Whether hypotheses of an estimation that collide with the hand are dropped, and modes of a belief count the less,
-    # the deeper the object would be in it.
+    use_hand_volume: bool = True  # whether the hand's volume and untouched fingertips count as evidence
+    # Whether an estimation drops hypotheses that collide with the hand, and a belief reduces the weight of modes with
+    # the depth of the collision.
     check_collisions: bool = True
 
     def validate(self) -> None:
@@ -55,21 +55,21 @@ def add_touch(
     others: Sequence[LeafSystem] = (),
     collision: HandCollision | None = None,
 ) -> None:
-    """Adds what leads from the senses to an estimator, and gives the diagram its ports.
+    """Adds the systems from the sensors to an estimator, and exports the diagram's ports.
 
-    Its inputs are `wrench_<finger>`, `pressures_<pad>`, `age_<pad>` and `joint_positions`; its outputs `contacts`,
-    `fingers_in_contact`, `contact_status`, `contact_solutions`, where the hand has pads `patches`, `pads` and
-    `patch_status`, and all of the estimator's.
+    The inputs are `wrench_<finger>`, `pressures_<pad>`, `age_<pad>` and `joint_positions`. The outputs are `contacts`,
+    `fingers_in_contact`, `contact_status`, `contact_solutions`, all of the estimator's and, if the hand has pads,
+    `patches`, `pads` and `patch_status`.
 
     Args:
-        builder: of the diagram; it has estimator, refiner and others already.
-        plant: finalized plant of the hand alone, by which the kinematics are computed.
+        builder: builder of the diagram, which already has estimator, refiner and others.
+        plant: finalized plant of the hand alone, for kinematics.
         hand: the hand in it.
         params: parameters of each part.
-        estimator: each of its inputs is connected to what is called as it is, if there is such a thing.
-        refiner: a `JointOffsetRefiner`, through which the joint positions go.
-        others: what takes the joint positions as well.
-        collision: what has read the hand's shapes from its file already, if there is such a thing.
+        estimator: its inputs are connected to the outputs of the same names.
+        refiner: a `JointOffsetRefiner` that corrects the joint positions; None: they are used as measured.
+        others: further systems with an input `joint_positions`.
+        collision: a checker that has already read the hand's shapes from its file; None: they are read here.
     """
     solver = _add_solver(builder, hand, params)
     told = hand.config.uncertainty if params.use_uncertainty else None
@@ -109,7 +109,7 @@ def add_touch(
 
 
 def _add_solver(builder: DiagramBuilder, hand: Hand, params: TouchParams) -> ContactSolver:
-    """Adds what solves for the contacts, and gives the diagram the inputs of its wrenches."""
+    """Adds the contact solver, and exports its wrench inputs."""
     found = {} if hand.calibration is None else hand.calibration.fingers
     biases = {finger: calibration.bias for finger, calibration in found.items()}
     solving = ContactSolver(hand.surfaces, params.solver, hand.layers, biases)
@@ -120,7 +120,7 @@ def _add_solver(builder: DiagramBuilder, hand: Hand, params: TouchParams) -> Con
 
 
 def _add_pads(builder: DiagramBuilder, describing: PatchDescriptor, hand: HandConfig) -> PatchDescriptor:
-    """Adds what describes the pads' patches, and gives the diagram the inputs of their pressures."""
+    """Adds the patch descriptor, and exports its inputs of pressures and ages."""
     descriptor: PatchDescriptor = builder.AddNamedSystem("patch_descriptor", describing)
     for port in (f"{what}_{pad.name}" for pad in hand.pads for what in ("pressures", "age")):
         builder.ExportInput(descriptor.GetInputPort(port), port)
@@ -130,7 +130,7 @@ def _add_pads(builder: DiagramBuilder, describing: PatchDescriptor, hand: HandCo
 def _refined(
     builder: DiagramBuilder, refiner: LeafSystem, solver: LeafSystem, takers: list[LeafSystem]
 ) -> list[LeafSystem]:
-    """Gives refined joint positions to what takes them; what takes the measured ones now."""
+    """Connects the refined joint positions to the takers; returns the systems that take the measured ones."""
     builder.Connect(solver.GetOutputPort("contact_solutions"), refiner.GetInputPort("contact_solutions"))
     for system in takers:
         builder.Connect(refiner.GetOutputPort("joint_positions"), system.GetInputPort("joint_positions"))
@@ -138,12 +138,12 @@ def _refined(
 
 
 def corrected_joints(plant: MultibodyPlant, hand: Hand) -> MeasuredJoints:
-    """A system that takes off joint positions what the hand's calibration has found them too large by."""
+    """A system that subtracts the offsets found by the hand's calibration from joint positions."""
     return MeasuredJoints(np.eye(plant.num_positions()), -reading_offsets(plant, hand))
 
 
 def export_joints(builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand, takers: Sequence[LeafSystem]) -> None:
-    """Gives the diagram the input of joint positions, less what a calibration has found them too large by."""
+    """Exports the input of joint positions, from which the offsets found by a calibration are subtracted."""
     if hand.calibration is None:
         builder.ExportInput(takers[0].GetInputPort("joint_positions"), "joint_positions")
         for system in takers[1:]:

@@ -1,4 +1,4 @@
-"""The pose that somebody else's tracker measures, as an estimate and a belief take it."""
+"""The conversion of an external tracker's pose to a `PoseMeasurement`, as a system."""
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -12,7 +12,7 @@ from tactopose_drake.systems.ports import eval_input
 
 
 class TrackerInput(CollectableSystem):
-    """Makes a measurement of what a tracker says; what cannot be one counts as no answer, and the status says why.
+    """Converts a tracker's pose to a measurement; an invalid one counts as no answer, and the status says why.
 
     .. pydrake_system::
 
@@ -26,11 +26,11 @@ class TrackerInput(CollectableSystem):
         - status
 
     - pose: `RigidTransform` X_PO at the time of the picture.
-    - picture_time: of the picture, not of its delivery, s of the diagram's time, shape (1,).
-    - covariance: of the increment (w, v) from the pose to the true one row by row, shape (36,), rad and m.
-    - vision: `PoseMeasurement`, or None where a number is not finite or the covariance is no covariance matrix; changes
+    - picture_time: time of the picture, not of its delivery, by the diagram's clock, s, shape (1,).
+    - covariance: covariance of the increment (w, v) from the pose to the true one, row by row, shape (36,), rad and m.
+    - vision: `PoseMeasurement`, or None if a number is not finite or the covariance is no covariance matrix; changes
       with any input.
-    - status: str, "ok", or why there is none; likewise.
+    - status: str, "ok", or why there is no measurement; changes with any input.
     """
 
     def __init__(self) -> None:

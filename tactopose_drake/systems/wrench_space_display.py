@@ -1,4 +1,4 @@
-"""The Meshcat display of the wrenches that a grasp can exert, as a system."""
+"""A Meshcat display of the wrenches that a grasp can exert, as a system."""
 
 import dataclasses
 
@@ -46,8 +46,8 @@ class WrenchSpaceDisplay(CollectableSystem):
         input_ports:
         - quality
 
-    - quality: `GraspQuality`, or None while there is none; read once a period. The axes
-      are the object's. Hulls change their shape, which Meshcat cannot record: a recording holds the last ones.
+    - quality: `GraspQuality`, or None while there is none; read once a period. The axes are the object's. Meshcat
+      cannot record the changes of the hulls' shapes: a recording holds the last ones.
     """
 
     def __init__(self, meshcat: Meshcat, params: WrenchSpaceDisplayParams | None = None) -> None:

@@ -132,7 +132,7 @@ DAMAGES = {
     "no joints": (without("joint_positions"), "has no joint_positions, which the run has recorded"),
     "no prior": (without("prior"), "has no prior, which the run has recorded"),
     "no pad": (without("pressures_palm"), "has no pressures_palm, which the run has recorded"),
-    "short": (edit(lambda lines: of(lines, "joint_positions")["vector"].pop()), "of another kind or length"),
+    "short": (edit(lambda lines: of(lines, "joint_positions")["vector"].pop()), "differs in kind or length"),
     "all short": (
         edit(lambda lines: [line["vector"].pop() for line in lines if line["name"] == "joint_positions"] and None),
         "'joint_positions': has 7 numbers; allowed are",

@@ -199,7 +199,7 @@ def test_joints_that_are_not_known_are_said(tracker: ObjectTracker) -> None:
         ({"palm_pose": np.ones((3, 4))}, "palm_pose"),
         (
             {"pressures": {"palm": np.zeros(24)}},
-            r"pressures: are of \['palm'\], but the hand has no tactile pads; allowed",
+            r"pressures: are given for \['palm'\], but the hand has no tactile pads; allowed",
         ),
     ],
 )
@@ -213,7 +213,7 @@ def test_a_mistake_is_one_error_and_changes_nothing(tracker: ObjectTracker, chan
 
 def test_a_tracker_is_made_anew_and_not_copied(tracker: ObjectTracker) -> None:
     for make in (copy.copy, copy.deepcopy, pickle.dumps):
-        with pytest.raises(TypeError, match="an ObjectTracker is neither copied nor pickled: make one for each use"):
+        with pytest.raises(TypeError, match="an ObjectTracker cannot be copied or pickled; make another one"):
             make(tracker)
 
 

@@ -223,7 +223,7 @@ def test_what_an_arrays_noise_shows_is_no_contact(tmp_path: Path) -> None:
 
 def test_an_array_that_is_read_less_often_than_frames_count_is_refused(tmp_path: Path) -> None:
     slow = gripper_with(tmp_path, "period: 0.5")
-    with pytest.raises(InvalidInputError, match=r"max_age: is 0\.15 s; .* pad 'tip', which is read each 0\.5 s"):
+    with pytest.raises(InvalidInputError, match=r"max_age: is 0\.15 s; .* from 0\.5 s, the period of pad 'tip'"):
         PatchDescriptor(*slow)
     PatchDescriptor(*slow, PatchDescriptorParams(max_age=0.5))
 

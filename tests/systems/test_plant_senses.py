@@ -150,11 +150,11 @@ def test_a_plant_without_the_hand_with_two_or_unfinished_is_refused(box: ObjectM
     assert [each for each in builder.GetSystems() if each.get_name() == "pose_estimation"] == [added]
     empty = MultibodyPlant(0.0)
     empty.Finalize()
-    with pytest.raises(InvalidInputError, match=r"none of its models is the hand\. None has any joint\.$"):
+    with pytest.raises(InvalidInputError, match=r"none of its models is the hand\. None of them has a joint\.$"):
         AddPoseTracking(DiagramBuilder(), config, box, PoseTrackingParams(use_hand_volume=False), plant=empty)
     builder = DiagramBuilder()
     plant, _ = full_plant(builder, "shadow_like", "shadow_like")
-    with pytest.raises(InvalidInputError, match="its models h0, h1 are all such hands; allowed is the hand itself"):
+    with pytest.raises(InvalidInputError, match="its models h0, h1 are all such hands; pass the hand itself"):
         AddPoseEstimation(builder, config, box, params, plant=plant)
     plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.004), DiagramBuilder())
     with pytest.raises(InvalidInputError, match="plant: is not finalized"):

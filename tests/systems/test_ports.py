@@ -60,7 +60,7 @@ def test_a_name_is_free_until_a_system_has_it() -> None:
     builder.AddNamedSystem("touch", PassThrough(1))
     check_name_is_free(builder, "touch_2")
     for name, message in (
-        ("touch", r"^name: is 'touch', which .* has already; allowed is another, such as name='touch_2'\.$"),
+        ("touch", r"^name: is 'touch', which another .* has; allowed is an unused one, such as name='touch_2'\.$"),
         ("", "^name: is empty"),
         (None, "^name: is a NoneType; allowed is a str"),
     ):

@@ -58,10 +58,10 @@ def test_a_value_stays_until_the_next() -> None:
 @pytest.mark.parametrize(
     ("times", "values", "message"),
     [
-        ([], [], "times: are none"),
-        ([0.0, 1.0], [np.zeros(2)], "times: are 2, and values 1"),
-        ([0.0], [np.zeros(2)] * 2, "times: are 1, and values 2"),
-        ([0.0, 2.0, 1.0], [np.zeros(2)] * 3, r"times\[2\]: is 1 s; allowed are numbers that do not fall"),
+        ([], [], "times: is empty"),
+        ([0.0, 1.0], [np.zeros(2)], "times: are 2, but values are 1"),
+        ([0.0], [np.zeros(2)] * 2, "times: are 1, but values are 2"),
+        ([0.0, 2.0, 1.0], [np.zeros(2)] * 3, r"times\[2\]: is 1 s; allowed are times in ascending order"),
         ([np.nan], [np.zeros(2)], r"times\[0\]: is nan s"),
         ([0.0, np.nan, 1.0], [np.zeros(2)] * 3, r"times\[1\]: is nan s"),
         (["now"], [np.zeros(2)], "times: not an array of numbers"),
