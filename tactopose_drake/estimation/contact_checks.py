@@ -1,4 +1,4 @@
-"""What is evidently wrong with contacts before any pose of an object is looked for."""
+"""Plausibility checks of contacts before a pose is searched for."""
 
 import math
 
@@ -8,16 +8,16 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.errors import InvalidInputError
 
-# Contacts that are farther apart than a hand reaches, m, and than this many sizes of the object, are not in metres.
+# Contacts farther apart than a hand reaches, m, and than this multiple of the object's size, are not in metres.
 _WIDEST_HAND, _WIDEST_TOUCH = 1.0, 30.0
 
 
 def check_contacts(evidence: Evidence, size: float) -> None:
-    """Checks that a touch is not evidently in other units than an object of this size, m, nor of the wrong sign.
+    """Checks the units and signs of a touch on an object of this size, m.
 
     Raises:
-        InvalidInputError: if the contacts are farther apart than 1 m and than 30 times the size, or if most of those
-            that have a force pull at the object, by their own normals.
+        InvalidInputError: if the contacts are farther apart than both 1 m and 30 times the size, or if most contacts
+            with a force pull at the object, according to their normals.
     """
     _check_signs(evidence.contacts)
     p_PC = evidence.touch.p_PC

@@ -1,4 +1,4 @@
-"""Checks of what a YAML file holds: every fault is one `InvalidFileError` that says file, place and what is allowed."""
+"""Checks of the content of YAML files; an `InvalidFileError` names the file, the place in it, and what is allowed."""
 
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
@@ -14,7 +14,7 @@ from tactopose_drake.resources.yaml_files import plain_data, read_yaml, shown
 
 
 def read_data(path: Path) -> Any:
-    """What a YAML file holds, as plain data."""
+    """Reads a YAML file as plain data."""
     root = read_yaml(path)
     try:
         return plain_data(root)
@@ -23,13 +23,13 @@ def read_data(path: Path) -> Any:
 
 
 def fault_in(path: Path, where: str, error: InvalidInputError, places: Mapping[str, str]) -> InvalidFileError:
-    """An error of what a file's numbers were made into, with the place where these stand in the file.
+    """Converts an error about a value that was built from a file into one that names the place in the file.
 
     Args:
-        path: of the file.
-        where: the mapping in it that the numbers are of; empty for all of it.
-        error: whose message begins with the name of a value, maybe with a row in brackets.
-        places: in that mapping, by such names, where they differ; `{}` in one stands for the row.
+        path: path of the file.
+        where: the mapping in it that holds the value; empty for the whole file.
+        error: an error whose message begins with the name of a value, possibly with a row in brackets.
+        places: places in that mapping by the names of values, if they differ; `{}` in a place stands for the row.
     """
     name, _, fault = str(error).partition(": ")
     value, _, row = name.partition("[")
@@ -39,10 +39,10 @@ def fault_in(path: Path, where: str, error: InvalidInputError, places: Mapping[s
 
 @contextlib.contextmanager
 def naming_contacts_of(path: Path) -> Iterator[None]:
-    """Puts the file before what is wrong with its contacts, where only an estimate can tell.
+    """Converts errors about `contacts` that only the estimate finds into errors that name the file.
 
     Raises:
-        InvalidFileError: what says of `contacts` that they cannot be.
+        InvalidFileError: in place of an InvalidInputError about `contacts`.
     """
     try:
         yield
@@ -55,14 +55,14 @@ def naming_contacts_of(path: Path) -> Iterator[None]:
 def check_mapping(
     path: Path, where: str, value: Any, required: Iterable[str], optional: Iterable[str] = ()
 ) -> dict[str, Any]:
-    """A mapping with all keys that are required, and no other than these and the optional ones.
+    """Checks that a value is a mapping with all required keys and no unknown ones.
 
     Args:
-        path: of the file, for messages.
-        where: the place in it; empty for all of it.
-        value: what stands there.
-        required: keys that must be there.
-        optional: keys that may be there.
+        path: path of the file, for messages.
+        where: the place in it; empty for the whole file.
+        value: the value at that place.
+        required: keys that must be present.
+        optional: keys that may be present.
     """
     required, known = list(required), [*required, *optional]
     place = f"{path}: {where}: " if where else f"{path}: "
@@ -78,19 +78,19 @@ def check_mapping(
 
 
 def check_list(path: Path, where: str, value: Any, what: str) -> list[Any]:
-    """A list of at least one of what it is a list of."""
+    """Checks that a value is a list that is not empty; `what` names its items in messages."""
     if not isinstance(value, list) or not value:
         raise InvalidFileError(f"{path}: {where}: is {shown(value)}; allowed is a list of at least one {what}.")
     return value
 
 
 def check_vector(path: Path, where: str, value: Any, length: int) -> FloatArray:
-    """So many finite numbers, shape (length,)."""
+    """Checks that a value is a list of finite numbers of this length; returns shape (length,)."""
     return _numbers(path, where, value if isinstance(value, list) else [value], (length,))
 
 
 def check_number(path: Path, key: str, data: dict[str, Any], place: str = "") -> float:
-    """The finite number of a key in a mapping, which stands at a place of the file."""
+    """The finite number at a key of a mapping; `place` is where the mapping is in the file."""
     return float(_numbers(path, f"{place}.{key}".lstrip("."), [data[key]], ()))
 
 
@@ -107,7 +107,7 @@ def check_pose(path: Path, where: str, value: Any) -> FloatArray:
 
 def _numbers(path: Path, where: str, values: list[Any], shape: tuple[int, ...]) -> FloatArray:
     for i, value in enumerate(values):
-        # NumPy would take a boolean and the text of a number for one.
+        # NumPy would also accept a boolean, and a string that reads as a number.
         if not isinstance(value, float | int) or isinstance(value, bool):
             place = where if len(values) == 1 else f"{where}[{i}]"
             raise InvalidFileError(f"{path}: {place}: is {shown(value)}; allowed are numbers.")
@@ -118,13 +118,14 @@ def _numbers(path: Path, where: str, values: list[Any], shape: tuple[int, ...]) 
 
 
 def check_column(path: Path, rows: list[dict[str, Any]], key: str) -> FloatArray | None:
-    """One vector of every contact, shape (k, 3); None where no contact has it."""
+    """The vectors at a key of all contacts, shape (k, 3); None if no contact has the key."""
     given = [i for i, row in enumerate(rows) if row.get(key) is not None]
     if not given:
         return None
     if len(given) < len(rows):
         missing = next(i for i in range(len(rows)) if i not in given)
         raise InvalidFileError(
-            f"{path}: contacts[{missing}]: has no {key}, but contacts[{given[0]}] has; allowed is one for all or none."
+            f"{path}: contacts[{missing}]: has no {key}, but contacts[{given[0]}] has one; allowed is one for all "
+            "contacts or for none."
         )
     return np.stack([check_vector(path, f"contacts[{i}].{key}", row[key], 3) for i, row in enumerate(rows)])

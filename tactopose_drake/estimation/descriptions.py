@@ -1,4 +1,4 @@
-"""Estimates in words: what is determined, what is not, and which contacts do not belong to the object."""
+"""Descriptions of estimates in words: status, free directions, standard deviations, and false contacts."""
 
 import math
 from collections.abc import Sequence
@@ -13,19 +13,20 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.results import PoseEstimate
 
-_LEAST_DETERMINED = 0.5  # of a direction, below which there is nothing whose standard deviation would say something
+# Least determined part of a direction for which a standard deviation of rotation or translation is given.
+_LEAST_DETERMINED = 0.5
 _ANSWER_SHARE = DEFAULT_PARAMS.modes.answer_share
 _MEANINGS = {
     "ok": "the most probable pose carries most of the probability",
     "ambiguous": "several poses explain the touch; none carries most of the probability",
-    "unsure": "one pose carries most of the probability, but is not sure",
-    "undetermined": "the touch says too little for a pose; whole families of poses explain it",
+    "unsure": "one pose carries most of the probability, but is not certain",
+    "undetermined": "the touch does not determine a pose; whole families of poses explain it",
     "no_solution": "no pose explains the touch within its noise; the best one found is shown",
 }
 
 
 def meaning(estimate: PoseEstimate) -> str:
-    """What the status means, and whether the search had time to look everywhere."""
+    """The meaning of the status, and whether the time limit ended the search."""
     key: str = estimate.status
     if estimate.status == "ambiguous" and estimate.undetermined:
         key = "undetermined"
@@ -41,17 +42,17 @@ def status_line(estimate: PoseEstimate) -> str:
 
 
 def touch_names(contacts: int, patches: Sequence[Patch]) -> tuple[str, ...]:
-    """Names of so many contacts, empty, and after them of the patches that are felt; none where no patch is felt."""
+    """Names of contacts (empty strings) and of the felt patches after them; no names at all if no patch is felt."""
     felt = [f"patch {number}" for number, patch in enumerate(patches, 1) if patch.is_felt]
     return (*[""] * contacts, *felt) if felt else ()
 
 
 def false_contacts_line(is_false: NDArray[np.bool_], names: Sequence[str] = ()) -> str:
-    """Which contacts are probably none of the object, in a sentence; empty for none.
+    """A sentence that lists the contacts that are probably not on the object; empty if there are none.
 
     Args:
-        is_false: which these are, shape (k,); they are counted from 1.
-        names: of the fingers and pads that feel the contacts, empty ones of those without; none where none is known.
+        is_false: which contacts these are, shape (k,); the sentence counts from 1.
+        names: names of the fingers and pads that feel the contacts, "" where unknown; empty if all are unknown.
     """
     rows = np.flatnonzero(is_false).tolist()
     numbers = [f"{row + 1} ({names[row]})" if names and names[row] else str(row + 1) for row in rows]
@@ -62,13 +63,16 @@ def false_contacts_line(is_false: NDArray[np.bool_], names: Sequence[str] = ()) 
 
 
 def free_line(hypothesis: PoseHypothesis) -> str:
-    """What the touch leaves open about a hypothesis, in a sentence."""
+    """A sentence that lists the directions of a hypothesis that the touch does not determine."""
     names = direction_names(hypothesis)
     return "Not determined by the touch: " + ("; ".join(names) if names else "nothing") + "."
 
 
 def sigma_line(hypothesis: PoseHypothesis, size: float) -> str:
-    """How far a hypothesis of an object of this size, m, says that it is off where determined; empty if nowhere."""
+    """A sentence with a hypothesis' standard deviations in its determined directions; empty if there are none.
+
+    `size` is the object's, m.
+    """
     rotation, translation = determined_sigmas(hypothesis, size)
     known = [(1e3 * translation, "mm"), (math.degrees(rotation), "deg")]
     sigmas = ", ".join(f"\u00b1 {value:.1f} {unit}" for value, unit in known if not math.isnan(value))
@@ -76,7 +80,7 @@ def sigma_line(hypothesis: PoseHypothesis, size: float) -> str:
 
 
 def sigma_cells(hypothesis: PoseHypothesis, size: float) -> tuple[str, str]:
-    """Of a table: standard deviations of the translation (mm) and rotation (deg) where determined, or a dash."""
+    """Table cells of the standard deviations of translation (mm) and rotation (deg) where determined, or a dash."""
     rotation, translation = determined_sigmas(hypothesis, size)
     millimetres, degrees = (
         "\u2013" if math.isnan(value) else f"{value:.1f}" for value in (1e3 * translation, math.degrees(rotation))
@@ -85,9 +89,9 @@ def sigma_cells(hypothesis: PoseHypothesis, size: float) -> tuple[str, str]:
 
 
 def determined_sigmas(hypothesis: PoseHypothesis, size: float) -> tuple[float, float]:
-    """Standard deviations of rotation (rad) and translation (m) over all directions that the touch determines together.
+    """Standard deviations of rotation (rad) and translation (m), over all determined directions together.
 
-    NaN where it determines nothing, or hardly anything, of one of them.
+    NaN for a part of which the touch determines little or nothing. `size` is the object's, m.
     """
     free = hypothesis.free_directions
     determined, share = determined_rows(hypothesis.covariance, free, size), determined_part(np.eye(6), free, size)
@@ -100,16 +104,16 @@ def determined_sigmas(hypothesis: PoseHypothesis, size: float) -> tuple[float, f
 
 
 def direction_names(hypothesis: PoseHypothesis) -> list[str]:
-    """The free directions in words: a turn about an axis of the object, a slide along one, or a screw of both."""
+    """The free directions in words: a turn about an axis of the object, a slide along one, or both (a screw)."""
     R_PO = hypothesis.X_PO.rotation().matrix()
     return [direction_name(direction, R_PO) for direction in hypothesis.free_directions]
 
 
 def direction_name(direction: FloatArray, R_PO: FloatArray) -> str:
-    """An increment (6,) of a pose with this rotation (3, 3) in words."""
+    """A pose increment, shape (6,), in words; R_PO is the pose's rotation, shape (3, 3)."""
     w_O, v_O = direction[:3], R_PO.T @ direction[3:]
     turn, slide = np.linalg.norm(w_O), np.linalg.norm(v_O)
-    # In rad/m: a slide of 10 cm turns the object by less than 0.1 rad.
+    # With rad and m: less than 0.1 rad of turn goes with 10 cm of slide.
     if turn < slide:
         return f"slide along {_axis(v_O)}"
     if slide < 0.2 * turn:
@@ -118,7 +122,7 @@ def direction_name(direction: FloatArray, R_PO: FloatArray) -> str:
 
 
 def _axis(vector: FloatArray) -> str:
-    """The object's axis that a vector is along, or the vector."""
+    """The name of the object's axis that is parallel to a vector; the vector itself if none is."""
     unit = vector / np.linalg.norm(vector)
     main = int(np.argmax(np.abs(unit)))
     if abs(unit[main]) > np.cos(np.radians(10.0)):

@@ -1,4 +1,4 @@
-"""DIRECT over the increments from the centre of a space: NLopt's GN_DIRECT_L, which Drake brings.
+"""DIRECT over the increments from the centre of a space, by NLopt's GN_DIRECT_L, which Drake includes.
 
 Source: [G01] J. Gablonsky and C. Kelley, A locally-biased form of the DIRECT algorithm, J. Global Optim., 2001.
 """
@@ -18,18 +18,18 @@ from tactopose_drake.estimation.mathematical_program import StoppedError
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Direct(BoxSearch):
-    """Divides the box that the space reaches, the promising parts first; the best poses that it saw are refined.
+    """Divides the box of the search space, promising parts first; the best evaluated poses are then refined.
 
-    It takes no random number: the same problem gives the same poses.
+    It uses no random numbers: the same problem gives the same poses.
     """
 
     def try_poses(self, candidates: CandidatePoses, generator: np.random.Generator, should_stop: StopSignal) -> None:
-        """Divides the box."""
+        """Evaluates poses by dividing the box."""
 
         def cost(y: np.ndarray[Any, Any]) -> AutoDiffXd:
             if len(candidates) and should_stop():
-                raise StoppedError  # NLopt stops at it, and Drake swallows it.
-            # Drake asks for a gradient even where the algorithm uses none.
+                raise StoppedError  # It stops NLopt; Drake does not pass it on.
+            # Drake requires a gradient even though the algorithm uses none.
             return AutoDiffXd(candidates.try_pose(ExtractValue(y).ravel()))
 
         program = MathematicalProgram()

@@ -1,4 +1,4 @@
-"""Contacts as Drake's simulator reports them, in the form that the estimate takes."""
+"""Conversion of the contacts that Drake's simulator reports into `Contacts`."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from tactopose_drake.core.evidence import contacts as core_contacts
 from tactopose_drake.core.validation import FloatArray, instance_of
 
-# Imported where they are used: an estimate from contacts that are given needs neither plants nor systems, which take
-# longer to load than it takes itself, and more memory.
+# Imported only where they are used: an estimate from given contacts needs neither plants nor systems, and importing
+# them would take more time and memory than the estimate.
 if TYPE_CHECKING:
     from pydrake.geometry import ContactSurface
     from pydrake.multibody.plant import ContactResults, MultibodyPlant
@@ -27,7 +27,7 @@ class ReportedContact(NamedTuple):
         p_WC: centre of pressure, shape (3,), m.
         n_W: outward normal of the object, shape (3,).
         f_W: force of the object on the other body, shape (3,), N.
-        surface: of a hydroelastic contact; None of a point contact.
+        surface: the contact surface of a hydroelastic contact; None for a point contact.
     """
 
     partner: int
@@ -38,7 +38,7 @@ class ReportedContact(NamedTuple):
 
 
 class Contacts(core_contacts.Contacts):
-    __doc__ = core_contacts.Contacts.__doc__  # The same, which can also be read from a simulation.
+    __doc__ = core_contacts.Contacts.__doc__  # The same class, plus a constructor from a simulation's contacts.
 
     @classmethod
     def from_contact_results(
@@ -51,20 +51,20 @@ class Contacts(core_contacts.Contacts):
         *,
         sigma_position: float = 0.0009,
     ) -> Self:
-        """The contacts of an object with the palm's model instance: what an ideal sense of touch would say.
+        """The true contacts of an object with the palm's model instance, as ideal tactile sensors would report them.
 
-        A hydroelastic patch is one contact at its centre of pressure, a point contact is one as it is.
+        A hydroelastic patch becomes one contact at its centre of pressure; point contacts are taken as they are.
 
         Args:
-            results: of the plant's port `contact_results`.
+            results: value of the plant's port `contact_results`.
             plant: finalized plant in a diagram with a SceneGraph.
-            context: the plant's part of that diagram's context.
+            context: the plant's context in that diagram.
             palm_frame: P; contacts with bodies of its model instance count.
             object_body: the object.
-            sigma_position: what the estimate is to take for their standard deviation, m.
+            sigma_position: standard deviation that the estimate is to assume, m.
 
         Raises:
-            InvalidInputError: a value of another type.
+            InvalidInputError: if an argument has a wrong type.
         """
         from pydrake.multibody.plant import ContactResults, MultibodyPlant
         from pydrake.multibody.tree import Frame, RigidBody
@@ -91,7 +91,7 @@ class Contacts(core_contacts.Contacts):
 def reported_contacts(
     results: ContactResults, plant: MultibodyPlant, context: Context, object_body: RigidBody
 ) -> Iterator[ReportedContact]:
-    """All contacts of an object, as `Contacts.from_contact_results`, with whatever body."""
+    """All contacts of an object with any body; arguments as in `Contacts.from_contact_results`."""
     inspector = plant.get_geometry_query_input_port().Eval(context).inspector()
     own = int(object_body.index())
     for i in range(results.num_hydroelastic_contacts()):

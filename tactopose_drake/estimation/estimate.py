@@ -1,4 +1,4 @@
-"""The one call: from touch to ranked hypotheses of the object's pose."""
+"""`estimate_pose`: from a touch to ranked hypotheses of the object's pose."""
 
 import inspect
 import math
@@ -50,38 +50,39 @@ def estimate_pose(
 
     Args:
         model: the object.
-        contacts: the touch at single points, in the palm frame; may be `Contacts.empty()` where a patch is felt.
-        patches: what tactile arrays feel, in the palm frame; those that feel nothing count too. Where they and contacts
-            feel the same place twice, the estimate takes that for two touches.
-        prior: what is known without touch; None where the object may be anywhere.
-        hand: the hand's volume, where the object is not.
-        method: the search. Those of `GLOBAL_METHODS` need no prior; the others start from it. Probabilities are among
-            what it finds: "monte_carlo", "direct" and "simulated_annealing" miss the pose in a fifth to a half of
-            touches without a prior, and may then be "ok" all the same.
-        seed: of the search's random numbers.
-        max_hypotheses: how many hypotheses are kept at the most. What the others carry counts for the status, and is
-            left out of the probabilities; `kept_share` says how much is left.
-        untouched: parts of the hand that feel no contact: the object is not in them, nor presses into them.
-        balance: that the object is at rest under the contacts' forces and gravity alone. A pose at which it is not, by
-            far more than these forces err, explains no touch.
+        contacts: the touch at single points, in the palm frame; may be `Contacts.empty()` if a patch is felt.
+        patches: what tactile arrays feel, in the palm frame; patches without contact count, too. A place that is given
+            both as a contact and as a patch counts as two independent touches.
+        prior: prior of the pose; None if the object may be anywhere.
+        hand: the hand's volume, which the object does not occupy.
+        method: the search. Those in `GLOBAL_METHODS` need no prior; the others start from it. Probabilities are
+            relative to the poses that the search finds: without a prior, "monte_carlo", "direct" and
+            "simulated_annealing" miss the true pose for a fifth to a half of all touches, and may report "ok" anyway.
+        seed: seed of the search's random numbers.
+        max_hypotheses: the largest number of hypotheses to keep. The others count for the status, but not for the
+            probabilities, which are normalized again; `kept_share` is the mass that was kept.
+        untouched: parts of the hand that feel no contact: the object neither occupies them nor presses into them.
+        balance: states that the object is at rest under the contacts' forces and gravity alone. A pose that violates
+            this by far more than the forces' noise does not explain the touch.
         friction: coefficient of friction; each force lies in its cone about the object's normal.
-        time_limit: after so long, s, the search ends with the best that it has; None for as long as it takes. It is
-            asked between rounds, and at least one is made. Where `finished` says that it has cut the search short, "ok"
-            is of what was found by then, and may be wrong.
-        outlier_probability: that a contact is not of this object at all, before the touch, from 0 to 0.99. With it go
-            contacts of the object that are displaced, flipped, have any normal, or tell nothing: see `SCEPTICAL`. 0
-            takes every contact as told; all their noise may be larger than told then too, as rarely as a good hand's.
-        planes: known planes of the world, in the palm frame, that the held object touches with its lowest point over
-            each; a table that it was set upon says how far it has slid in the hand. A pose that
-            is not at them explains no touch.
+        time_limit: time after which the search ends with the best it has found, s; None: no limit. It is checked
+            between iterations, of which at least one is made. If `finished` is False, "ok" refers only to the poses
+            found by then, and may be wrong.
+        outlier_probability: prior probability that a contact is not on this object, from 0 to 0.99. It also scales the
+            probabilities of contacts on the object that are displaced, flipped, wrongly oriented, or useless; see
+            `SCEPTICAL`. 0 trusts every contact, and only allows that all noise may be larger than stated.
+        planes: known planes of the world, in the palm frame, that the lowest point of the held object over each of them
+            touches. A table on which it was set down tells how far it has slid in the hand. A pose that does not touch
+            them does not explain the touch.
 
     Raises:
-        TooFewContactsError: no contact, and no patch that is felt.
-        UnknownNameError: a method that does not exist.
-        InvalidInputError: no prior for a method that starts from one, a friction or a seed below 0, `max_hypotheses`
-            below 1, a time limit that is not above 0, or a value of another type; a touch that is evidently not in
-            metres, or whose forces are of the wrong sign (see `check_contacts`); balance or friction without forces, or
-            balance of an object whose mass is not known or whose centre of mass is moved by its symmetries.
+        TooFewContactsError: if there is no contact and no felt patch.
+        UnknownNameError: if the method does not exist.
+        InvalidInputError: if the method needs a prior and there is none; if friction or seed is below 0,
+            `max_hypotheses` below 1, or the time limit not above 0; if an argument has a wrong type; if the touch is
+            evidently not in metres, or its forces have the wrong sign (see `check_contacts`); if balance or friction is
+            given without forces, or balance for an object whose mass is unknown or whose symmetries move its centre of
+            mass.
     """
     asked = _asked(
         model,
@@ -113,10 +114,10 @@ def estimate_pose(
 
 
 def check_question(model: ObjectModel, contacts: Contacts, **options: Any) -> None:
-    """Raises what `estimate_pose` raises of such arguments before it searches.
+    """Checks arguments of `estimate_pose`; raises what it raises for them before its search.
 
     Raises:
-        TypeError: an option that `estimate_pose` does not have.
+        TypeError: for an option that `estimate_pose` does not have.
     """
     try:
         given = _SIGNATURE.bind(model, contacts, **options)
@@ -130,7 +131,7 @@ _SIGNATURE = inspect.signature(estimate_pose)
 
 
 class _Asked(NamedTuple):
-    """Arguments of `estimate_pose` that were checked, and those of the evidence together."""
+    """Checked arguments of `estimate_pose`, those of the evidence combined."""
 
     evidence: Evidence
     seed: int
@@ -175,9 +176,10 @@ def _check_kinds(model: ObjectModel, contacts: Contacts, method: str, prior: Pos
     instance_of("model", model, ObjectModel)
     instance_of("contacts", contacts, Contacts)
     if prior is not None:
-        if not isinstance(prior, GaussianPrior):  # That of `core` will do.
+        if not isinstance(prior, GaussianPrior):  # The base class in `core` is accepted, too.
             instance_of("prior", prior, PosePrior)
     elif method not in GLOBAL_METHODS:
         raise InvalidInputError(
-            f"prior: is None; the method {method!r} starts from one. Without: {', '.join(sorted(GLOBAL_METHODS))}."
+            f"prior: is None, but the method {method!r} needs one; methods without a prior: "
+            f"{', '.join(sorted(GLOBAL_METHODS))}."
         )

@@ -1,4 +1,4 @@
-"""Where work is done beside this thread."""
+"""Handling of errors of `concurrent.futures` executors."""
 
 import contextlib
 import queue
@@ -13,10 +13,10 @@ Result = TypeVar("Result")
 
 @contextlib.contextmanager
 def handing_over() -> Iterator[None]:
-    """What is handed over to an executor inside of this, it takes.
+    """Context in which work is submitted to an executor.
 
     Raises:
-        InvalidInputError: if it does not: it is shut down, or its workers have died.
+        InvalidInputError: if the executor is shut down, or its workers have died.
     """
     try:
         yield
@@ -26,16 +26,16 @@ def handing_over() -> Iterator[None]:
 
 @contextlib.contextmanager
 def taking_back() -> Iterator[None]:
-    """What an executor was handed over is asked for inside of this, where the work's own errors are raised as they are.
+    """Context in which results of an executor are collected; errors of the work itself are raised unchanged.
 
     Raises:
-        InvalidInputError: if the executor has not done it: it was shut down before, or its workers have died.
+        InvalidInputError: if the executor was shut down before the work was done, or its workers have died.
     """
     try:
         yield
     except CancelledError:
         raise InvalidInputError(
-            "executor: was shut down before the work was done; allowed is one that stays open for as long."
+            "executor: was shut down before the work was done; allowed is one that stays open until then."
         ) from None
     except BrokenExecutor as error:
         raise InvalidInputError(
@@ -44,12 +44,13 @@ def taking_back() -> Iterator[None]:
 
 
 def as_done(futures: Iterable[Future[Result]]) -> Iterator[tuple[Future[Result], Result]]:
-    """Futures of an executor with what came of them, in the order in which they are done.
+    """Yields futures with their results, in the order of their completion.
 
-    `concurrent.futures.as_completed` waits for ever for those that an executor has cancelled as it was shut down.
+    Unlike `concurrent.futures.as_completed`, it does not wait for ever for futures that were cancelled when the
+    executor was shut down.
 
     Raises:
-        InvalidInputError: as of `taking_back`.
+        InvalidInputError: as in `taking_back`.
     """
     futures = list(futures)
     done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()

@@ -1,7 +1,7 @@
-"""Objects whose frame has its origin far away, as scans have that were never moved to theirs.
+"""Objects whose frame O has its origin far away, such as scans in the scanner's frame.
 
-The search takes its increments about the object's middle C then; what it finds is reported for the file's own frame O
-all the same. See `core.posterior.moved_origin`.
+The search then uses increments about the object's middle C; results are still reported for the file's own frame O. See
+`core.posterior.moved_origin`.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ from tactopose_drake.estimation.results import PoseEstimate
 
 
 def with_near_origin(model: ObjectModel, estimate: Callable[[ObjectModel], PoseEstimate]) -> PoseEstimate:
-    """What `estimate` finds of the model in a frame near it, as an estimate of the pose of the model's own frame."""
+    """Applies `estimate` to the model in a frame at its middle if its origin is far away; returns the pose of O."""
     if not has_far_origin(model):
         return estimate(model)
     found, p_OC = estimate(model.about_middle), model.middle
@@ -26,9 +26,9 @@ def with_near_origin(model: ObjectModel, estimate: Callable[[ObjectModel], PoseE
 
 
 def about_middle(hypothesis: PoseHypothesis, model: ObjectModel) -> PoseHypothesis:
-    """The hypothesis of the pose of the object's middle, where its origin is far away; otherwise itself.
+    """The hypothesis for the frame C at the object's middle if the object's origin is far away; otherwise itself.
 
-    That is what people mean by how far an object may be off, and what of its pose is not determined.
+    Standard deviations and free directions are easier to interpret about the middle.
     """
     if not has_far_origin(model):
         return hypothesis
@@ -36,19 +36,19 @@ def about_middle(hypothesis: PoseHypothesis, model: ObjectModel) -> PoseHypothes
 
 
 def directions_of_origin(free: FloatArray, R_PO: FloatArray, p_OC: FloatArray) -> FloatArray:
-    """Free increments of O's pose by those of C's, orthonormal rows (f, 6) both.
+    """Converts free directions of C's pose into those of O's, both orthonormal rows (f, 6).
 
     Args:
-        free: of C's pose.
-        R_PO: rotation of both, shape (3, 3).
-        p_OC: where C is, shape (3,), m.
+        free: free directions of C's pose.
+        R_PO: rotation of both frames, shape (3, 3).
+        p_OC: position of C in O, shape (3,), m.
     """
     moved: FloatArray = free @ increments_of_origin(R_PO[None], p_OC)[0].T
     return np.linalg.qr(moved.T)[0].T if len(moved) else moved
 
 
 def _of_origin(hypothesis: PoseHypothesis, p_OC: FloatArray) -> PoseHypothesis:
-    """The hypothesis of O's pose by that of C's, which is at p_OC, shape (3,), m, with O's axes."""
+    """Converts a hypothesis of C's pose into one of O's; C is at p_OC, shape (3,), m, with O's axes."""
     moved = _moved(hypothesis, p_OC, hypothesis.covariance)
     return dataclasses.replace(moved, covariance=moved.covariance + _arc(hypothesis, p_OC))
 
@@ -59,7 +59,7 @@ def _arc(hypothesis: PoseHypothesis, p_OC: FloatArray) -> FloatArray:
 
 
 def _moved(hypothesis: PoseHypothesis, p_OC: FloatArray, covariance: FloatArray) -> PoseHypothesis:
-    """The hypothesis of O's pose by that of C's, with what is linear in the increments."""
+    """Converts a hypothesis of C's pose into one of O's, to first order in the increments."""
     R_PO = hypothesis.X_PO.rotation().matrix()
     J = increments_of_origin(R_PO[None], p_OC)[0]
     return dataclasses.replace(

@@ -1,6 +1,6 @@
 """The files of the command line: contacts and priors in YAML, results in JSON.
 
-Every fault of a file is one `InvalidFileError` that says the file, the place in it, and what is allowed.
+Invalid content raises an `InvalidFileError` that names the file, the place in it, and what is allowed.
 """
 
 import json
@@ -28,8 +28,8 @@ from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 
 SIGMA_KEYS = ("sigma_position", "sigma_normal_deg")
-"""What contacts.yaml says of all contacts."""
-# Where numbers stand in the files, by the names that messages have for them.
+"""The keys of contacts.yaml that hold for all contacts."""
+# Places in the files of the values that messages of core classes name.
 _OF_CONTACTS = {
     "p_PC": "contacts[{}].position",
     "n_PC": "contacts[{}].normal",
@@ -42,21 +42,22 @@ _OF_PRIOR = {"sigma_rotation": "sigma_rotation_deg, in rad"}
 def load_contacts(path: Path) -> Contacts:
     """Reads contacts.yaml: `contacts`, a list of `position`, `normal` and `force` in the palm frame, m and N.
 
-    Normals, and forces, must be given for all contacts or for none. `sigma_position` (m) and `sigma_normal_deg` keep
-    their defaults where they are absent.
+    Normals must be given for all contacts or for none, and so must forces. `sigma_position` (m) and `sigma_normal_deg`
+    are optional.
 
     Raises:
-        InvalidFileError: the file cannot be read, or does not fit; patches are for `load_touch` of the hand.
+        InvalidFileError: if the file cannot be read or does not fit the format. Files with patches are read by
+            `hand.load_touch`.
     """
     data = check_mapping(path, "", read_data(path), required=("contacts",), optional=SIGMA_KEYS)
     return contacts_in(path, data)
 
 
 def contacts_in(path: Path, data: dict[str, Any]) -> Contacts:
-    """The contacts of contacts.yaml, when it is read and its keys are checked.
+    """The contacts in the data of a contacts.yaml whose keys have been checked.
 
     Raises:
-        InvalidFileError: if they do not fit.
+        InvalidFileError: if they do not fit the format.
     """
     entries = check_list(path, "contacts", data["contacts"], "contact")
     rows = [
@@ -79,10 +80,10 @@ def contacts_in(path: Path, data: dict[str, Any]) -> Contacts:
 def load_prior(path: Path) -> PosePrior:
     """Reads prior.yaml: `X_PO` with `translation` (m) and `quaternion_wxyz`, `sigma_translation`, `sigma_rotation_deg`.
 
-    The sigmas keep their defaults where they are absent.
+    The sigmas are optional.
 
     Raises:
-        InvalidFileError: the file cannot be read, or does not fit.
+        InvalidFileError: if the file cannot be read or does not fit the format.
     """
     data = check_mapping(path, "", read_data(path), ("X_PO",), ("sigma_translation", "sigma_rotation_deg"))
     sigmas: dict[str, Any] = {}
@@ -101,7 +102,7 @@ def save_result(path: Path, estimate: PoseEstimate) -> None:
     """Writes result.json: status, duration (s), noise scale, log evidence, and the hypotheses by falling probability.
 
     Raises:
-        InvalidFileError: the file cannot be written.
+        InvalidFileError: if the file cannot be written.
     """
     result = {
         "status": estimate.status,
@@ -115,12 +116,12 @@ def save_result(path: Path, estimate: PoseEstimate) -> None:
 
 
 def save_identification(path: Path, found: Identification) -> None:
-    """Writes what `tactopose identify` says: status, unknown, duration (s), and the objects by falling probability.
+    """Writes the result of `tactopose identify`: status, unknown, duration (s), and objects by falling probability.
 
-    Of each object name, rank, probability, likelihood, log evidence (null where the index ruled it out) and hypotheses.
+    Each object has name, rank, probability, likelihood, log evidence (null if the index ruled it out) and hypotheses.
 
     Raises:
-        InvalidFileError: the file cannot be written.
+        InvalidFileError: if the file cannot be written.
     """
     objects = [
         {
@@ -139,7 +140,7 @@ def save_identification(path: Path, found: Identification) -> None:
 
 
 def hypotheses_data(estimate: PoseEstimate) -> list[dict[str, Any]]:
-    """The hypotheses as JSON has them, by falling probability."""
+    """The hypotheses as data for JSON, by falling probability."""
     return [
         {
             "translation": hypothesis.X_PO.translation().tolist(),

@@ -1,4 +1,4 @@
-"""Where the vertices of a convex hull are, which Drake gives one by one."""
+"""The vertices of a convex hull as an array; Drake gives them one by one."""
 
 import numpy as np
 from pydrake.geometry import PolygonSurfaceMesh

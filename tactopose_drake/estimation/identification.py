@@ -1,13 +1,13 @@
-"""Which of many known objects is in the hand? ([B16] section 6.2.1)
+"""Identification of the object in the hand among many known ones ([B16] section 6.2.1).
 
-A pose is estimated for every object that may be it. An object's evidence is the likelihood of the touch summed over all
-the poses that it may have: what the touch says of the object, be its pose determined or not. The thesis compares the
-inverses of the lowest costs instead: `likelihood="inverse_cost"`. That it may be none of the known objects is weighed
-by their evidence (see `core.identification.unknown_object`), whichever measure ranks them.
+A pose is estimated for every candidate. An object's evidence is the marginal likelihood of the touch, integrated over
+all poses of the object, whether or not the touch determines the pose. The thesis compares the inverses of the lowest
+costs instead (`likelihood="inverse_cost"`). The probability that it is none of the known objects is computed from their
+evidence (see `core.identification.unknown_object`), whichever measure ranks them.
 
-Of a library's objects few are estimated, so that ten times as many take little longer. Those whose pairs of surface
-points agree best with the contacts' (see `core.identification.library_index`) have their poses searched; of these the
-ones of most evidence by a quick approximation, which leaves out edges and the bends of modes, are estimated.
+Only a few objects of a library are estimated, so that ten times as many take little longer. The objects whose pairs of
+surface points agree best with the contacts' (see `core.identification.library_index`) have their poses searched. The
+ones with the largest approximate evidence, which ignores edges and the curvature of modes, are then estimated.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016.
 """
@@ -57,7 +57,7 @@ from tactopose_drake.estimation.search_methods import METHODS
 from tactopose_drake.estimation.shape_errors import log_dilution, with_shape_errors
 
 _METHOD = "pair_search"
-# So many of a library's objects, for each one that is estimated, have their poses searched.
+# The number of a library's objects whose poses are searched, for each one that is estimated.
 _SEARCHED = 4
 
 
@@ -73,27 +73,27 @@ def identify(
     seed: int = 0,
     unknown_prior: float = 1.0 / 3.0,
 ) -> Identification:
-    """Ranks objects by how well they explain a touch, and says how probable it is that it is of none of them.
+    """Ranks objects by how well they explain a touch, and computes the probability that it is none of them.
 
     Args:
-        models: the objects; of an `ObjectLibrary` only the candidates are looked at closely.
-        contacts: the touch at single points, in the palm frame; may be `Contacts.empty()` where a patch is felt.
+        models: the objects; of an `ObjectLibrary` only the most promising candidates are estimated.
+        contacts: the touch at single points, in the palm frame; may be `Contacts.empty()` if a patch is felt.
         patches: what tactile arrays feel, as for `estimate_pose`.
-        executor: estimates several objects at a time: processes, threads, or a cluster's; the result is the same.
-            Processes pay where some seconds of models are to be loaded.
+        executor: an executor of threads, processes or a cluster that estimates several objects at a time; the result
+            is the same. Processes are worthwhile if loading the models takes some seconds.
         likelihood: "evidence", or "inverse_cost", the thesis' measure.
-        candidates: of a library's objects so many have their poses estimated.
-        max_hypotheses: how many poses of each are kept, at most.
-        seed: of the searches' random numbers.
-        unknown_prior: the probability that the object is none of these, before the touch: how often that happens. 0
-            where it is one of them for certain; below 1.
+        candidates: number of a library's objects whose poses are estimated.
+        max_hypotheses: the largest number of poses to keep for each object.
+        seed: seed of the searches' random numbers.
+        unknown_prior: prior probability that the object is none of these, >= 0 and < 1; 0 if it is certainly one of
+            them.
 
     Raises:
-        TooFewContactsError: no contact, and no patch that is felt.
-        UnknownNameError: a likelihood that does not exist.
-        InvalidInputError: no object, or one that is no `ObjectModel`; `candidates` or `max_hypotheses` below 1; a seed
-            below 0; a prior that is no probability; patches that are none; a touch not in metres; an executor that is
-            shut down, or loses its workers.
+        TooFewContactsError: if there is no contact and no felt patch.
+        UnknownNameError: if the likelihood does not exist.
+        InvalidInputError: if there is no object, or one is not an `ObjectModel`; if `candidates` or `max_hypotheses` is
+            below 1, the seed below 0, or the prior out of range; if patches have a wrong type, or the touch is not in
+            metres; if the executor is shut down, or loses its workers.
     """
     started = time.perf_counter()
     likelihood = check_likelihood("likelihood", likelihood)
@@ -125,14 +125,14 @@ def identify(
 
 
 def _ruled_out(name: str, index: int, rank: int) -> Identity:
-    """An object of a library that was not looked at closely."""
+    """The identity of a library's object that was not estimated."""
     return Identity(name, index, rank, 0.0, 0.0, -math.inf, None)
 
 
 def _by_likelihood(
     library: ObjectLibrary, order: list[int], evidence: Evidence, candidates: int, seed: int, run: Callable[..., Any]
 ) -> list[int]:
-    """The library's objects, the most likely first: by its index, and the first of those by approximate evidence."""
+    """Orders a library's objects by its index, and the first of them again by their approximate evidence."""
     order = _by_falling(order, library.index.scores(evidence.touch)[order])
     searched, rest = order[: _SEARCHED * candidates], order[_SEARCHED * candidates :]
     approximate = functools.partial(_approximate_evidence, evidence=Sealed(evidence), seed=seed)
@@ -141,14 +141,14 @@ def _by_likelihood(
 
 
 def check_prior(name: str, value: float) -> float:
-    """The probability of an unknown object before the touch.
+    """Checks the prior probability of an unknown object.
 
     Args:
-        name: what the value is of.
-        value: at least 0, and below 1.
+        name: name of the value in messages.
+        value: the probability, >= 0 and < 1.
 
     Raises:
-        InvalidInputError: if it is not.
+        InvalidInputError: if it is out of this range.
     """
     prior = positive_number(name, value, allow_zero=True)
     if prior >= 1.0:
@@ -179,10 +179,10 @@ def _check_touch(contacts: Contacts, patches: Sequence[Patch]) -> Evidence:
 
 
 def check_objects(models: object) -> Sequence[ObjectModel | LibraryObject]:
-    """The objects that a touch may be of, from a library or a sequence of one or more.
+    """The candidate objects, from a library or a sequence of one or more.
 
     Raises:
-        InvalidInputError: if it is neither.
+        InvalidInputError: if `models` is neither.
     """
     if isinstance(models, ObjectLibrary):
         return models.objects
@@ -197,7 +197,7 @@ def check_objects(models: object) -> Sequence[ObjectModel | LibraryObject]:
 
 
 def _by_falling(indices: Sequence[int], values: Iterable[float]) -> list[int]:
-    """The indices by falling values; equal ones stay in their order."""
+    """The indices by falling values; indices of equal values keep their order."""
     return [i for _, i in sorted(zip(values, indices, strict=True), key=lambda pair: -pair[0])]
 
 
@@ -225,7 +225,7 @@ def _approximate_evidence(known: Sealed[ObjectModel | LibraryObject], evidence: 
 def _explain(
     known: Sealed[ObjectModel | LibraryObject], evidence: Sealed[Evidence], max_hypotheses: int, seed: int
 ) -> PoseEstimate:
-    """The pose of one object; maybe in another process, which loads a library's object by itself."""
+    """Estimates the pose of one object; may run in another process, which loads a library's object itself."""
     model = _model(known.value)
     felt, dilution = _with_shape_errors(model, evidence.value)
     found = with_near_origin(model, lambda near: weigh_poses(near, felt, _METHOD, seed, max_hypotheses, math.inf))
@@ -233,6 +233,6 @@ def _explain(
 
 
 def _with_shape_errors(model: ObjectModel, touch: Evidence) -> tuple[Evidence, float]:
-    """The touch as unsure as the object's surface makes it, and by how much that alone raises the log evidence."""
+    """The touch with the object's shape errors added to its noise, and how much that alone raises the log evidence."""
     contacts = with_shape_errors(model, touch.contacts)
     return dataclasses.replace(touch, contacts=contacts), log_dilution(touch.contacts, contacts)

@@ -1,4 +1,4 @@
-"""What a touch says of which object it is of."""
+"""The results of identification."""
 
 import dataclasses
 import math
@@ -32,17 +32,19 @@ _OF_IDENTIFICATION: Readers = {"status": read_status, "duration": read_amount, "
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Identity(PlainValue):
-    """One object that the touch may be of.
+    """One candidate for the touched object.
 
     Attributes:
-        name: the object's.
-        index: its place among the objects that were given.
-        rank: 1 for the most likely object; objects of equal shape share theirs.
-        likelihood: its share among all known objects, which sum to 1; objects of equal shape have the same.
-        probability: that the touched object is this one: the likelihood, times the probability that it is a known one.
-        log_evidence: logarithm of the touch's likelihood over all poses of the object, up to a constant that all
-            objects share (see `core.identification.model_evidence`); minus infinity where the index ruled it out.
-        estimate: its pose; None where the index ruled the object out.
+        name: name of the object.
+        index: its index among the objects that were given.
+        rank: 1 for the most likely object; objects of equal shape share a rank.
+        likelihood: its likelihood relative to all known objects; these sum to 1, and objects of equal shape have the
+            same.
+        probability: probability that the touched object is this one: the likelihood times the probability that it is a
+            known object.
+        log_evidence: logarithm of the marginal likelihood over all poses of the object, up to a constant that all
+            objects share (see `core.identification.model_evidence`); minus infinity if the index ruled it out.
+        estimate: its pose; None if the index ruled the object out.
     """
 
     name: str
@@ -58,26 +60,26 @@ class Identity(PlainValue):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What `to_dict` has made it of, to the last bit.
+        """Restores the value that `to_dict` converted, to the last bit.
 
         Raises:
-            InvalidInputError: for an unknown or missing name, or a value that cannot be one.
+            InvalidInputError: for an unknown or missing name, or an invalid value.
         """
         return super().from_dict(read_fields(cls, data, _OF_IDENTITY))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Identification(PlainValue, Sequence[Identity]):
-    """The objects that one touch may be of, the most likely first: a sequence of `Identity`.
+    """The candidates for one touched object, the most likely first: a sequence of `Identity`.
 
     Attributes:
-        identities: by falling likelihood; never empty.
-        status: "ok"; "ambiguous" when the first object has a probability below 90 %, with its equals, or when there are
-            fewer than three contacts, which leave whole families of poses; "no_solution" when no pose of the first
-            object explains the touch, or when the touch is of none of the objects with 90 % or more.
-        duration: s.
-        unknown: the probability that the touched object is none of the known ones; with those of the objects it sums
-            to 1.
+        identities: the candidates by falling likelihood; never empty.
+        status: "ok"; "ambiguous" if the first object and those of equal shape together have a probability below 90 %,
+            or if there are fewer than three contacts, which leave whole families of poses; "no_solution" if no pose of
+            the first object explains the touch, or if `unknown` is 90 % or more.
+        duration: computing time, s.
+        unknown: probability that the touched object is none of the known ones; it sums to 1 with the objects'
+            probabilities.
     """
 
     identities: tuple[Identity, ...]
@@ -104,10 +106,10 @@ class Identification(PlainValue, Sequence[Identity]):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What `to_dict` has made it of, to the last bit.
+        """Restores the value that `to_dict` converted, to the last bit.
 
         Raises:
-            InvalidInputError: for an unknown or missing name, or a value that cannot be one.
+            InvalidInputError: for an unknown or missing name, or an invalid value.
         """
         given = read_fields(cls, data, _OF_IDENTIFICATION)
         given["identities"] = read_parts(cls, "identities", given.get("identities", ()), Identity)
@@ -115,12 +117,12 @@ class Identification(PlainValue, Sequence[Identity]):
 
     @property
     def best(self) -> Identity:
-        """The most likely object; of several that are equal, one."""
+        """The most likely object; one of them if several have the same shape."""
         return self.identities[0]
 
     @property
     def ties(self) -> tuple[tuple[Identity, ...], ...]:
-        """The objects of equal shape, which no touch tells apart; those without an equal are in none."""
+        """Groups of objects of equal shape, which no touch distinguishes; objects of a unique shape are in no group."""
         by_rank: dict[int, list[Identity]] = {}
         for identity in self.identities:
             by_rank.setdefault(identity.rank, []).append(identity)

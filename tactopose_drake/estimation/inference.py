@@ -1,4 +1,4 @@
-"""From evidence to an estimate: a search finds modes of the posterior, samples weigh them, and contacts judge them."""
+"""From evidence to an estimate: a search finds modes, sampling weighs them, and contacts are checked against them."""
 
 import math
 import time
@@ -26,19 +26,19 @@ from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.results import PoseEstimate, status_of
 from tactopose_drake.estimation.search_methods import METHODS
 
-# Beyond so many times the reach of touch and surface no pose is of interest; within it none is changed.
+# Poses are clipped to this multiple of the space's reach, beyond which the object is out of touch.
 _REACHES = 2.0
-# The same samples weigh the modes whatever the search's seed is: what is believed of them hangs on the touch alone.
+# A fixed seed, so that the modes' weights depend on the touch alone and not on the search's seed.
 _SAMPLES_SEED = 0
 
 
 def weigh_poses(
     model: ObjectModel, evidence: Evidence, method: str, seed: int, max_hypotheses: int, time_limit: float
 ) -> PoseEstimate:
-    """What `estimate_pose` does once its arguments are checked; `time_limit` in s, infinite for none.
+    """Does the work of `estimate_pose` for checked arguments; `time_limit` in s, infinite for none.
 
     Raises:
-        InvalidInputError: balance of an object whose mass is not known, or whose symmetries move its centre of mass.
+        InvalidInputError: for balance of an object whose mass is unknown or whose symmetries move its centre of mass.
     """
     deadline, evidence, params = _Deadline(time_limit), evidence.rounded(), DEFAULT_PARAMS
     most_modes = max(max_hypotheses, params.modes.most_modes)
@@ -48,7 +48,7 @@ def weigh_poses(
     images = indistinct_images(model, float(np.min(evidence.touch.sigma_position)))
 
     def answer(search: Search) -> tuple[Modes, Judgement | None, NDArray[np.bool_]]:
-        """The modes that a search finds, as far as there is time weighed, what is said of them, and which explain."""
+        """Modes of a search, weighed if there is time, the judgement of the contacts, and which modes explain them."""
         found = _search(problem, search, generator, deadline)
         modes = _modes_of(model, evidence, problem, found, images, most_modes)
         if not deadline():
@@ -61,11 +61,11 @@ def weigh_poses(
     modes, judged, explains = answer(search)
     wider_search = None if evidence.prior is None or explains.any() else search.widened()
     if wider_search is not None and not deadline():
-        # The valley with the pose may be a narrow one that no start has led to.
+        # The pose may be in a narrow valley that no start of the search has led to.
         modes, judged, explains = min(
             (modes, judged, explains),
             answer(wider_search),
-            # What explains, then what is weighed where there was no time for both.
+            # Prefer modes that explain the touch, then modes that there was time to weigh.
             key=lambda each: (not each[2].any(), math.isinf(each[0].standard_error), float(each[0].cost.min())),
         )
     hypotheses = _hypotheses(modes, _inlier_probability(problem, evidence, modes, judged), explains)
@@ -86,17 +86,17 @@ def weigh_poses(
 def _search(
     problem: PoseProblem, search: Search, generator: np.random.Generator, should_stop: StopSignal
 ) -> SearchResult:
-    """What a search finds, with doubt where contacts may be false."""
+    """Runs a search, with doubt in the contacts where they may be false."""
     if problem.but_for_one is None:
         return search.minimize(problem.objective, problem.space, generator, should_stop)
     return search_with_doubt(problem, search, generator, should_stop)
 
 
 def _is_undetermined(model: ObjectModel, evidence: Evidence, fewest: int, best: PoseHypothesis) -> bool:
-    """Whether whole families of poses are left.
+    """Whether the touch leaves whole families of poses.
 
-    By fewer contacts, by distances alone that are too few for six, by contacts that determine nothing, or that are not
-    believed themselves.
+    It does if there are fewer contacts than `fewest`, fewer than six distances without normals, only free directions,
+    or only contacts that are more probably false than not.
     """
     if evidence.prior is not None:
         return False
@@ -110,7 +110,7 @@ def _is_undetermined(model: ObjectModel, evidence: Evidence, fewest: int, best: 
 def _judge(
     model: ObjectModel, evidence: Evidence, problem: PoseProblem, modes: Modes, params: PosteriorParams
 ) -> tuple[Judgement | None, NDArray[np.bool_]]:
-    """What the contacts say of the modes, and which of those explain the touch."""
+    """The judgement of each contact under each mode, and which modes explain the touch."""
     X_PO = modes.mixture.X_PO
     judged = None if problem.mixture is None else problem.mixture.judge(X_PO)
     explained = explain_with_doubt(model, evidence, judged, X_PO, params.plausibility)
@@ -119,7 +119,7 @@ def _judge(
 
 
 class _Deadline:
-    """The stop signal of a time limit, s from now; it remembers whether it said stop."""
+    """The stop signal of a time limit, s from now; `passed` tells whether it has signalled."""
 
     def __init__(self, limit: float) -> None:
         self._started, self._limit = time.perf_counter(), limit
@@ -130,14 +130,17 @@ class _Deadline:
         return self.passed
 
     def elapsed(self) -> float:
-        """Since it was made, s."""
+        """Time since it was created, s."""
         return time.perf_counter() - self._started
 
 
 def _modes_of(
     model: ObjectModel, evidence: Evidence, problem: PoseProblem, found: SearchResult, images: FloatArray, limit: int
 ) -> Modes:
-    """What a search has found, as modes of contacts that may be false, up to images (s, 3, 4); so many at the most."""
+    """The modes of a search's poses under contacts that may be false, without symmetric images, at most `limit`.
+
+    `images` are the symmetry poses whose results count as the same, shape (s, 3, 4).
+    """
     X_PO = found.X_PO
     if evidence.prior is None:
         X_PO = _brought_back(X_PO, problem.space)
@@ -158,7 +161,7 @@ def _modes_of(
 
 
 def _brought_back(X_PO: FloatArray, space: PoseSpace) -> FloatArray:
-    """Poses (n, 3, 4), those that no contact holds and that have gone anywhere no farther off than twice the reach."""
+    """Poses (n, 3, 4), clipped to twice the reach: those that no contact holds may have drifted anywhere."""
     center, reach = space.center[:, 3], _REACHES * space.reach[1]
     return np.concatenate(
         [X_PO[:, :, :3], X_PO[:, :, 3:].clip((center - reach)[:, None], (center + reach)[:, None])], 2
@@ -166,7 +169,7 @@ def _brought_back(X_PO: FloatArray, space: PoseSpace) -> FloatArray:
 
 
 def _inlier_probability(problem: PoseProblem, evidence: Evidence, modes: Modes, judged: Judgement | None) -> FloatArray:
-    """Of each contact, then of each patch, that it is what it claims to be, shape (n, k); silent pads claim nothing."""
+    """Inlier probability of each contact, then of each patch, shape (n, k); 1 for pads that feel nothing."""
     by_contacts = np.empty((len(modes.cost), 0)) if judged is None else judged.inlier_probability
     by_patches = np.ones((len(modes.cost), len(evidence.patches)))
     if problem.pad_mixture is not None:
@@ -176,7 +179,7 @@ def _inlier_probability(problem: PoseProblem, evidence: Evidence, modes: Modes, 
 
 
 def _hypotheses(modes: Modes, inlier: FloatArray, explained: NDArray[np.bool_]) -> tuple[PoseHypothesis, ...]:
-    weights = np.minimum(modes.mixture.weights, 1.0)  # A sum of one may be more by rounding.
+    weights = np.minimum(modes.mixture.weights, 1.0)  # Rounding may exceed 1.
     return tuple(
         PoseHypothesis(RigidTransform(pose=X_PO), float(cost), float(weight), covariance, free, bool(explains), own)
         for X_PO, cost, weight, covariance, free, explains, own in zip(

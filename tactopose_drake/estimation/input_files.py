@@ -1,7 +1,7 @@
-"""Which files are read when one is: those that it names, those that these name, and so on.
+"""The files that an input file depends on: those that it names, those that these name, and so on.
 
-A hand's file names a model, which names meshes; a scenario names a hand, an object, a prior. Whatever the format, a
-text in a file that leads to another file, from the first one's folder, is taken for its name.
+A hand's file names a model, which names meshes; a scenario names a hand, an object, a prior. In any format, a string
+that is the path of an existing file, relative to the naming file's folder, counts as a reference to it.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ from tactopose_drake.resources.yaml_files import MAX_BYTES, read_text, read_yaml
 _XML = frozenset({".sdf", ".urdf", ".xml"})
 _BINARY = frozenset({".3mf", ".blf", ".dae", ".glb", ".obj", ".off", ".ply", ".stl", ".vtk", ".zae"})
 _LARGEST = 2**24  # bytes of a file of models
-_LONGEST = 1000  # letters of a name
+_LONGEST = 1000  # characters of a name
 _XML_TEXTS = re.compile(r"""="([^"]*)"|='([^']*)'|>([^<>]*)<""")
 _XML_FOLDERS = re.compile(r"""\b(?:meshdir|assetdir)\s*=\s*["']([^"']+)["']""")
 _GLTF_NAMES = re.compile(r'"uri"\s*:\s*"([^"]*)"')
@@ -26,9 +26,9 @@ _OF_FOLDERS = ("manifest.yaml", "library.yaml")  # of a recording, of a library 
 
 
 def files_behind(path: Path) -> Iterator[Path]:
-    """A file or folder that is read, and all files and folders that are read because it, or one of these, names them.
+    """Yields a file or folder that is read, and all files and folders that it names directly or indirectly.
 
-    What cannot be read names nothing; `package://` and other URLs are left aside.
+    A file that cannot be read names none; `package://` and other URLs are ignored.
     """
     waiting, seen = [path], set()
     while waiting:
@@ -62,7 +62,7 @@ def _named_in(path: Path) -> Iterator[Path]:
 
 
 def _in_yaml(folder: Path, node: yaml.Node | None) -> Iterator[Path]:
-    """What a text of a mapping or list names, keys included, and a mapping's `folder`."""
+    """Files that strings of a mapping or list name, including its keys, and files of a mapping's `folder`."""
     if isinstance(node, yaml.ScalarNode):
         yield from _existing([folder], {node.value})
     elif isinstance(node, yaml.SequenceNode):
@@ -73,13 +73,13 @@ def _in_yaml(folder: Path, node: yaml.Node | None) -> Iterator[Path]:
         for key, value in node.value:
             yield from _in_yaml(folder, key)
             yield from _in_yaml(folder, value)
-            # That of a Python distribution is not one from here.
+            # The folder of a Python distribution is not relative to this file.
             if key.value == "folder" and isinstance(value, yaml.ScalarNode) and "distribution" not in keys:
                 yield from _in_folder(folder / value.value)
 
 
 def _in_folder(folder: Path) -> Iterator[Path]:
-    """A recording, which is a whole; of other folders, the tables in it."""
+    """The folder itself if it is a recording; otherwise the tables in it."""
     if (folder / _OF_FOLDERS[0]).is_file():
         yield folder
     else:

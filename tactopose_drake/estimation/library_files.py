@@ -1,6 +1,6 @@
-"""What is in a library of objects: the meshes of a folder, or the entries of a manifest.
+"""The content of a library of objects: the meshes of a folder, or the entries of a manifest.
 
-An object that cannot be used is left out with its reason, and the others are used.
+An object that cannot be used is skipped with a reason, and the others are used.
 """
 
 import os
@@ -23,23 +23,23 @@ MANIFEST = "library.yaml"
 _MESHES = frozenset({".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl"})
 _KEYS = ("mesh", "scale", "mass", "symmetry", "surface_sigma", "scale_sigma")
 _SYMMETRY_KEYS = ("axis", "point", "order")
-_HIGHEST_ORDER = 60  # as many poses as a group of symmetries may have
+_HIGHEST_ORDER = 60  # the largest number of poses in a symmetry group
 
 Axis = tuple[tuple[float, ...], tuple[float, ...], int]
-"""Of a symmetry: axis, a point on it (m), order."""
+"""Axis, a point on it (m), and order of a symmetry."""
 
 
 class LibraryEntry(NamedTuple):
-    """What a library says of one object.
+    """A library's data on one object.
 
     Attributes:
-        name: what it is called.
-        mesh: its file.
-        mass: kg; None where it is not given.
+        name: the object's name.
+        mesh: its mesh file.
+        mass: mass, kg; None if it is not given.
         symmetry: "auto", "none", or the axes.
-        scale: how many metres the mesh's unit has.
-        surface_sigma: by how much the surface may be off, m, as of `ObjectModel.from_mesh`.
-        scale_sigma: by which share the scale may be off, likewise.
+        scale: metres per unit of the mesh.
+        surface_sigma: standard deviation of the surface, m, as in `ObjectModel.from_mesh`.
+        scale_sigma: relative standard deviation of the scale, likewise.
     """
 
     name: str
@@ -52,11 +52,11 @@ class LibraryEntry(NamedTuple):
 
 
 class SkippedObject(NamedTuple):
-    """An object that is left out.
+    """An object that was skipped.
 
     Attributes:
-        name: what it is called.
-        reason: why.
+        name: the object's name.
+        reason: why it was skipped.
     """
 
     name: str
@@ -67,19 +67,20 @@ class SkippedObject(NamedTuple):
 
 
 def read_library(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
-    """The objects of a folder or of a manifest, and what of them cannot be used; no mesh is read.
+    """The usable objects of a folder or manifest, and the skipped ones; no mesh is read.
 
     A manifest is a YAML file, or the file `library.yaml` of a folder:
 
         mug: {mesh: mug.obj, mass: 0.32}
         nut: {mesh: hardware/nut.stl, symmetry: [{axis: [0, 0, 1], point: [0, 0, 0], order: 6}]}
 
-    Meshes are relative to its folder. `scale` (metres in the mesh's unit), `mass` (kg), `symmetry` ("auto", "none", or
-    axes, whose points are in metres; order 0 is a solid of revolution), `surface_sigma` (m) and `scale_sigma` may be
-    absent. Without a manifest, all meshes in the folder that are not hidden are objects by their files' names.
+    Paths of meshes are relative to the manifest's folder. `scale` (metres per unit of the mesh), `mass` (kg),
+    `symmetry` ("auto", "none", or axes with points in metres; order 0 is a solid of revolution), `surface_sigma` (m)
+    and `scale_sigma` are optional. Without a manifest, every mesh in the folder that is not hidden is an object with
+    its file's name.
 
     Raises:
-        InvalidFileError: no such folder or file, or a manifest that is no mapping.
+        InvalidFileError: if there is no such folder or file, or the manifest is no mapping.
     """
     if os.path.isdir(path):
         return _read_manifest(path / MANIFEST) if os.path.isfile(path / MANIFEST) else _read_folder(path)
@@ -91,7 +92,7 @@ def read_library(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
 def _read_folder(folder: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
     entries: dict[str, LibraryEntry] = {}
     skipped = []
-    # Hidden files are none of the user's: such as those that macOS puts beside each file of an archive.
+    # Skip hidden files, such as those that macOS puts beside each file of an archive.
     files = [file for file in folder.iterdir() if not file.name.startswith(".")]
     for mesh in sorted(file for file in files if file.suffix.lower() in _MESHES and file.is_file()):
         if mesh.stem in entries:
@@ -106,7 +107,7 @@ def _read_folder(folder: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]
 def _read_manifest(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
     root = read_yaml(path)
     if not isinstance(root, yaml.MappingNode):
-        raise InvalidFileError(f"{path}: allowed is a mapping of names to objects.")
+        raise InvalidFileError(f"{path}: is no mapping; allowed is a mapping of names to objects.")
     entries = []
     skipped = []
     for key, value in root.value:
@@ -153,7 +154,7 @@ def make_symmetries(axes: Iterable[Axis]) -> list[RotationalSymmetry]:
     """The symmetries about axes.
 
     Raises:
-        InvalidInputError: an axis that is no unit vector, or an order of 1 or below 0.
+        InvalidInputError: if an axis is no unit vector, or an order is 1 or below 0.
     """
     return [RotationalSymmetry(np.array(axis), np.array(point), order) for axis, point, order in axes]
 

@@ -1,4 +1,4 @@
-"""Many touches in one call, on all cores."""
+"""`estimate_poses`: estimates for many touches in one call, on all cores."""
 
 import contextlib
 import os
@@ -21,10 +21,10 @@ from tactopose_drake.estimation.pickling import Sealed
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 
-# So many touches of one object go to a worker at a time: to a thread few, to another process, which needs a copy of the
-# model each time, many.
+# Touches of one object in a worker's task: few for a thread, many for another process, which gets a copy of the model
+# with each task.
 _TO_A_THREAD, _TO_A_PROCESS = 8, 250
-# What users call a type.
+# Names of types in messages.
 _CALLED: dict[type, str] = {GaussianPrior: "PosePrior", Integral: "integer"}
 
 
@@ -38,32 +38,32 @@ def estimate_poses(
     on_progress: Callable[[int, int], None] | None = None,
     **options: Any,
 ) -> list[PoseEstimate]:
-    """Estimates the poses of many touches, several at a time, to the same bits as `estimate_pose` one by one.
+    """Estimates the poses of many touches, several at a time, with results identical to `estimate_pose` for each.
 
     Args:
-        models: the object of all touches, or of each.
-        contacts: of each touch; they may be `Contacts.empty()` where patches are felt.
-        priors: of all touches, or of each.
-        seed: likewise, of the search's random numbers.
-        executor: where the work is done: processes, or a cluster's, which are handed the models and so pay where each
-            object has hundreds of touches. Threads without, one a core: of an estimate two fifths are Python's, which
-            one thread at a time has.
-        on_progress: is told how many touches of how many are done.
-        options: all others of `estimate_pose`, the same for all touches.
+        models: the object of all touches, or one for each touch.
+        contacts: contacts of each touch; may be `Contacts.empty()` if patches are felt.
+        priors: the prior of all touches, or one for each touch.
+        seed: seed of the search's random numbers, for all touches or one for each.
+        executor: runs the work in processes or on a cluster. Models are copied to them, so this is worthwhile if each
+            object has hundreds of touches. None: one thread per core; they run in parallel except for the Python code,
+            two fifths of an estimate, which holds the interpreter lock.
+        on_progress: called with the number of touches that are done and their total.
+        options: all other options of `estimate_pose`, the same for all touches.
 
     Raises:
-        InvalidInputError: models, priors or seeds of another number than the touches, or of another type; `prior`
-            among the options; an executor that is shut down, or loses its workers, before all is done.
-        TactoposeError: what `estimate_pose` raises of one of the touches, with a note of which one: of its arguments
-            before any work, else when it comes to it; work that is not begun yet is dropped.
+        InvalidInputError: if models, priors or seeds differ in number from the touches or have a wrong type; if `prior`
+            is among the options; if the executor is shut down, or loses its workers, before all work is done.
+        TactoposeError: what `estimate_pose` raises for one of the touches, with a note that says which one. Errors of
+            arguments are raised before any work; other errors cancel work that has not started.
     """
     if isinstance(contacts, Contacts):
-        raise InvalidInputError("contacts: are of one touch; allowed is a sequence of Contacts, one for each touch.")
+        raise InvalidInputError("contacts: is a single Contacts; allowed is a sequence of them, one for each touch.")
     instance_of("contacts", contacts, Iterable)
     if isinstance(contacts, str | bytes | Mapping | Set) or getattr(contacts, "ndim", 1) != 1:
         raise InvalidInputError(f"contacts: is {shown(contacts)}; allowed is a sequence of Contacts.")
     if "prior" in options:
-        raise InvalidInputError("prior: of many touches it is `priors=`, one PosePrior or one for each touch.")
+        raise InvalidInputError("prior: is unknown here; allowed is `priors=`, one PosePrior or one for each touch.")
     if executor is not None:
         instance_of("executor", executor, Executor)
     if on_progress is not None:
@@ -80,7 +80,7 @@ def estimate_poses(
         seeds[i] = whole_number(f"seed[{i}]", seeds[i], least=0)
         with _told_of(i):
             check_question(of[i], contacts[i], prior=before[i], seed=seeds[i], **options)
-    make_kernels_ready()  # Threads that meet a type for the first time at once may each get their own from numba.
+    make_kernels_ready()  # numba may compile a kernel more than once if threads first call it at the same time.
     estimates: dict[int, PoseEstimate] = {}
     with contextlib.ExitStack() as stack:
         pool = stack.enter_context(ThreadPoolExecutor(os.cpu_count())) if executor is None else executor
@@ -105,7 +105,7 @@ def estimate_poses(
 
 
 def _each(name: str, value: Any, kind: type, count: int) -> list[Any]:
-    """One for each touch, of those that were given or of the one."""
+    """One value for each touch, repeating a single one."""
     if isinstance(value, kind):
         return [value] * count
     if isinstance(value, np.ndarray) and value.ndim:
@@ -119,7 +119,7 @@ def _each(name: str, value: Any, kind: type, count: int) -> list[Any]:
 
 
 def _parts(models: Sequence[ObjectModel], most: int) -> Iterator[tuple[Sealed[ObjectModel], list[int]]]:
-    """The touches by number, so many of one object at a time, or fewer so that all cores have work."""
+    """Splits the touches' indices by object into tasks of at most `most`, and small enough to occupy all cores."""
     groups: dict[int, list[int]] = {}
     for i, model in enumerate(models):
         groups.setdefault(id(model), []).append(i)
@@ -134,7 +134,7 @@ def _estimate_some(
     touches: Sealed[list[tuple[int, Contacts, dict[str, Any]]]],
     options: Sealed[dict[str, Any]],
 ) -> list[PoseEstimate]:
-    """The estimates of some touches of one object; maybe in another process."""
+    """Estimates some touches of one object; may run in another process."""
     estimates = []
     for i, contacts, own in touches.value:
         with _told_of(i):
@@ -144,9 +144,9 @@ def _estimate_some(
 
 @contextlib.contextmanager
 def _told_of(i: int) -> Iterator[None]:
-    """Notes at an error of which touch it is."""
+    """Adds a note to an error that says which touch caused it."""
     try:
         yield
     except TactoposeError as error:
-        error.add_note(f"This is of contacts[{i}].")
+        error.add_note(f"The error is of contacts[{i}].")
         raise

@@ -1,4 +1,4 @@
-"""The pose as a MathematicalProgram: any objective with gradients, minimised by the solvers that Drake brings."""
+"""Pose search as a MathematicalProgram: any objective with gradients, minimised by the solvers in Drake."""
 
 import dataclasses
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from tactopose_drake.errors import InvalidInputError, UnknownNameError
 
 
 class StoppedError(RuntimeError):
-    """Ends a solver from within its cost: NLopt returns, SNOPT and IPOPT pass it on, or raise a RuntimeError for it."""
+    """Stops a solver from its cost function: NLopt returns; SNOPT and IPOPT raise this or another RuntimeError."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +34,7 @@ class _Solver:
     iteration_limit: str
 
 
-# SNOPT's exit "the current point cannot be improved": how it ends at a minimum on a kink.
+# SNOPT's exit "the current point cannot be improved", with which it ends at a minimum on a kink of the cost.
 _SNOPT_CANNOT_IMPROVE = 41
 
 _SOLVERS = {
@@ -47,7 +47,7 @@ _SOLVERS = {
         {
             "hessian_approximation": "limited-memory",
             "tol": 1e-8,
-            # The interpolated cost has kinks between cells; a minimum on a kink is known by a cost that stalls.
+            # The interpolated cost has kinks between cells; a minimum on a kink is recognised by a cost that stalls.
             "acceptable_tol": 1e10,
             "acceptable_obj_change_tol": 1e-6,
             "acceptable_iter": 10,
@@ -59,16 +59,16 @@ _SOLVERS = {
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PoseProgram(Search):
-    """Minimises an objective over the increment from one pose with a solver of Drake's.
+    """Minimises an objective over the increment from one pose with one of Drake's solvers.
 
     The decision variables are the increment (w, v) from the centre of the space, each divided by the change that moves
-    the object's surface by one centimetre, so that solvers that start from a unit metric take fitting steps. The cost
-    hands Drake its exact gradient; a large increment keeps it exact through the right Jacobian of SO(3).
+    the object's surface by one centimetre, so that solvers that assume a unit metric take steps of suitable size. The
+    gradient is exact for large increments, too, by the right Jacobian of SO(3).
 
     Attributes:
         solver: "nlopt_slsqp", "nlopt_ccsaq", "snopt" or "ipopt".
-        length: the lever that makes rotations and translations comparable, m; half the object's size.
-        max_iterations: of the solver (evaluations, for NLopt).
+        length: lever arm that makes rotations and translations comparable, m; half the object's size.
+        max_iterations: iteration limit of the solver; for NLopt, evaluations.
     """
 
     solver: str = "nlopt_slsqp"
@@ -88,7 +88,7 @@ class PoseProgram(Search):
         generator: np.random.Generator,
         should_stop: StopSignal = never,
     ) -> SearchResult:
-        """Minimises from the centre of the space; one pose, the best that was seen when it is told to stop."""
+        """Minimises from the centre of the space; returns one pose, the best evaluated one if it is stopped."""
         units = np.repeat([0.01 / self.length, 0.01], 3)
         candidates = CandidatePoses(objective, space.center, units)
         stopped = False
@@ -130,9 +130,9 @@ class PoseProgram(Search):
 def cost_and_gradient(
     objective: LeastSquaresObjective, X_start: FloatArray, increment: FloatArray
 ) -> tuple[float, FloatArray]:
-    """The cost at X_start (3, 4) moved by an increment (6,), and its gradient by that increment (6,)."""
+    """The cost at X_start (3, 4) moved by an increment (6,), and its gradient with respect to the increment (6,)."""
     equations = objective.normal_equations(retract(X_start, increment)[None])
     gradient = equations.gradient[0].copy()
-    # exp(w + dw) = exp(w) exp(J_r dw), and the objective's gradient is by the right-hand factor.
+    # exp(w + dw) = exp(w) exp(J_r dw); the objective's gradient is with respect to the right-hand factor.
     gradient[:3] = right_jacobian(increment[:3]).T @ gradient[:3]
     return float(equations.cost[0]), gradient

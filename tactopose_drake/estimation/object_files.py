@@ -1,4 +1,4 @@
-"""An object's model from whatever file describes it: a mesh, or what Drake simulates."""
+"""Loading of an object's model from a mesh, SDF, URDF or MJCF file."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,15 +24,15 @@ def load_object(
 
     Args:
         path: the file. O is the mesh's frame, or the body's.
-        scale: how many metres the mesh's unit has; of the other files, which are in metres, 1.
-        symmetry: as of `ObjectModel.from_mesh`.
-        mass: kg; by default what the file says.
-        surface_sigma: by how much the surface may be off, m, as of `ObjectModel.from_mesh`.
-        scale_sigma: by which share the scale may be off, likewise.
+        scale: metres per unit of the mesh; must be 1 for the other formats, which are in metres.
+        symmetry: as in `ObjectModel.from_mesh`.
+        mass: mass, kg; None: the file's.
+        surface_sigma: standard deviation of the surface, m, as in `ObjectModel.from_mesh`.
+        scale_sigma: relative standard deviation of the scale, likewise.
 
     Raises:
         InvalidFileError: if the file cannot be read, or holds more than one body or no shape with an inside.
-        InvalidInputError: as of `ObjectModel.from_mesh`.
+        InvalidInputError: as in `ObjectModel.from_mesh`.
     """
     path = Path(path)
     if path.suffix.lower() not in _SIMULATED:
@@ -40,8 +40,8 @@ def load_object(
             path, scale=scale, symmetry=symmetry, mass=mass, surface_sigma=surface_sigma, scale_sigma=scale_sigma
         )
     if scale != 1.0:
-        raise InvalidFileError(f"{path}: is in metres; a scale is for meshes alone.")
-    # As late as such a file is asked for: it loads what meshes do not need.
+        raise InvalidFileError(f"{path}: is in metres; allowed is scale=1, as only meshes have another unit.")
+    # Imported only for such files: it loads modules that meshes do not need.
     from tactopose_drake.estimation.simulated_body import read_body
 
     body = read_body(path)

@@ -1,8 +1,8 @@
-"""Many known objects: a folder of meshes or a manifest, indexed once, so that few of them need a closer look.
+"""Many known objects: a folder of meshes or a manifest, indexed so that identification estimates only a few of them.
 
-What identification needs of every object is in `LibraryIndex`, some 20 kB each; an object's model is loaded when it is
-a candidate. Both are kept on disk by the mesh's content (see `model_cache`), each as soon as it is made: an interrupted
-indexing goes on where it stopped, and a changed mesh is indexed anew.
+`LibraryIndex` holds what identification needs of every object, some 20 kB each; an object's model is loaded only when
+it is a candidate. Both are cached on disk by the mesh's content (see `model_cache`) as soon as they are built, so that
+an interrupted indexing continues where it stopped, and a changed mesh is indexed again.
 """
 
 from __future__ import annotations
@@ -32,25 +32,25 @@ from tactopose_drake.estimation.library_files import LibraryEntry, SkippedObject
 MAX_GRID_BYTES = 2 * 2**20
 """The largest distance grid of an object in a library, bytes."""
 
-_KEPT_BYTES = 2.8e6  # of an object on disk, about
+_KEPT_BYTES = 2.8e6  # disk space of an object's cached data, about
 
-_LOADED = 128  # So many of the models that were used last are kept in memory, some 6 MB each.
+_LOADED = 128  # number of recently used models that are kept in memory, some 6 MB each
 
 Progress = Callable[[int, int], None]
-"""Is told how many objects of how many are indexed."""
+"""A callback that gets the number of objects that are indexed, and their total."""
 
 
 class LibraryWarning(UserWarning):
-    """An object of a library that is left out, and why."""
+    """A library's object is skipped, or the library does not fit in the cache."""
 
 
 @dataclasses.dataclass(frozen=True)
 class LibraryObject:
-    """An object that is known by its mesh file.
+    """An object in a library, whose model is loaded on demand.
 
     Attributes:
-        entry: its name and file, and what is given of it.
-        content: a hash of the mesh and its scale, 32 hexadecimal digits.
+        entry: its name, file and properties.
+        content: hash of the mesh and its scale, 32 hexadecimal digits.
     """
 
     entry: LibraryEntry
@@ -58,26 +58,26 @@ class LibraryObject:
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """The object's name."""
         return self.entry.name
 
     def load(self) -> ObjectModel:
-        """Its model, the same one as long as it is among the last used.
+        """Loads its model; recently used models are kept in memory.
 
         Raises:
-            InvalidFileError: a mesh that is not there any more, or another one than when the library was opened.
+            InvalidFileError: if the mesh no longer exists, or has changed since the library was opened.
         """
         return _load(self)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ObjectLibrary:
-    """Objects to identify a touched one among.
+    """The known objects among which a touched one is identified.
 
     Attributes:
-        objects: by their names.
-        skipped: what was left out, and why.
-        index: pair features of the objects, in their order.
+        objects: the objects, sorted by name.
+        skipped: objects that were skipped, with reasons.
+        index: pair features of the objects, in the same order.
     """
 
     objects: tuple[LibraryObject, ...]
@@ -95,19 +95,20 @@ class ObjectLibrary:
     def open(
         cls, path: str | Path, *, executor: Executor | None = None, on_progress: Progress | None = None
     ) -> ObjectLibrary:
-        """Reads a library, and indexes what is not indexed yet.
+        """Reads a library, and indexes the objects that are not indexed yet.
 
         Args:
-            path: a folder of meshes, one an object, named after their files; or a manifest (see `read_library`).
-            executor: indexes several objects at a time; one after the other without.
-            on_progress: is told after each object.
+            path: a folder of meshes, each an object with its file's name; or a manifest (see `read_library`).
+            executor: indexes several objects at a time; None: one after the other.
+            on_progress: called after each object.
 
         Raises:
-            InvalidFileError: no such folder or file, a manifest that does not fit, or no object that can be used.
-            InvalidInputError: what is no path, or an executor that is shut down, or loses its workers.
+            InvalidFileError: if there is no such folder or file, the manifest does not fit its format, or no object can
+                be used.
+            InvalidInputError: if `path` is no path, or the executor is shut down or loses its workers.
 
         Warns:
-            LibraryWarning: for each object that is left out; where the cache on disk holds fewer objects.
+            LibraryWarning: for each object that is skipped, and if the objects do not fit in the cache on disk.
         """
         entries, skipped = read_library(path_of("path", path))
         _check_room(path, len(entries))
@@ -131,7 +132,7 @@ class ObjectLibrary:
 
 
 def _check_room(path: str | Path, count: int) -> None:
-    """Warns where so many objects do not fit on disk: each time, those that went would be built anew."""
+    """Warns if the cache cannot hold this many objects: those dropped would be rebuilt each time."""
     needed, limit = count * _KEPT_BYTES / 1e9, model_cache.cache_limit() / 1e9
     if needed > limit:
         message = f"{path}: {count} objects take about {needed:.1f} GB; {model_cache.LIMIT_VARIABLE} allows {limit:g}."
@@ -144,7 +145,7 @@ class _Indexed(NamedTuple):
 
 
 def _index_all(entries: list[LibraryEntry], executor: Executor | None) -> Iterator[tuple[LibraryEntry, _Indexed | str]]:
-    """Each entry with its index, or why there is none; those that are on disk already come first."""
+    """Each entry with its index, or the reason why there is none; entries that are cached on disk come first."""
     missing = []
     for entry in entries:
         try:
@@ -174,7 +175,7 @@ def _index_all(entries: list[LibraryEntry], executor: Executor | None) -> Iterat
 
 
 def _index(entry: LibraryEntry) -> _Indexed | str:
-    """Indexes an object and keeps the result, or says why that is impossible."""
+    """Indexes an object and caches the result; returns the reason as text if that is impossible."""
     try:
         known = LibraryObject(entry, _content(entry))
         pairs = count_pairs(_build(known).samples)
@@ -204,17 +205,15 @@ def forget_models() -> None:
 @functools.lru_cache(maxsize=_LOADED)
 def _load(known: LibraryObject) -> ObjectModel:
     if _content(known.entry) != known.content:
-        raise InvalidFileError(
-            f"{known.entry.mesh}: is another mesh than when the library was opened; open the library again."
-        )
+        raise InvalidFileError(f"{known.entry.mesh}: has changed since the library was opened; open the library again.")
     return _build(known)
 
 
 def _build(known: LibraryObject) -> ObjectModel:
-    """The model, as finely as a library of many can afford."""
+    """Builds the model, with fewer samples and a smaller grid than usual because a library has many objects."""
     symmetry = known.entry.symmetry
     with warnings.catch_warnings():
-        # Whoever has a thousand meshes knows what they are like; `ObjectModel.repairs` says it again.
+        # A warning for each of many meshes would be too much; `ObjectModel.repairs` lists the repairs.
         warnings.simplefilter("ignore", MeshRepairWarning)
         return ObjectModel.from_mesh(
             known.entry.mesh,

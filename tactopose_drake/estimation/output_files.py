@@ -1,4 +1,4 @@
-"""Writing results so that nothing is destroyed: checked before the work, written beside, and only then renamed."""
+"""Safe writing of results: outputs are checked before the work, written to a temporary file, and then renamed."""
 
 import contextlib
 import os
@@ -15,17 +15,17 @@ _LEAST_FREE = 5_000_000  # bytes; a page with a scene has 3 MB
 def check_outputs(
     outputs: Iterable[Path | None], inputs: Iterable[Path | None] = (), renewed: Path | None = None
 ) -> None:
-    """Tells, before any work, whether files can be written there.
+    """Checks, before any work, that output files can be written.
 
     Args:
-        outputs: the files that are to be written; None stands for none.
-        inputs: files and folders that are read; an output may neither be one nor be in one, nor in those that these
-            name: the model of a hand, that model's meshes, and so on.
-        renewed: a file that an input names and that an output may be all the same, since it is not read.
+        outputs: the files to be written; None entries are ignored.
+        inputs: files and folders that are read. An output must neither be one of them nor in one of them, and the same
+            goes for files that they name: the model of a hand, that model's meshes, and so on.
+        renewed: a file that an input names but that is not read, so that an output may replace it.
 
     Raises:
-        InvalidFileError: if a folder does not exist, an output is a folder, an input, or another output, or nothing can
-            be written there, for want of room too.
+        InvalidFileError: if an output's folder does not exist; if an output is a folder, an input, or another output;
+            or if it cannot be written or its disk is full.
     """
     written: list[Path] = []
     wanted = [path for path in outputs if path is not None]
@@ -47,7 +47,7 @@ def check_outputs(
                 way = "" if other == _place(given) else f", which {given} leads to"
                 raise InvalidFileError(f"{path}: is an input, or in one{way}; allowed is another file.")
         if any(place == other or _is_same(place, other) for other in written):
-            raise InvalidFileError(f"{path}: is to be written twice; allowed is a file for each output.")
+            raise InvalidFileError(f"{path}: is given for two outputs; allowed is a file for each output.")
         written.append(place)
         with written_beside(path) as beside:
             if beside != place:
@@ -56,18 +56,18 @@ def check_outputs(
                 free = shutil.disk_usage(beside.parent).free
                 if free < _LEAST_FREE:
                     raise InvalidFileError(
-                        f"{path}: its disk has {free / 1e6:.1f} MB left; allowed are {_LEAST_FREE / 1e6:g} and more."
+                        f"{path}: its disk has {free / 1e6:.1f} MB left; at least {_LEAST_FREE / 1e6:g} MB are needed."
                     )
 
 
 @contextlib.contextmanager
 def written_beside(path: Path) -> Iterator[Path]:
-    """A file to write in place of another, which it replaces when all is written; until then, that one stays.
+    """Yields a temporary file in the same folder, which replaces the file once the context ends without an error.
 
-    What is no file but a device or a pipe is written itself.
+    A device or pipe is written directly.
 
     Raises:
-        InvalidFileError: if it cannot be written; what was there before is there still.
+        InvalidFileError: if the file cannot be written; an existing one is then unchanged.
     """
     place = _place(path)
     try:
@@ -86,16 +86,16 @@ def written_beside(path: Path) -> Iterator[Path]:
 
 
 def _behind(path: Path, outputs: list[Path]) -> Iterable[Path]:
-    """An input and, if something is to be written, what it leads to."""
+    """An input and, if anything is to be written, all files that it names directly or indirectly."""
     _place(path)
     return files_behind(path) if outputs else (path,)
 
 
 def _place(path: Path) -> Path:
-    """Where a path leads.
+    """The absolute path with all symbolic links resolved.
 
     Raises:
-        InvalidFileError: if that is nowhere: it is too long, no path, or its links lead in a circle.
+        InvalidFileError: if the path is too long or invalid, or its links lead in a circle.
     """
     try:
         place = path.resolve()
@@ -107,7 +107,7 @@ def _place(path: Path) -> Path:
 
 
 def _is_same(first: Path, second: Path) -> bool:
-    """Whether two paths lead to one file, by hard links too."""
+    """Whether two paths are the same file, also by hard links."""
     try:
         return first.samefile(second)
     except OSError:

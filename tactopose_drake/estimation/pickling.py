@@ -1,7 +1,7 @@
-"""Values that another process receives as they are here, read-only arrays included.
+"""Pickling of values for other processes that keeps read-only arrays read-only.
 
-Pickling makes every array writable. Compiled kernels are compiled for each kind of array by itself, and may round
-differently: results would depend, in their last bits, on the process that computes them.
+Plain pickling makes every array writable. Kernels are compiled separately for read-only and writable arrays and may
+round differently, so that the last bits of a result would depend on the process that computes it.
 """
 
 import functools
@@ -19,7 +19,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, eq=False)
 class Sealed(Generic[Value]):
-    """Holds a value; its pickle, which is made once, keeps arrays read-only that are.
+    """Holds a value; its pickle, which is made only once, keeps read-only arrays read-only.
 
     Attributes:
         value: anything that can be pickled.

@@ -1,4 +1,4 @@
-"""From plain data, of a file or of who knows where, to the values that results have."""
+"""Conversion of plain data, such as JSON, to the field values of results, with checks."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, get_args
@@ -21,32 +21,32 @@ from tactopose_drake.errors import InvalidInputError
 Part = TypeVar("Part", bound=PlainValue)
 Read = Callable[[str, Any], Any]
 Readers = Mapping[str, Read]
-"""How values are read, by the names of an object's fields."""
+"""Functions that read values, by the names of an object's fields."""
 
-_WHOLE = 1.0 + 1e-9  # Of sums of probabilities, the rest is rounding.
-_ROUNDING = 1e-4  # of correlations: covariances may have been written with few digits
+_WHOLE = 1.0 + 1e-9  # largest probability, with rounding
+_ROUNDING = 1e-4  # tolerance of correlations: covariances may have been written with few digits
 
 
 def read_fields(owner: type, data: Mapping[str, Any], readers: Readers) -> dict[str, Any]:
-    """Plain data with the values of these names as an object's fields have them.
+    """Converts the values in plain data to those of an object's fields.
 
     Args:
         owner: the object's class, for messages.
-        data: by the fields' names, of which some may be missing or unknown.
-        readers: of the values.
+        data: plain data by the fields' names; names may be missing or unknown.
+        readers: functions that convert the values, by name; values of other names are kept.
 
     Raises:
-        InvalidInputError: what is no mapping, or a value that cannot be one of its field.
+        InvalidInputError: if `data` is no mapping, or a value is invalid for its field.
     """
     instance_of(f"{owner.__name__}.from_dict", data, Mapping)
     return {name: readers[name](name, value) if name in readers else value for name, value in data.items()}
 
 
 def read_parts(owner: type, name: str, value: object, kind: type[Part]) -> tuple[Part, ...]:
-    """What an object is made of, one or more of a kind.
+    """Reads a list of one or more parts of a class.
 
     Raises:
-        InvalidInputError: what is no list, an empty one, or one of something else.
+        InvalidInputError: if the value is no list or empty, or a part is invalid.
     """
     if not isinstance(value, list | tuple):
         raise InvalidInputError(f"{name}: is {shown(value)}; allowed is a list of one or more.")
@@ -73,7 +73,7 @@ def read_amount(name: str, value: Any) -> float:
 
 
 def number_or(infinite: float, read: Read = read_number) -> Read:
-    """Reads a number that may be infinite; in plain data that is None."""
+    """A reader of numbers that may be infinite, which is None in plain data."""
     return lambda name, value: infinite if value is None or value == infinite else read(name, value)
 
 
@@ -88,13 +88,13 @@ def read_shares(name: str, value: Any) -> FloatArray:
 
 
 def read_covariance(name: str, value: Any) -> FloatArray:
-    """A covariance matrix of a pose's increments, shape (6, 6), up to rounding."""
+    """A covariance matrix of a pose's increments, shape (6, 6), checked up to rounding."""
     covariance = finite_array(name, value, (6, 6))
     variance = np.diag(covariance)
     if variance.min() < 0.0:
         raise InvalidInputError(f"{name}: has the variance {variance.min():g}; allowed are variances >= 0.")
     sigma = np.sqrt(np.where(variance > 0.0, variance, 1.0))
-    with np.errstate(over="ignore", invalid="ignore"):  # No correlation is beyond numbers.
+    with np.errstate(over="ignore", invalid="ignore"):  # An infinite or NaN correlation fails the check below.
         correlation = covariance / sigma[:, None] / sigma
         off = np.abs(correlation - correlation.T).max()
     if not off <= _ROUNDING:

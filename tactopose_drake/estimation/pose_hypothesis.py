@@ -1,4 +1,4 @@
-"""One pose that explains a touch, and how far it can be trusted."""
+"""One pose that explains a touch, with its probability and covariance."""
 
 from __future__ import annotations
 
@@ -39,18 +39,17 @@ class PoseHypothesis(PlainValue):
     """One pose that explains the touch; its arrays are read-only.
 
     Attributes:
-        X_PO: the object's pose in the palm frame: the mean of its mode, as far as that explains the touch about as
-            well as the mode's minimum does (its cost is higher by 0.3 at the most). Each time a new one, which is not
-            the hypothesis' own.
+        X_PO: the object's pose in the palm frame: the mean of its mode, or a pose nearer to the mode's minimum if the
+            mean's cost is higher than the minimum by more than 0.3. Each access returns a new copy.
         cost: its negative log likelihood up to a constant: half the sum of squared whitened residuals.
         probability: posterior weight among the hypotheses.
         covariance: (6, 6) of the increment (w, v): R_PO = R_hat exp(w), p_PO = p_hat + v; rad, m (v in P).
-        free_directions: increments that the touch does not determine, orthonormal rows (f, 6); f = 0 where the pose is
+        free_directions: increments that the touch does not determine, orthonormal rows (f, 6); f = 0 if the pose is
             determined. Along them the pose is the prior's, or arbitrary.
-        explains_touch: whether noise may leave the contacts' residuals as large as this pose does, those of as many
-            false contacts as there may well be left out.
-        inlier_probability: the probability of each contact, shape (k,), to be what it claims to be if this is the pose,
-            then that of each patch; 1 for a pad that feels nothing.
+        explains_touch: whether noise plausibly explains the contacts' residuals at this pose, apart from a plausible
+            number of false contacts.
+        inlier_probability: probability of each contact, shape (k,), and then of each patch, that it is as measured if
+            this is the pose; 1 for a pad that feels nothing.
     """
 
     X_PO: RigidTransform
@@ -65,7 +64,7 @@ class PoseHypothesis(PlainValue):
         for name in _ARRAYS:
             array = getattr(self, name)
             if isinstance(array, np.ndarray) and array.flags.writeable:
-                array = array.view()  # Whoever has made it may go on writing.
+                array = array.view()  # The caller's own array stays writable.
                 array.setflags(write=False)
                 object.__setattr__(self, name, array)
 
@@ -79,12 +78,12 @@ class PoseHypothesis(PlainValue):
         )
 
     def in_world(self, X_WP: RigidTransform) -> tuple[RigidTransform, FloatArray]:
-        """The object's pose X_WO and its covariance (6, 6) in the world, where the palm is known to be at X_WP.
+        """The object's pose X_WO and its covariance (6, 6) in the world, for a known pose X_WP of the palm.
 
-        The covariance is of the increment (w, v) as here, but with v in W: R_WO = R_hat exp(w), p_WO = p_hat + v.
+        The covariance is that of the increment (w, v) with v in W: R_WO = R_hat exp(w), p_WO = p_hat + v.
 
         Raises:
-            InvalidInputError: a pose of another type.
+            InvalidInputError: if X_WP is no RigidTransform.
         """
         instance_of("X_WP", X_WP, RigidTransform)
         turn = np.eye(6)
@@ -93,22 +92,22 @@ class PoseHypothesis(PlainValue):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What `to_dict` has made it of, to the last bit.
+        """Restores the value that `to_dict` converted, to the last bit.
 
         Raises:
-            InvalidInputError: for an unknown or missing name, or a value that cannot be one.
+            InvalidInputError: for an unknown or missing name, or an invalid value.
         """
         return super().from_dict(read_fields(cls, data, _OF_HYPOTHESIS))
 
 
-# A transform can be changed: who asks for it gets a copy. As a field it is part of the value all the same.
+# RigidTransform is mutable, so the property returns a copy. It remains a field of the dataclass.
 setattr(  # noqa: B010 (a field has a type of its own)
     PoseHypothesis,
     "X_PO",
     property(
         lambda told: RigidTransform(vars(told)["X_PO"]),
         lambda told, X_PO: vars(told).update(X_PO=X_PO),
-        doc="The object's pose in the palm frame; a new one.",
+        doc="The object's pose in the palm frame; a new copy.",
     ),
 )
 

@@ -1,4 +1,4 @@
-"""What is known of the object's pose before the touch, with the pose as Drake has poses."""
+"""The prior of the object's pose, with the pose as a RigidTransform."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ class PosePrior(GaussianPrior):
     """A Gaussian belief of the object's pose.
 
     Attributes:
-        X_PO: the object's pose in the palm frame; each time a new one, which is not the prior's own.
-        mean: the same as an array, shape (3, 4), by which `core` knows it.
+        X_PO: the object's pose in the palm frame; each access returns a new copy.
+        mean: the same as an array, shape (3, 4), for `core`.
         sigma_translation: standard deviation of each coordinate of p_PO, m, from 1e-7 to 1000.
         sigma_rotation: standard deviation of a small rotation about each axis, rad, from 1e-6 to 1000.
 
     Raises:
-        InvalidInputError: a pose that is none or farther away than 10 m, or a sigma out of its range.
+        InvalidInputError: if the pose is invalid or farther away than 10 m, or a sigma is out of its range.
     """
 
     X_PO: RigidTransform = dataclasses.field(kw_only=True)
@@ -41,9 +41,9 @@ class PosePrior(GaussianPrior):
 
     @classmethod
     def of(cls, prior: GaussianPrior) -> PosePrior:
-        """What `core` knows of the pose."""
+        """Converts a prior of `core`."""
         return cls(prior.mean, prior.sigma_translation, prior.sigma_rotation)
 
 
-# A field, so that it is part of the value and of its dictionary, which holds nothing of its own beside the mean.
-PosePrior.X_PO = property(lambda prior: RigidTransform(pose=prior.mean), doc="The pose in the palm frame; a new one.")
+# X_PO stays a dataclass field, so that it is in `to_dict`, but is computed from the mean.
+PosePrior.X_PO = property(lambda prior: RigidTransform(pose=prior.mean), doc="The pose in the palm frame; a new copy.")

@@ -1,4 +1,4 @@
-"""What an estimate was made from, and how it is shown."""
+"""The inputs of an estimate, and methods that show the estimate with them."""
 
 import dataclasses
 import importlib
@@ -10,19 +10,19 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import path_of
 
-# What draws is above: it is found by its name when it is asked for, and nothing here needs it.
+# Drawing is in a higher layer, which must not be imported here; it is looked up by name when it is needed.
 _PRESENTATION = "tactopose_drake.visualization.presentation"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Question:
-    """An object and what is known of its pose.
+    """An object and the evidence of its pose.
 
-    It is shared, never copied; pickles leave it out, since it is large and whoever asked has it.
+    It is shared and never copied. Pickles leave it out, since it is large and the caller has it.
 
     Attributes:
         model: the object.
-        evidence: what is known.
+        evidence: the evidence of its pose.
     """
 
     model: ObjectModel
@@ -36,26 +36,26 @@ class Question:
 
 
 class Presentable:
-    """An estimate that shows itself, as long as it knows its `question`."""
+    """An estimate that can be shown if its `question` is known."""
 
     question: Question | None
 
     def show(self) -> Path | None:
-        """Shows the estimate as a page that can be turned: in a notebook below the cell, or else in the web browser.
+        """Shows the estimate as an interactive page: below the cell in a notebook, otherwise in the web browser.
 
         Returns:
             The page's file, in a temporary folder; None in a notebook.
 
         Raises:
-            InvalidInputError: if the estimate does not know what it was made from.
+            InvalidInputError: if the estimate's `question` is None.
         """
         return cast("Path | None", _presentation().show(self))
 
     def save_html(self, path: str | Path) -> None:
-        """Writes the page that `show` shows: one file, which works without a network.
+        """Writes the page that `show` opens as one file, which works without a network.
 
         Raises:
-            InvalidInputError: if the estimate does not know what it was made from, or of what is no path.
+            InvalidInputError: if the estimate's `question` is None, or `path` is no path.
             InvalidFileError: if the file cannot be written.
         """
         _presentation().save_estimate(path_of("path", path), self)

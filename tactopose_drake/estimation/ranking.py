@@ -1,4 +1,4 @@
-"""Objects by falling likelihood, from what is estimated of each: those of equal shape share theirs.
+"""Ranking of objects by their likelihood; objects of equal shape share a rank.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016.
 """
@@ -16,20 +16,20 @@ from tactopose_drake.estimation.results import PoseEstimate
 
 Likelihood = Literal["evidence", "inverse_cost"]
 
-# The thesis' likelihood of a cost below this, which exact contacts may have, is that of this.
+# Lower bound of the cost in the thesis' likelihood; exact contacts may have a cost of 0.
 _LEAST_COST = 1e-6
-# The probability that the first object, with those that equal it, must have to be called the answer; and that the
-# object is an unknown one, to be told that.
+# Least probability of the first object, together with those of equal shape, for "ok"; and of an unknown object for
+# "no_solution".
 _MOST = 0.9
-# Fewer contacts leave so many poses that their sum is not well known.
+# Fewer contacts leave so many poses that the evidence, a sum over them, is not well known.
 _FEWEST = 3
 
 
 def check_likelihood(name: str, value: str) -> Likelihood:
-    """The name of a likelihood.
+    """Checks the name of a likelihood.
 
     Args:
-        name: what the value is of.
+        name: name of the value in messages.
         value: "evidence" or "inverse_cost".
 
     Raises:
@@ -39,7 +39,7 @@ def check_likelihood(name: str, value: str) -> Likelihood:
 
 
 def group_equal_shapes(models: Sequence[ObjectModel]) -> list[int]:
-    """For each object the number of its group; objects of one group have the same shape."""
+    """The group of each object, as the index of its first member; objects of a group have the same shape."""
     groups: list[int] = []
     for i, model in enumerate(models):
         equal = (k for k in range(i) if groups[k] == k and find_alignment(model, models[k]) is not None)
@@ -48,7 +48,7 @@ def group_equal_shapes(models: Sequence[ObjectModel]) -> list[int]:
 
 
 def evidence_of_shapes(estimates: Sequence[PoseEstimate], groups: Sequence[int]) -> list[float]:
-    """The evidence of each shape: of objects that have the same, that of the best sampled one."""
+    """The evidence of each shape; of several objects with the same shape, the largest one."""
     return [
         max(estimate.log_evidence for estimate, group in zip(estimates, groups, strict=True) if group == shape)
         for shape in dict.fromkeys(groups)
@@ -56,7 +56,7 @@ def evidence_of_shapes(estimates: Sequence[PoseEstimate], groups: Sequence[int])
 
 
 def likelihood_weights(estimates: Sequence[PoseEstimate], likelihood: Likelihood) -> list[float]:
-    """What the likelihoods are in proportion to."""
+    """Likelihoods up to a common factor."""
     if likelihood == "evidence":
         most = max(estimate.log_evidence for estimate in estimates)
         return [math.exp(estimate.log_evidence - most) for estimate in estimates]
@@ -72,11 +72,11 @@ def rank_objects(
     weights: Sequence[float],
     known: float,
 ) -> list[Identity]:
-    """The objects by falling likelihood; those of one group next to each other, and with the mean of theirs.
+    """The objects by falling likelihood; those of one group are adjacent and get the mean of their likelihoods.
 
-    `known` is the probability that it is any of them.
+    `known` is the probability that the touched object is any of them.
     """
-    # Sums that do not depend on the order, to the last bit.
+    # fsum makes the sums independent of the order, to the last bit.
     total = math.fsum(weights)
     members = {group: [i for i, other in enumerate(groups) if other == group] for group in dict.fromkeys(groups)}
     share = {group: math.fsum(weights[i] for i in own) / len(own) / total for group, own in members.items()}
@@ -94,7 +94,7 @@ def rank_objects(
 
 
 def status_of_ranking(identities: Sequence[Identity], touches: int, unknown: float) -> Status:
-    """What is known of the first one, from so many contacts and patches that are felt."""
+    """The status of a ranking, given the number of contacts and felt patches."""
     first = identities[0]
     assert first.estimate is not None
     if first.estimate.status == "no_solution" or unknown >= _MOST:

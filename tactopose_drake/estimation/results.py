@@ -1,4 +1,4 @@
-"""What an estimate says: the hypotheses of the object's pose, and how far they can be trusted."""
+"""The result of an estimate: hypotheses of the object's pose, with a status."""
 
 from __future__ import annotations
 
@@ -38,38 +38,37 @@ _OF_ESTIMATE: Readers = {
     "kept_share": read_share,
 }
 
-_ROUNDED = 1e-3  # by which probabilities of plain data may miss 1: they may have been written with few digits
+_ROUNDED = 1e-3  # tolerance of the sum of probabilities in plain data, which may have been written with few digits
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PoseEstimate(PlainValue, Presentable):
-    """The hypotheses that one touch leaves.
+    """The pose hypotheses that one touch leaves.
 
     All numbers of the hypotheses are finite, whatever the status. With "no_solution" the hypotheses are the poses that
-    come nearest to explaining the touch, weighed among themselves; their covariances say how well the touch would
-    determine them.
+    come nearest to explaining the touch; their probabilities sum to 1 as well, and their covariances say how well the
+    touch would determine them.
 
     Attributes:
-        hypotheses: by falling probability; never empty.
-        status: "ok"; "ambiguous" when the best hypothesis carries less than 90 % of the mass, or when the pose is
-            undetermined; "no_solution" when those that explain the touch, with as many false
-            contacts as there may well be, carry no more than 10 %.
-        duration: s.
-        finished: whether the search ended by itself, rather than at the time limit. Where not, status and probabilities
-            are among what it had found by then: "ok" says nothing of poses that it did not come to.
-        log_evidence: the natural logarithm of how well the object explains the touch in all its poses together; see
-            `core.identification.model_evidence`. It compares objects for one touch, and means nothing by itself;
-            `identify`, which doubts contacts less, tells objects apart better.
-        noise_scale: the ratio of the noise that the contacts' points seem to have to what is told; 1 where they are as
-            told.
-        standard_error: the largest that is left of a hypothesis' probability by sampling; infinite where the time limit
-            left no time for it.
-        undetermined: whether without a prior the touch says too little for a pose: contacts are fewer than three, or
-            without normals than six, less one for each continuous symmetry; or of the best hypothesis all directions
-            are free, or all contacts more probably false than not.
-        kept_share: the probability, from 0 to 1, of the hypotheses together; the rest is that of those beyond
+        hypotheses: the hypotheses by falling probability; never empty.
+        status: "ok"; "ambiguous" if the best hypothesis has a probability below 90 %, or the pose is undetermined;
+            "no_solution" if the hypotheses that explain the touch, with a plausible number of false contacts, have a
+            probability of no more than 10 %.
+        duration: computing time, s.
+        finished: whether the search ended by itself rather than at the time limit. If not, status and probabilities
+            refer only to the poses found by then.
+        log_evidence: natural logarithm of the marginal likelihood of the touch over all poses of the object; see
+            `core.identification.model_evidence`. It compares objects for the same touch, and has no meaning by itself.
+            `identify`, which doubts contacts less, distinguishes objects better.
+        noise_scale: ratio of the apparent noise of the contacts' points to the stated noise; 1 if they agree.
+        standard_error: the largest sampling error of the hypotheses' probabilities; infinite if the time limit left no
+            time for sampling.
+        undetermined: whether the touch, without a prior, does not determine a pose: if there are fewer than three
+            contacts, or without normals fewer than six, less one for each continuous symmetry; or if for the best
+            hypothesis all directions are free, or all contacts are more probably false than not.
+        kept_share: total probability of the hypotheses, from 0 to 1; the rest belonged to hypotheses beyond
             `max_hypotheses`.
-        question: what `estimate_pose` was asked, by which the estimate can show itself; None where it is not known.
+        question: the inputs of `estimate_pose`, with which the estimate can be shown; None if unknown.
     """
 
     hypotheses: tuple[PoseHypothesis, ...]
@@ -102,17 +101,17 @@ class PoseEstimate(PlainValue, Presentable):
         return f"<PoseEstimate {self.status!r}: {many} in {1e3 * self.duration:.1f} ms, best {self.best!r}>"
 
     def table(self, most: int = 8) -> str:
-        """The most probable hypotheses as text, a line each.
+        """The most probable hypotheses as text, one line each.
 
-        After ± stand the standard deviations of place and angle over all directions together, which are the roots of
-        the sums of the coordinates' variances. Where the touch leaves directions free, whose number stands under
-        "free", they are as large as what else is known of the pose; pages and the command line leave those out.
+        The columns "±" hold the standard deviations of position and angle over all directions together: the square
+        roots of the sums of the coordinates' variances. If the touch leaves directions free (the column "free" gives
+        their number), these include the prior's uncertainty along them; pages and the command line exclude it.
 
         Args:
-            most: lines; the last line says how many more there are.
+            most: the largest number of lines; another line says how many hypotheses are left.
 
         Raises:
-            InvalidInputError: a number of lines that is none.
+            InvalidInputError: if `most` is no integer >= 0.
         """
         most = whole_number("most", most, least=0)
         head = (
@@ -132,10 +131,10 @@ class PoseEstimate(PlainValue, Presentable):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What `to_dict` has made it of, to the last bit.
+        """Restores the value that `to_dict` converted, to the last bit.
 
         Raises:
-            InvalidInputError: for an unknown or missing name, or a value that cannot be one.
+            InvalidInputError: for an unknown or missing name, or an invalid value.
         """
         given = read_fields(cls, data, _OF_ESTIMATE)
         given["hypotheses"] = read_parts(cls, "hypotheses", given.get("hypotheses", ()), PoseHypothesis)
@@ -149,7 +148,7 @@ class PoseEstimate(PlainValue, Presentable):
 
     @property
     def modes(self) -> GaussianMixture:
-        """The hypotheses as arrays, which are read-only."""
+        """The hypotheses as a Gaussian mixture with read-only arrays."""
         modes = GaussianMixture(
             np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in self.hypotheses]),
             np.array([hypothesis.probability for hypothesis in self.hypotheses]),
@@ -159,10 +158,10 @@ class PoseEstimate(PlainValue, Presentable):
         return modes
 
     def first(self, count: int) -> PoseEstimate:
-        """The estimate by the most probable hypotheses alone, so many at the most; the status is that of all.
+        """The estimate with only the `count` most probable hypotheses; the status does not change.
 
         Raises:
-            InvalidInputError: a count below 1.
+            InvalidInputError: if `count` is below 1.
         """
         if len(self) <= whole_number("count", count, least=1):
             return self
@@ -170,14 +169,14 @@ class PoseEstimate(PlainValue, Presentable):
         return dataclasses.replace(self, hypotheses=hypotheses, kept_share=min(self.kept_share * mass, 1.0))
 
     def keep(self, kept: Sequence[bool]) -> PoseEstimate:
-        """The estimate if the other hypotheses are impossible: some of them, weighed among themselves.
+        """The estimate given that only some hypotheses are possible, with their probabilities normalized.
 
         Args:
-            kept: for each hypothesis whether it stays; at least one does.
+            kept: whether each hypothesis is possible; at least one must be.
 
         Raises:
-            InvalidInputError: if none stays, if there are more or fewer of them than hypotheses, or if they are not
-                all True or False.
+            InvalidInputError: if none is kept, if the length differs from the number of hypotheses, or if an entry is
+                neither True nor False.
         """
         instance_of("kept", kept, Collection)
         if len(kept) != len(self):
@@ -189,7 +188,7 @@ class PoseEstimate(PlainValue, Presentable):
                 if flag(f"kept[{i}]", stays)
             ]
         )
-        # What carries the rest of the belief may stay, too.
+        # The hypotheses beyond `max_hypotheses` may be possible, too.
         left = self.kept_share * mass + 1.0 - self.kept_share
         kept_share = self.kept_share * mass / left if left else 1.0
         return dataclasses.replace(
@@ -202,7 +201,7 @@ class PoseEstimate(PlainValue, Presentable):
 
 
 def _check_together(hypotheses: Sequence[PoseHypothesis]) -> None:
-    """Raises InvalidInputError if hypotheses cannot be of one touch: by their probabilities, or by its contacts."""
+    """Raises InvalidInputError if the probabilities do not sum to 1, or the numbers of contacts differ."""
     mass = sum(hypothesis.probability for hypothesis in hypotheses)
     if abs(mass - 1.0) > _ROUNDED:
         raise InvalidInputError(f"hypotheses: have probabilities that sum to {mass:g}; allowed is 1.")
@@ -216,7 +215,7 @@ def _check_together(hypotheses: Sequence[PoseHypothesis]) -> None:
 
 
 def _weighed_among_themselves(hypotheses: Sequence[PoseHypothesis]) -> tuple[tuple[PoseHypothesis, ...], float]:
-    """Hypotheses with probabilities that sum to 1, and the sum of those that they had."""
+    """Hypotheses with normalized probabilities, and the sum of their former ones."""
     if not hypotheses:
         raise InvalidInputError("kept: keeps no hypothesis; the least is 1.")
     mass = sum(hypothesis.probability for hypothesis in hypotheses)
@@ -227,7 +226,7 @@ def _weighed_among_themselves(hypotheses: Sequence[PoseHypothesis]) -> tuple[tup
 
 
 def _row(hypothesis: PoseHypothesis) -> tuple[str, ...]:
-    """A line of `PoseEstimate.table`."""
+    """A row of `PoseEstimate.table`."""
     turn, move = whole_sigmas(hypothesis.covariance)
     return (
         f"{hypothesis.probability:.1%}",
@@ -241,10 +240,10 @@ def _row(hypothesis: PoseHypothesis) -> tuple[str, ...]:
 
 
 def status_of(hypotheses: Sequence[PoseHypothesis], undetermined: bool, kept_share: float = 1.0) -> Status:
-    """Of hypotheses by falling probability, which carry so much of the belief; see `PoseEstimate`."""
+    """The status of hypotheses by falling probability, as `PoseEstimate` defines it."""
     share = DEFAULT_PARAMS.modes.answer_share
     best, explained = hypotheses[0], sum(each.probability for each in hypotheses if each.explains_touch)
-    # Where whole families of poses are left, that in the middle of one need not explain what others of it do.
+    # If whole families of poses are left, the mean of a family need not explain the touch although its members do.
     if explained <= (0.0 if undetermined else 1.0 - share):
         return "no_solution"
     if undetermined or kept_share * best.probability < share or not best.explains_touch:

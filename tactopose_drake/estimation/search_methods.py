@@ -18,9 +18,9 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.direct_search import Direct
 from tactopose_drake.estimation.mathematical_program import PoseProgram
 
-# Of the thesis' search, where other things are known beside contacts; up to 100 reach the same costs.
+# Particles that Monte Carlo evaluates at once if there is evidence beside contacts; up to 100 reach the same costs.
 _PARTICLES_AT_ONCE = 20
-# Of the same, where pads are felt: each costs some twenty times as much, and four times as many find no more.
+# Particles of Monte Carlo with patches: each costs some twenty times as much, and four times as many find no more.
 _PARTICLES_OF_PADS, _POPULATION_OF_PADS = 75_000, 3_750
 
 
@@ -31,9 +31,9 @@ def _pair_search(model: ObjectModel, evidence: Evidence) -> PairSearch:
 
 
 def _monte_carlo(model: ObjectModel, evidence: Evidence) -> MonteCarlo:
-    """Its scale is what noise alone makes the true pose cost, on average: half of what the touch measures.
+    """Monte Carlo with a scale equal to the true pose's expected cost: half the number of measured quantities.
 
-    It judges one particle at a time, as the thesis does; some at once where each costs more than a look at contacts.
+    It evaluates one particle at a time, as the thesis does, or several if there is more evidence than contacts.
     """
     one_each = (evidence.hand, evidence.untouched, evidence.balance, evidence.friction)
     more_is_known = any(known is not None for known in (*one_each, *evidence.patches, *evidence.planes))
@@ -58,6 +58,6 @@ METHODS: dict[str, Callable[[ObjectModel, Evidence], Search]] = {
     "simulated_annealing": lambda model, evidence: SimulatedAnnealing(),
     "scaling_series": lambda model, evidence: ScalingSeries(),
 }
-"""What makes each search for an object and what is known."""
+"""Functions that make the searches, given the object and the evidence."""
 GLOBAL_METHODS = frozenset({"pair_search", "monte_carlo", "direct", "simulated_annealing", "scaling_series"})
 """The methods that need no prior."""

@@ -1,4 +1,4 @@
-"""What an object's mesh may be off, and how it bends, counts among the errors of its contacts."""
+"""Errors of an object's mesh, and the curvature of its surface, as additional noise of contacts."""
 
 import numpy as np
 
@@ -9,18 +9,18 @@ from tactopose_drake.core.validation import FloatArray
 
 
 def with_shape_errors(model: ObjectModel, contacts: Contacts) -> Contacts:
-    """The contacts of an object whose surface is not quite where its mesh has it, and not flat.
+    """The contacts with the object's shape errors added to their noise.
 
-    A surface that is off along its normal is, for the pose, a contact that is. By how much a wrong scale moves it
-    depends on where the object is touched, |n . (p - middle)|; for the pose is what is asked for, that counts with its
-    root mean square over the surface.
+    An error of the surface along its normal affects the pose like an error of the contact. An error of the scale moves
+    the surface by an amount that depends on the touched place, |n . (p - middle)|; since the pose is still unknown, its
+    root mean square over the surface is used.
 
-    A contact that is off *along* the surface is compared with another place of it, which lies higher or lower and is
-    turned. Where covariances say by how much it is off, that counts too, as `Unevenness` has it.
+    A contact that is displaced *along* the surface is compared with another place, whose height and normal differ. If
+    the contacts have covariances, these differences are added, too, as `Unevenness` gives them.
 
     Args:
         model: the object, with its `surface_sigma` and `scale_sigma`.
-        contacts: of the hand's errors alone.
+        contacts: contacts whose noise contains only the hand's errors.
     """
     if not len(contacts) or (contacts.covariance is None and model.surface_sigma == model.scale_sigma == 0.0):
         return contacts
@@ -37,19 +37,19 @@ def with_shape_errors(model: ObjectModel, contacts: Contacts) -> Contacts:
 
 
 def log_dilution(told: Contacts, felt: Contacts) -> float:
-    """Logarithm of how many times less dense exact contacts are with an object's errors counted than as told.
+    """Logarithm of the ratio by which an object's shape errors reduce the peak density of contacts.
 
-    Likelihoods are relative to those of exact contacts. With larger errors these are spread over more places: what is
-    less sure of everything explains nothing better, and evidence for objects of unlike errors compares only with that
-    counted.
+    Likelihoods are relative to those of exact contacts, whose density is lower the larger the errors are. The evidence
+    of objects with different shape errors is comparable only after this correction; otherwise larger errors would
+    explain everything better.
 
     Args:
-        told: of the hand's errors alone.
-        felt: what `with_shape_errors` has made of them.
+        told: contacts whose noise contains only the hand's errors.
+        felt: the result of `with_shape_errors` for them.
     """
     dilution = np.log(felt.sigma_position) - np.log(told.sigma_position)
     if felt.n_PC is not None:
-        # Of a normal the density is at least that of any direction, as in `ContactMixture`.
+        # The density of a normal is at least that of the uniform distribution, as in `ContactMixture`.
         dilution += np.log(_share_of_sphere(felt.sigma_normal)) - np.log(_share_of_sphere(told.sigma_normal))
     return float(dilution.sum())
 

@@ -1,4 +1,4 @@
-"""What a file that Drake simulates says of one body: its collision shapes as one mesh, its mass and mass centre."""
+"""One body of an SDF, URDF or MJCF file: its collision shapes as one mesh, its mass and centre of mass."""
 
 import warnings
 from pathlib import Path
@@ -20,7 +20,7 @@ from tactopose_drake.resources import add_model, make_parser, passing_builder
 
 
 class SimulatedBody(NamedTuple):
-    """A body's shape in its own frame; its mass, kg, and mass centre, shape (3,), m, or None where it has no mass."""
+    """A body's shape in its own frame, its mass, kg, and centre of mass, shape (3,), m; None if it has no mass."""
 
     shape: trimesh.Trimesh
     mass: float | None
@@ -28,22 +28,23 @@ class SimulatedBody(NamedTuple):
 
 
 class BodyMass(NamedTuple):
-    """A body's mass, kg, and mass centre in its own frame, shape (3,), m; None where it has no mass."""
+    """A body's mass, kg, and centre of mass in its own frame, shape (3,), m; None if it has no mass."""
 
     mass: float | None
     center_of_mass: FloatArray | None
 
 
 def read_body(path: Path) -> SimulatedBody:
-    """The one body of an SDF, URDF or MJCF file.
+    """Reads the only body of an SDF, URDF or MJCF file.
 
     Raises:
         InvalidFileError: if the file cannot be read, or holds more than one body or no shape with an inside.
-        InvalidMeshError: if a mesh beside other shapes cannot be repaired.
-        MeshUnitsError: if such a mesh has not the size of an object in metres.
+        InvalidMeshError: if a mesh that is combined with other shapes cannot be repaired.
+        MeshUnitsError: if such a mesh does not have the size of an object in metres.
 
     Warns:
-        MeshRepairWarning: once for each repair of a mesh beside other shapes; a shape alone is as the file has it.
+        MeshRepairWarning: once for each repair of a mesh that is combined with other shapes; a single shape is returned
+            as it is in the file.
     """
     with passing_builder() as builder:
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
@@ -55,7 +56,7 @@ def read_body(path: Path) -> SimulatedBody:
 
 
 def read_mass(path: Path) -> BodyMass:
-    """The mass of the one body of an SDF, URDF or MJCF file.
+    """Reads the mass of the only body of an SDF, URDF or MJCF file.
 
     Raises:
         InvalidFileError: if the file cannot be read, or holds more than one body.
@@ -94,7 +95,7 @@ def _union(path: Path, plant: MultibodyPlant, inspector: SceneGraphInspector, bo
 
 
 def _closed(path: Path, mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """The surface of a volume, as which shapes can be united; in some files no face shares its vertices with others."""
+    """A closed mesh, as the union needs it; in some files faces do not share vertices, which is repaired."""
     if mesh.is_volume:
         return mesh
     repaired = repair_mesh(RawMesh(mesh.vertices, mesh.faces), str(path))
@@ -120,7 +121,7 @@ def _mesh(path: Path, shape: Shape) -> trimesh.Trimesh:
         return of_hull
     if isinstance(shape, Mesh) and shape.source().is_path():
         raw, scale = load_mesh(shape.source().path()), shape.scale3()
-        # A mirror image has its inside where the outside was.
+        # A mirrored mesh is inside out: reverse its faces.
         faces = raw.faces if np.prod(scale) > 0.0 else raw.faces[:, ::-1]
         return trimesh.Trimesh(raw.vertices * scale, faces, process=False)
     raise InvalidFileError(f"{path}: has a collision shape without an inside, a {type(shape).__name__}.")

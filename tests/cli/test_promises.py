@@ -47,8 +47,8 @@ def test_an_output_never_destroys_an_input(files: Path, capsys: pytest.CaptureFi
         (["--out", files / "link.yaml"], "is an input, or in one"),
         (["--html", files / "symlink.yaml"], "is an input, or in one"),
         (["--html", files / "cube.obj"], "is an input, or in one"),
-        (["--out", files / "x", "--html", files / "x"], "is to be written twice"),
-        (["--out", files / "x", "--html", files / ".." / files.name / "x"], "is to be written twice"),
+        (["--out", files / "x", "--html", files / "x"], "is given for two outputs"),
+        (["--out", files / "x", "--html", files / ".." / files.name / "x"], "is given for two outputs"),
         (["--out", files], "is a folder"),
         (["--out", files / "absent" / "x"], "does not exist"),
         (["--out", "/proc/x"], "cannot be written"),
@@ -72,7 +72,7 @@ def test_a_disk_without_room_for_a_result_is_told_before_the_work(
         assert run("estimate", *inputs(files), option, files / "result") == 2
         printed = capsys.readouterr()
         assert printed.out == ""
-        assert "result: its disk has 0.1 MB left; allowed are 5 and more" in " ".join(printed.err.split())
+        assert "result: its disk has 0.1 MB left; at least 5 MB are needed" in " ".join(printed.err.split())
     assert not (files / "result").exists()
 
 

@@ -67,13 +67,13 @@ def test_an_ambiguous_estimate_says_why() -> None:
     cube = tp.ObjectModel.from_mesh(model_path("objects", "cube.obj"))
     single = tp.estimate_pose(cube, tp.Contacts([[0.0, 0.0, 0.1]]))
     assert single.status == "ambiguous"
-    assert meaning(single).startswith("the touch says too little for a pose")
+    assert meaning(single).startswith("the touch does not determine a pose")
     half = tp.PoseHypothesis(RigidTransform(), 1.0, 0.5, np.eye(6), np.zeros((0, 6)))
     assert meaning(tp.PoseEstimate((half, half), "ambiguous", 0.1)).startswith("several poses explain the touch")
     # As one is whose every pose collides with the hand.
     alone = tp.PoseHypothesis(RigidTransform(), 1.0, 1.0, np.eye(6), np.zeros((0, 6)))
     said = meaning(tp.PoseEstimate((alone,), "ambiguous", 0.1))
-    assert said == "one pose carries most of the probability, but is not sure"
+    assert said == "one pose carries most of the probability, but is not certain"
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ def test_a_fault_names_the_touch(box: tp.ObjectModel) -> None:
     contacts, _ = touches([box] * 3)
     with pytest.raises(TooFewContactsError) as caught:
         tp.estimate_poses(box, [*contacts, tp.Contacts.empty()])
-    assert caught.value.__notes__ == ["This is of contacts[3]."]
+    assert caught.value.__notes__ == ["The error is of contacts[3]."]
 
 
 def test_an_executor_that_is_shut_down_is_refused(box: tp.ObjectModel) -> None:
@@ -181,11 +181,11 @@ def test_kernels_are_ready_before_objects_are_told_apart_by_threads(
 
 def test_numbers_that_do_not_agree_are_refused(box: tp.ObjectModel) -> None:
     contacts, priors = touches([box] * 3)
-    with pytest.raises(InvalidInputError, match="contacts: are of one touch; allowed is a sequence of Contacts"):
+    with pytest.raises(InvalidInputError, match="contacts: is a single Contacts; allowed is a sequence of them"):
         tp.estimate_poses(box, contacts[0])
     with pytest.raises(InvalidInputError, match=r"models: are 2; allowed are one .*, or one for each touch, 3"):
         tp.estimate_poses([box] * 2, contacts)
-    with pytest.raises(InvalidInputError, match=r"prior: of many touches it is `priors=`"):
+    with pytest.raises(InvalidInputError, match=r"prior: is unknown here; allowed is `priors=`"):
         tp.estimate_poses(box, [], prior=None)
     with pytest.raises(InvalidInputError, match="priors: are 2; allowed are one PosePrior"):
         tp.estimate_poses(box, contacts, priors=priors[:2])
@@ -227,7 +227,7 @@ def test_what_cannot_be_is_named_before_any_work(box: tp.ObjectModel, monkeypatc
         ({"on_progress": 3}, "on_progress: is a int; allowed is a Callable"),
         ({"contacts": [*contacts[:2], contacts[2][:0]]}, "contacts: there are 0; the estimate needs at least 1"),
         ({"method": "guess"}, "method: 'guess' is unknown"),
-        ({"method": "gradient_descent"}, "prior: is None; the method 'gradient_descent' starts from one"),
+        ({"method": "gradient_descent"}, "prior: is None, but the method 'gradient_descent' needs one"),
         ({"patches": [()] * 3}, r"patches\[0\]: is a tuple; allowed is a Patch"),
         ({"max_hypotheses": 0}, "max_hypotheses: is 0; allowed are integers >= 1"),
         ({"friction": 0.5}, "contacts: have no forces; friction needs them"),

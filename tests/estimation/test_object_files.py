@@ -46,7 +46,7 @@ def test_a_shipped_sdf_is_its_mesh() -> None:
 @pytest.mark.parametrize(
     ("more", "scale", "text"),
     [
-        ("", 0.001, "is in metres; a scale is for meshes alone"),
+        ("", 0.001, "is in metres; allowed is scale=1"),
         ('</link><link name="other">', 1.0, "holds 2 links; allowed is one"),
         ('<collision name="floor"><geometry><plane/></geometry></collision>', 1.0, "without an inside, a HalfSpace"),
     ],

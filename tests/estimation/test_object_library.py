@@ -94,7 +94,7 @@ def test_a_mesh_that_changes_after_the_library_was_opened_is_named(folder: Path)
     library = ObjectLibrary.open(folder)
     ROD.export(folder / "box.stl")
     forget_models()
-    with pytest.raises(InvalidFileError, match=r"box\.stl: is another mesh than when the library was opened"):
+    with pytest.raises(InvalidFileError, match=r"box\.stl: has changed since the library was opened"):
         library.objects[0].load()
 
 
