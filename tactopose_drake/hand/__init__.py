@@ -1,4 +1,4 @@
-"""What is known of a hand: its YAML, geometry, kinematics, collision, fingertip weights and tactile pads."""
+"""Hands: their YAML files, geometry, kinematics, collision, fingertip weights, tactile pads and calibration."""
 
 import lazy_loader
 

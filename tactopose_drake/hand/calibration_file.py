@@ -1,4 +1,4 @@
-"""What a calibration says of a hand, and the YAML file that a hand's own file names."""
+"""The result of a hand's calibration, and its YAML file, which the hand's own file names."""
 
 import dataclasses
 import math
@@ -19,43 +19,43 @@ _LARGEST = {"joint_offset": 90.0, "force": 1e3, "moment": 1e2, "length": 0.1, "m
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class MeasuredNumber:
-    """A number that was found."""
+    """A number that a calibration found."""
 
-    value: float = 0.0  # in the unit that is told there
+    value: float = 0.0  # in the unit of the field that holds it
     sigma: float = 0.0  # its standard deviation
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class MeasuredVector:
-    """Three numbers that were found, along x, y and z of the sensor's frame."""
+    """Three numbers that a calibration found, along x, y and z of the sensor's frame."""
 
-    value: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.0])  # in the unit that is told there
+    value: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.0])  # in the unit of the holding field
     sigma: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.0])  # their standard deviations
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class FingerCalibration:
-    """One finger's fingertip and force-torque sensor."""
+    """Calibration of one finger's fingertip and force-torque sensor."""
 
     moment_bias: MeasuredVector = dataclasses.field(default_factory=MeasuredVector)  # read without a touch, N m
     force_bias: MeasuredVector = dataclasses.field(default_factory=MeasuredVector)  # N
-    # By how much the fingertip is thicker than told, m.
+    # Excess of the fingertip's radius over the hand's file, m.
     radius: MeasuredNumber = dataclasses.field(default_factory=MeasuredNumber)
     rotation_deg: MeasuredVector = dataclasses.field(default_factory=MeasuredVector)  # of the sensor on its finger, deg
     translation: MeasuredVector = dataclasses.field(default_factory=MeasuredVector)  # likewise, m
-    joints: list[str] = dataclasses.field(default_factory=list)  # whose offsets are first in `correlation`
-    # Of the joints' offsets, the moment's bias, the force's, the radius, the rotation and the translation. Empty: they
+    joints: list[str] = dataclasses.field(default_factory=list)  # whose offsets come first in `correlation`
+    # Correlation matrix of the joints' offsets, moment bias, force bias, radius, rotation and translation. Empty: they
     # are independent.
     correlation: list[list[float]] = dataclasses.field(default_factory=list)
 
     @property
     def bias(self) -> FloatArray:
-        """[m, f], shape (6,), N m and N."""
+        """The bias [m, f], shape (6,), N m and N."""
         return np.concatenate([self.moment_bias.value, self.force_bias.value])
 
     @property
     def mounting(self) -> FloatArray:
-        """Rotation vector and translation, shape (6,), rad and m."""
+        """The sensor's mounting error: rotation vector and translation, shape (6,), rad and m."""
         return np.concatenate([np.radians(self.rotation_deg.value), self.translation.value])
 
     @property
@@ -66,11 +66,11 @@ class FingerCalibration:
         return np.array([*biases, self.radius.sigma, *turned, *self.translation.sigma])
 
     def after_tare(self, sensor_moment: float, sensor_force: float) -> "FingerCalibration":
-        """The same after its sensor was tared: without the biases that were found, nor what they tell of the rest.
+        """The calibration after the sensor was tared: without the biases and their correlations with other errors.
 
         Args:
             sensor_moment: standard deviation of each component of the moment's bias after a tare, N m.
-            sensor_force: of the force's, N.
+            sensor_force: standard deviation of each component of the force's bias after a tare, N.
         """
         first = len(self.joints)
         correlation = np.array(self.correlation)
@@ -110,9 +110,9 @@ class FingerCalibration:
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class CalibrationNoise:
-    """What remains when all errors that grasps share are known: standard deviations of a single contact."""
+    """Noise of a single contact that remains after calibration: standard deviations."""
 
-    position: float = 0.0003  # of where its point is, m
+    position: float = 0.0003  # of its point along each axis, m
     normal_deg: float = 1.0  # of its normal about each axis, deg
     moment: float = 0.00002  # of each component of the moment, N m
     force: float = 0.004  # of each component of the force, N
@@ -120,14 +120,14 @@ class CalibrationNoise:
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class HandCalibration:
-    """What a calibration found: a `calibration.yaml`."""
+    """The content of a `calibration.yaml`."""
 
-    grasps: int = 0  # that it was made from
-    # By which each joint's reading exceeds its position, deg; of joints that slide, m.
+    grasps: int = 0  # number of grasps that were used
+    # Excess of each joint's reading over its position, deg; for prismatic joints, m.
     joint_offsets: dict[str, MeasuredNumber] = dataclasses.field(default_factory=dict)
-    fingers: dict[str, FingerCalibration] = dataclasses.field(default_factory=dict)  # by their names
+    fingers: dict[str, FingerCalibration] = dataclasses.field(default_factory=dict)  # by name
     noise: CalibrationNoise = dataclasses.field(default_factory=CalibrationNoise)  # of a contact
-    undetermined: list[str] = dataclasses.field(default_factory=list)  # what the grasps could not tell, in words
+    undetermined: list[str] = dataclasses.field(default_factory=list)  # what the grasps do not determine, in words
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
@@ -144,7 +144,7 @@ class HandCalibration:
             positive_number(f"noise.{field.name}", getattr(self.noise, field.name))
 
     def check_names(self, joints: Iterable[str], fingers: Iterable[str]) -> None:
-        """Raises UnknownNameError if it is not of a hand with these encoders' joints and these fingers."""
+        """Raises UnknownNameError if it names a joint or finger that is not among these."""
         joints, fingers = list(joints), list(fingers)
         for joint in self.joint_offsets:
             if joint not in joints:
@@ -158,7 +158,7 @@ def load_calibration(path: Path) -> HandCalibration:
     """Reads a calibration.yaml.
 
     Raises:
-        InvalidFileError: if the file cannot be read, does not fit, or a value is out of its range.
+        InvalidFileError: if the file cannot be read, does not fit the format, or has a value out of range.
     """
     calibration = load_typed_yaml(HandCalibration, path)
     try:
@@ -182,7 +182,7 @@ def save_calibration(path: Path, calibration: HandCalibration) -> None:
 
 
 def rounded(value: Any, digits: int = 6) -> Any:
-    """Numbers, and those in lists, with so many digits that count."""
+    """A number, or the numbers in nested lists, rounded to this many significant digits."""
     if isinstance(value, list | np.ndarray):
         return [rounded(item, digits) for item in value]
     return float(f"{float(value):.{digits}g}")

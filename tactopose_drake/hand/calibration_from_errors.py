@@ -1,4 +1,4 @@
-"""From a vector of a hand's errors to the file that says them."""
+"""Conversion of a vector of a hand's errors to a calibration file."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,17 +13,17 @@ from tactopose_drake.hand.calibration_file import (
 )
 from tactopose_drake.hand.hand_errors import HandErrors
 
-_DIGITS = 4  # of a correlation
+_DIGITS = 4  # decimal digits of a correlation
 
 
 def calibration_of(errors: HandErrors, vector: FloatArray, covariance: FloatArray, time: float) -> HandCalibration:
-    """What a calibration file says, with the biases that there are at a time.
+    """Converts estimated errors to a calibration, with the biases at a given time.
 
     Args:
-        errors: which errors there may be.
-        vector: those that were found, shape (d,), SI units.
-        covariance: of these, shape (d, d); zero for those that were not looked for.
-        time: after the time that biases count from, s.
+        errors: the layout of the error vector.
+        vector: the estimated errors, shape (d,), SI units.
+        covariance: their covariance, shape (d, d); zero for errors that were not estimated.
+        time: the time, relative to that of `bias` without drift, s.
     """
     sigma = np.sqrt(np.diag(covariance))
     units = [1.0 if slides else 180.0 / np.pi for slides in errors.slides]

@@ -1,7 +1,7 @@
-"""Grasps made up by kinematics alone: fingers of a hand with errors close on an object, and their readings are made up.
+"""Synthetic grasps by kinematics alone: the fingers of a hand with known errors close on an object.
 
-For studies and tests that need many, and to see beforehand what grasps of an object would tell of a hand. No physics:
-the other links may pass through the object, and the forces are drawn at random within their cones of friction.
+They serve studies and tests that need many grasps, and predict what grasps of an object would tell about a hand. There
+is no physics: other links may pass through the object, and forces are drawn at random within their friction cones.
 """
 
 import dataclasses
@@ -25,44 +25,44 @@ from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.hand.recorded_grasps import RecordedGrasp
 from tactopose_drake.hand.shared_joints import shared_joints
 
-_POSTURES = 400  # of a finger, of which those near the object are taken
-_SAMPLES = 60  # of a fingertip's surface
-_NEAR = (-0.002, 0.004)  # gap between fingertip and object from which a finger is closed or opened, m
-_TRIES = 200  # places of the object
+_POSTURES = 400  # sampled postures of a finger, of which those near the object are used
+_SAMPLES = 60  # points on a fingertip's surface
+_NEAR = (-0.002, 0.004)  # gap between fingertip and object from which the contact is solved for, m
+_TRIES = 200  # sampled poses of the object
 _FINGER_TRIES = 8
-_CLOSE = 1e-8  # which a contact that was found may be off, in radians and shares of the length
-_ITERATIONS = 15  # to find a contact
-_STEP = 1e-6  # of its differences, in radians and shares of the length
-_LONGEST = 0.2  # of its steps
-_BENT = (-1.0, 1.6)  # between which joints are made up, within their limits: rad, of those that slide m
-_LENGTH = 0.01  # that counts as a radian in the search for a contact, m
+_CLOSE = 1e-8  # largest residual of a contact, in rad and `_LENGTH`
+_ITERATIONS = 15  # of Newton's method for a contact
+_STEP = 1e-6  # of the finite differences, in rad and `_LENGTH`
+_LONGEST = 0.2  # longest step of Newton's method
+_BENT = (-1.0, 1.6)  # range of sampled joint positions, within the joints' limits, rad; of prismatic joints, m
+_LENGTH = 0.01  # length that counts as a radian in the search for a contact, m
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class ClosedGraspParams:
-    """How grasps are made up."""
+    """How synthetic grasps are generated; noises are standard deviations."""
 
-    least_fingers: int = 4  # that touch, or all fingers of a hand that has fewer
-    shift: float = 0.01  # of the object's middle from where the hand holds things, along each axis, m
-    least_force: float = 0.5  # normal force of a contact, N
-    most_force: float = 2.5  # N
+    least_fingers: int = 4  # fingers that touch, or all fingers of a hand that has fewer
+    shift: float = 0.01  # largest shift of the object's middle from the grip region's, along each axis, m
+    least_force: float = 0.5  # smallest normal force of a contact, N
+    most_force: float = 2.5  # largest normal force of a contact, N
     friction: float = 0.4  # largest ratio of friction to normal force
     local_torque: float = 0.0005  # about the normal, standard deviation, N m
     noise_moment: float = 0.0  # of each component of the moment, N m
     noise_force: float = 0.0  # of each component of the force, N
-    # Of each joint's reading, anew in each grasp, deg; of one that slides, 1 deg counts as 1 mm.
+    # Of each joint's reading, independent in each grasp, deg; for a prismatic joint, 1 deg stands for 1 mm.
     noise_joint_deg: float = 0.0
-    noise_surface: float = 0.0  # of where the object's surface is, along the normal at each contact, m
-    noise_normal_deg: float = 0.0  # of the object's normal there, about each axis, deg
+    noise_surface: float = 0.0  # of the object's surface along its normal, at each contact, m
+    noise_normal_deg: float = 0.0  # of the object's normal at each contact, about each axis, deg
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ClosedGrasp:
-    """A grasp that was made up, and its truth.
+    """A synthetic grasp and its ground truth.
 
     Attributes:
-        recorded: what the hand reads.
-        X_PO: true pose of the object, shape (3, 4).
+        recorded: the hand's readings.
+        X_PO: true pose of the object, shape (3, 4), m.
     """
 
     recorded: RecordedGrasp
@@ -70,7 +70,7 @@ class ClosedGrasp:
 
 
 class GraspCloser:
-    """Closes a hand that has errors."""
+    """Generates grasps of a hand with known errors."""
 
     def __init__(
         self,
@@ -84,13 +84,13 @@ class GraspCloser:
 
         Args:
             plant: finalized plant of the hand alone.
-            hand: the hand in it, as its files have it.
-            errors: which errors it may have.
-            vector: those that it has, shape (d,), SI units.
-            params: how grasps are made up.
+            hand: the hand in it, as described by its files.
+            errors: the layout of the error vector.
+            vector: the true hand's errors, shape (d,), SI units.
+            params: how grasps are generated.
 
         Raises:
-            InvalidInputError: if fingers share a joint: they are closed one after the other.
+            InvalidInputError: if fingers share a joint, since they are closed independently.
         """
         for joint, fingers in shared_joints(hand.config).items():
             raise InvalidInputError(
@@ -115,15 +115,15 @@ class GraspCloser:
             self._postures[finger] = positions, np.array([self._X_PM(finger, row) for row in positions])
 
     def grasp(self, model: ObjectModel, generator: np.random.Generator, time: float | None = None) -> ClosedGrasp:
-        """A grasp of an object somewhere in the hand.
+        """Generates a grasp of an object at a random pose in the hand.
 
         Raises:
-            InvalidInputError: if the hand's file does not say where it grips, or the fingers do not reach the object.
+            InvalidInputError: if the hand's file has no grip region, or the fingers do not reach the object.
         """
         config = self._hand.config
         if not config.grip_low or not config.grip_high:
             raise InvalidInputError(
-                "hand: its file has no grip_low and grip_high; needed are both, where it holds things, m, in P."
+                "hand: its file has no grip_low and grip_high; needed are both, the corners of the grip region in P, m."
             )
         middle = 0.5 * (np.array(config.grip_low) + np.array(config.grip_high))
         for _ in range(_TRIES):
@@ -142,7 +142,7 @@ class GraspCloser:
     def _close(
         self, model: ObjectModel, X_PO: FloatArray, generator: np.random.Generator
     ) -> tuple[FloatArray, dict[str, "_Contact"]]:
-        """The measured joints' true positions, and each finger's contact."""
+        """True positions of the measured joints, and the contact of each finger that touches."""
         positions, fingers = self._rest, self._errors.fingers
         contacts: dict[str, _Contact] = {}
         for left, finger in zip(range(len(fingers), 0, -1), fingers, strict=True):
@@ -173,7 +173,7 @@ class GraspCloser:
         X_PO: FloatArray,
         generator: np.random.Generator,
     ) -> "_Contact | None":
-        """Where a finger near the object touches it."""
+        """The contact of a finger that closes from a posture near the object; None if none is found."""
         way = np.where(near != self._rest, generator.uniform(0.3, 1.0, len(near)), 0.0)
         layer = self._hand.layers.get(finger)
         depth = 0.0 if layer is None else self._push(generator) / layer.stiffness
@@ -202,24 +202,24 @@ class GraspCloser:
         positions, p_SQ = near + x[0] * way, _LENGTH * x[1:]
         if np.any((positions < self._low) | (positions > self._high)):
             return None
-        if (surface.X_SF[:, :3].T @ (p_SQ - surface.X_SF[:, 3]))[2] < surface.shape[5]:  # below what can be touched
+        if (surface.X_SF[:, :3].T @ (p_SQ - surface.X_SF[:, 3]))[2] < surface.shape[5]:  # below the touchable part
             return None
         n_S = surface.normal(p_SQ[None])[0]
         return _Contact(positions, p_SQ - depth * n_S, n_S, None if layer is None else depth * layer.stiffness)
 
     def _X_PM(self, finger: str, positions: FloatArray) -> FloatArray:
-        """Where the sensor is truly, with its fingertip, shape (3, 4)."""
+        """True pose of the sensor with its fingertip in the palm, shape (3, 4)."""
         self._kinematics.move(self._gains @ positions + self._constant)
         X_PS = self._kinematics.poses({finger: self._hand.sensor_frames[finger]})[finger].GetAsMatrix34()
         mounting = self._own(finger).mounting
         return compose(X_PS, make_poses(exp_so3(mounting[:3]), mounting[3:]))
 
     def _push(self, generator: np.random.Generator) -> float:
-        """A contact's normal force, N."""
+        """Draws a contact's normal force, N."""
         return generator.uniform(self._params.least_force, self._params.most_force)
 
     def _wrench(self, finger: str, contact: "_Contact", time: float, generator: np.random.Generator) -> FloatArray:
-        """What the sensor reads."""
+        """The sensor's reading, shape (6,), N m and N."""
         params, own, p, n = self._params, self._own(finger), contact.p_SC, contact.n_S
         push = self._push(generator) if contact.push is None else contact.push
         across = np.cross(n, generator.normal(size=3))
@@ -235,13 +235,13 @@ class GraspCloser:
 
 
 class _Contact(NamedTuple):
-    """Where a finger touches.
+    """A finger's contact.
 
     Attributes:
-        positions: of the finger's joints, of all others where they rest, at 0 or the limit next to it, shape (k,).
-        p_SC: the point, where a soft layer has given way.
-        n_S: the fingertip's outward normal there.
-        push: the normal force, N; None where the place does not depend on it, for there is no soft layer.
+        positions: joint positions, shape (k,); joints of other fingers are at 0 or the limit nearest to it.
+        p_SC: the contact point on the deformed soft layer, shape (3,), m.
+        n_S: the fingertip's outward normal there, shape (3,).
+        push: the normal force, N; None without a soft layer, as the point then does not depend on it.
     """
 
     positions: FloatArray

@@ -1,9 +1,9 @@
-"""The exact check of an object's poses against a hand's collision geometry.
+"""Exact collision checks of an object's poses against a hand's collision geometry.
 
-Drake takes the convex hull of a mesh wherever it measures the distance between two shapes, and so fills a mug. Here the
-object's mesh is taken as it is. How deep a point lies in a convex shape is a concave function of the point, so over the
-whole object it is greatest either on its surface or at the shape's own deepest point, if that one is in the object. The
-two together give the depth for thin walls and for solid bodies alike; both are of the mesh, not of the model's grid.
+When Drake measures the distance between two shapes it replaces a mesh by its convex hull, which fills a mug. Here the
+object's true mesh is used. The depth of a point in a convex shape is a concave function of the point, so over the whole
+object it is largest either on the object's surface or at the shape's deepest point, if that is in the object. Together
+the two give the depth for thin walls and solid bodies alike. Both use the mesh, not the model's distance grid.
 """
 
 import math
@@ -29,17 +29,17 @@ from tactopose_drake.hand.reading_ranges import ReadingRanges
 from tactopose_drake.hand.shape_depth import convex_shape
 from tactopose_drake.resources import passing_builder
 
-_TOLERANCE = 2e-5  # m, by which depths may be short
+_TOLERANCE = 2e-5  # m, by which depths may be too small
 
 
 @dataclass(frozen=True, eq=False)
 class Collisions:
-    """How deep an object reaches into a hand, for each of B poses.
+    """Penetration of an object into a hand, for each of B poses.
 
     Attributes:
-        depth: the greatest depth of a point of the object below the surface of a shape of the hand, shape (B,), m; 0
-            where the two do not touch. It ends at the depth of the shape itself, half its thickness.
-        link: the link of the hand that the object reaches deepest into, B of them; None where it touches none.
+        depth: the largest depth of a point of the object below the surface of a shape of the hand, shape (B,), m; 0
+            if they do not touch. It is at most the depth of the shape itself, half its thickness.
+        link: the link of the hand with the deepest penetration, B of them; None if there is none.
     """
 
     depth: FloatArray
@@ -47,9 +47,9 @@ class Collisions:
 
 
 class HandCollision:
-    """Checks poses of an object against a hand that is posed by its joints.
+    """Checks poses of an object against a hand at given joint positions.
 
-    Depths are short by 0.02 mm at the most. A mesh of the hand counts as its convex hull; planes are left out.
+    Depths may be too small by up to 0.02 mm. A mesh of the hand counts as its convex hull; planes are ignored.
     """
 
     def __init__(self, hand: HandConfig, model: ObjectModel) -> None:
@@ -83,7 +83,7 @@ class HandCollision:
 
     @cached_property
     def spheres(self) -> BodySpheres:
-        """`BodySpheres.of_hand` of the hand, which need not be read from its file again."""
+        """The result of `BodySpheres.of_hand`, without reading the hand's file again."""
         return BodySpheres.from_inspector(self._plant, self._inspector, self._hand.model_instance)
 
     @property
@@ -92,29 +92,28 @@ class HandCollision:
         return int(self._plant.num_positions(self._hand.model_instance))
 
     def knows_all(self, q: FloatArray) -> bool:
-        """Whether all readings of the hand's joints, shape (nq,), can be true: none is NaN or far beyond its limits."""
+        """Whether all readings of the hand's joints, shape (nq,), are known: none is NaN or far beyond its limits."""
         every = np.zeros(self._plant.num_positions())
         self._plant.SetPositionsInArray(self._hand.model_instance, q, every)
         return bool(self._ranges.told(every).all())
 
     def make_scratch(self) -> Context:
-        """What `check` works in; to be used by one thread at a time."""
+        """Creates a scratch context for `check`; use it in one thread at a time."""
         return self._plant.CreateDefaultContext()
 
     def check(
         self, q: ArrayLike, X_PO: ArrayLike, *, enough: float = math.inf, scratch: Context | None = None
     ) -> Collisions:
-        """Measures how deep the object reaches into the hand.
+        """Computes how deep the object penetrates the hand.
 
         Args:
             q: the hand's joint positions, in the order of a plant of the hand alone, shape (nq,), rad.
-            X_PO: poses of the object, shape (B, 3, 4).
-            enough: m; of a pose that is deeper no more than that is found out, which saves time: its depth is then a
-                lower bound above `enough`.
-            scratch: of `make_scratch`; a new one is made otherwise.
+            X_PO: poses of the object, shape (B, 3, 4), m.
+            enough: depth, m, beyond which only a lower bound above it is computed, which saves time.
+            scratch: a context from `make_scratch`; None: a new one is created.
 
         Raises:
-            InvalidInputError: a number that is not finite, or a shape that does not fit.
+            InvalidInputError: if a number is not finite, or a shape is wrong.
         """
         q = finite_array("q", q, (self.num_positions,))
         X_PO = finite_array("X_PO", X_PO, (None, 3, 4))
@@ -131,23 +130,23 @@ class HandCollision:
 
 
 def check_collisions(hand: HandConfig, model: ObjectModel, q: ArrayLike, X_PO: ArrayLike) -> Collisions:
-    """`HandCollision.check` for once; to check more than once, keep a `HandCollision`."""
+    """Builds a `HandCollision` and calls its `check` once; for repeated checks, keep a `HandCollision`."""
     return HandCollision(hand, model).check(q, X_PO)
 
 
 def keep_clear(estimate: PoseEstimate, collisions: Collisions, tolerance: float) -> tuple[PoseEstimate, bool]:
-    """The estimate without the hypotheses that collide.
+    """Removes hypotheses that collide with the hand from an estimate.
 
-    Where no other explains the touch, either the hand's shape, its joints or the touch is not what it seems; then all
-    stay, and the status is "ambiguous". An estimate that explains nothing stays as it is.
+    If every hypothesis that explains the touch collides, the hand's shape, its joints or the touch must be wrong; all
+    are then kept, and the status is "ambiguous". An estimate with the status "no_solution" is returned unchanged.
 
     Args:
-        estimate: of the poses that were checked.
-        collisions: of its hypotheses.
-        tolerance: the depth that is no collision yet, m: soft skin gives way, and poses have errors.
+        estimate: the estimate whose poses were checked.
+        collisions: the collisions of its hypotheses.
+        tolerance: largest depth that does not count as a collision, m, for soft skin and errors of poses.
 
     Returns:
-        The estimate, and whether it is clear of the hand.
+        The estimate, and whether it is free of collisions.
     """
     clear = [bool(depth <= tolerance) for depth in collisions.depth]
     if estimate.status == "no_solution":

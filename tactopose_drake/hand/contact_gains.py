@@ -1,4 +1,4 @@
-"""How a fingertip's contact moves with its wrench and with the fingertip's radius."""
+"""Derivatives of a fingertip's contact by its wrench and by the fingertip's radius."""
 
 import dataclasses
 from typing import NamedTuple
@@ -10,18 +10,18 @@ from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Ellipsoid, Superquadric, Surface
 from tactopose_drake.core.validation import FloatArray
 
-# Steps of the differences: of the moment, N m, of the force, N, and of the radius, m.
+# Steps of the finite differences: of the moment, N m, of the force, N, and of the radius, m.
 _STEPS = np.repeat([1e-7, 1e-5], 3)
 _RADIUS_STEP = 1e-7
 
 
 class ContactGains(NamedTuple):
-    """Contacts of some wrenches on one fingertip, in S, and their derivatives.
+    """Contacts of k wrenches on one fingertip, in S, and their derivatives.
 
     Attributes:
         solutions: the contacts.
-        point: derivative of the point by the wrench (six) and by the radius, shape (k, 3, 7).
-        turn: likewise of a small rotation of the normal.
+        point: derivative of the point by the wrench (6 columns) and the radius (1 column), shape (k, 3, 7).
+        turn: likewise of a small rotation of the normal, shape (k, 3, 7).
     """
 
     solutions: ContactSolutions
@@ -30,11 +30,13 @@ class ContactGains(NamedTuple):
 
 
 def contact_gains(F_S: FloatArray, surface: Surface, layer: SoftLayer | None) -> ContactGains:
-    """The contacts of wrenches (k, 6) and how they move; by differences, zero where a difference is no contact.
+    """Solves for the contacts of wrenches and their derivatives by finite differences.
+
+    A derivative is zero if a perturbed wrench gives no contact.
 
     Args:
-        F_S: wrenches [m, f], N m and N.
-        surface: of the fingertip.
+        F_S: wrenches [m, f], shape (k, 6), N m and N.
+        surface: the fingertip's surface.
         layer: its soft layer, if there is one.
     """
     steps = np.concatenate([np.zeros((1, 6)), np.diag(_STEPS), -np.diag(_STEPS)])
@@ -53,7 +55,7 @@ def contact_gains(F_S: FloatArray, surface: Surface, layer: SoftLayer | None) ->
 
 
 def thicker(surface: Surface, by: float) -> Surface:
-    """The surface, its radius or semi-axes longer by so much, m."""
+    """The surface with its radius or semi-axes increased by `by`, m."""
     if isinstance(surface, Ellipsoid | Superquadric):
         a, b, c = surface.semi_axes
         return dataclasses.replace(surface, semi_axes=(a + by, b + by, c + by))
@@ -61,6 +63,6 @@ def thicker(surface: Surface, by: float) -> Surface:
 
 
 def wrench_of(solution: ContactSolution) -> FloatArray:
-    """The wrench [m, f] that a contact is of, shape (6,), N m and N."""
+    """The wrench [m, f] from which a contact was solved, shape (6,), N m and N."""
     force = solution.normal_force + solution.friction_force
     return np.concatenate([np.cross(solution.p_SC, force) + solution.local_torque, force])

@@ -12,9 +12,9 @@ def pressure_field(surface: ContactSurface, X_TW: RigidTransform, *, pad_is_M: b
     """The pressure on one side of a contact surface.
 
     Args:
-        surface: of triangles or polygons, in the world.
+        surface: contact surface of triangles or polygons, in the world.
         X_TW: pose of the world in the pad's frame.
-        pad_is_M: which of the two geometries is the pad's; the surface's normals point out of N and into M.
+        pad_is_M: whether the pad is the geometry M; the surface's normals point out of N and into M.
     """
     if surface.is_triangle():
         mesh, field = surface.tri_mesh_W(), surface.tri_e_MN()
@@ -30,7 +30,7 @@ def pressure_field(surface: ContactSurface, X_TW: RigidTransform, *, pad_is_M: b
 
 
 def _turned(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The same polygons, each the other way round."""
+    """The same polygons with reversed vertex order."""
     turned = faces.copy()
     start = 0
     while start < len(faces):

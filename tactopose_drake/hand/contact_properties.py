@@ -1,7 +1,7 @@
-"""What a model's file does not say of its shapes' contact, so that any hand can grasp in the simulator.
+"""Contact properties that a model's file leaves unspecified, so that any hand can grasp in the simulator.
 
-Hydroelastic contact needs a compliant shape on at least one side, and Drake takes a mesh for compliant only as a volume
-mesh. Hands mostly come without a word of either, and with meshes.
+Hydroelastic contact needs a compliant shape on at least one side, and Drake supports compliant meshes only as volume
+meshes. Models of hands mostly specify neither, and consist of surface meshes.
 """
 
 from collections.abc import Iterator
@@ -32,16 +32,16 @@ from pydrake.systems.framework import Context
 
 from tactopose_drake.hand.thinned_hull import thinned_hull
 
-_MODULUS = 3e7  # Pa: a hard rubber's, which gives way by a tenth of a millimetre
-_FINEST, _COARSEST = 0.002, 0.006  # m, length of the facets that stand for a shape
-_NEAREST_VERTICES = 5e-4  # of a hull, m
+_MODULUS = 3e7  # Pa, of a hard rubber that is deformed by a tenth of a millimetre
+_FINEST, _COARSEST = 0.002, 0.006  # m, length of the facets that approximate a shape
+_NEAREST_VERTICES = 5e-4  # least distance between vertices of a hull, m
 _VOLUME_MESHES = {".vtk"}
 
 
 def make_compliant(plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex) -> None:
-    """Makes a hand's shapes compliant of which its file says neither that nor that they are rigid.
+    """Makes those shapes of a hand compliant that its file declares neither compliant nor rigid.
 
-    A mesh without a volume becomes its convex hull, as which it counts everywhere else.
+    A surface mesh is replaced by its convex hull, which also represents it elsewhere in this package.
     """
     inspector, source = scene_graph.model_inspector(), plant.get_source_id()
     for geometry in list(_unsaid(plant, inspector, instance)):
@@ -54,9 +54,9 @@ def make_compliant(plant: MultibodyPlant, scene_graph: SceneGraph, instance: Mod
 
 
 def leave_friction_out(scene_graph: SceneGraph) -> None:
-    """Keeps Drake from giving shapes friction and the like, for each that it gives some is faceted once more.
+    """Keeps Drake from assigning default proximity properties, which costs time: each such shape is faceted again.
 
-    It does so in the first context. Shapes whose overlaps are only measured need neither.
+    Drake does so when the first context is created. Shapes that are only checked for overlaps need no such properties.
     """
     none = DefaultProximityProperties(
         hydroelastic_modulus=None,
@@ -71,7 +71,7 @@ def leave_friction_out(scene_graph: SceneGraph) -> None:
 
 
 def make_meshes_rigid(plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex) -> None:
-    """Makes an object's meshes rigid of which its file says neither that nor that they are compliant."""
+    """Makes those meshes of an object rigid that its file declares neither rigid nor compliant."""
     inspector, source = scene_graph.model_inspector(), plant.get_source_id()
     for geometry in list(_unsaid(plant, inspector, instance)):
         if isinstance(inspector.GetShape(geometry), Mesh):
@@ -81,7 +81,7 @@ def make_meshes_rigid(plant: MultibodyPlant, scene_graph: SceneGraph, instance: 
 
 
 def rigid_shapes(plant: MultibodyPlant, inspector: SceneGraphInspector, instance: ModelInstanceIndex) -> list[str]:
-    """The shapes that a model's file calls rigid, each with the link that it is on."""
+    """The shapes that a model's file declares rigid, each with its link, as text."""
     return [
         f"{inspector.GetName(geometry).rpartition('::')[2]!r} of link {link!r}"
         for link, geometry in _shapes(plant, inspector, instance)
@@ -90,23 +90,23 @@ def rigid_shapes(plant: MultibodyPlant, inspector: SceneGraphInspector, instance
 
 
 def unsaid_shapes(plant: MultibodyPlant, inspector: SceneGraphInspector, instance: ModelInstanceIndex) -> list[str]:
-    """The links with shapes of which a model's file says neither that they are rigid nor compliant, once a shape."""
+    """The link of each shape that a model's file declares neither rigid nor compliant."""
     return [link for link, geometry in _shapes(plant, inspector, instance) if not _says(inspector, geometry)]
 
 
 def self_collisions(plant: MultibodyPlant, context: Context, instance: ModelInstanceIndex) -> list[tuple[str, str]]:
-    """Pairs of a model's links whose shapes overlap in a posture, by name.
+    """Names of the pairs of a model's links whose shapes overlap at the context's joint positions.
 
     Args:
         plant: finalized plant in a diagram with its SceneGraph.
-        context: its context in that diagram's.
+        context: the plant's context in that diagram.
         instance: the model.
     """
     return sorted({(a, b) for _, _, a, b in _overlaps(plant, context, instance)})
 
 
 def let_overlap(plant: MultibodyPlant, scene_graph: SceneGraph, context: Context, instance: ModelInstanceIndex) -> None:
-    """Lets those shapes of a model pass through each other that overlap in a posture: in truth they do not collide."""
+    """Filters collisions between shapes of a model that overlap in the context's posture, as real links do not."""
     manager = scene_graph.collision_filter_manager()
     for a, b, _, _ in _overlaps(plant, context, instance):
         manager.Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet([a, b])))
@@ -151,7 +151,7 @@ def _has(inspector: SceneGraphInspector, geometry: GeometryId, name: str) -> boo
 
 
 def _but_hydroelastic(said: ProximityProperties) -> ProximityProperties:
-    """What is said of a shape but for its hydroelastic properties."""
+    """A copy of a shape's properties without the hydroelastic ones."""
     properties = ProximityProperties(said)
     if properties.HasGroup("hydroelastic"):
         for name in list(properties.GetPropertiesInGroup("hydroelastic")):
@@ -160,7 +160,7 @@ def _but_hydroelastic(said: ProximityProperties) -> ProximityProperties:
 
 
 def _facet_length(shape: Shape) -> float:
-    """As fine as a shape's roundness asks for, m."""
+    """Facet length that suits a shape's radius of curvature, m."""
     if isinstance(shape, Sphere | Capsule | Cylinder):
         radius = float(shape.radius())
     elif isinstance(shape, Ellipsoid):

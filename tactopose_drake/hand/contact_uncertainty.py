@@ -1,13 +1,12 @@
-"""How far a hand's own errors move its contacts.
+"""Covariance of a hand's contacts that results from the hand's own errors.
 
-To first order: the joints' offsets move a contact by the finger's Jacobian; its sensor, with the fingertip, is mounted
-elsewhere and otherwise; the fingertip is thicker or thinner; and what the sensor errs moves the contact on it, see
-`core.sensing.contact_noise`. Errors of one finger's parts are independent of each other and of other fingers'; what
-moves a contact's point and what turns its normal by the same joint is one error.
+To first order, a contact is moved by the joints' offsets through the finger's Jacobian, by the mounting error of the
+sensor with its fingertip, by the error of the fingertip's radius, and by the sensor's errors (see
+`core.sensing.contact_noise`). These errors are independent of each other and between fingers; an offset moves a
+contact's point and turns its normal jointly.
 
-Of a finger that was calibrated, the errors are those that the calibration has left, with their correlations, and the
-noise of a single contact that it has found. Joints that its part of the calibration does not list are off as those of
-other fingers.
+For a calibrated finger, the errors are those that remain after the calibration, with their correlations, and the noise
+of a single contact that it found. Joints that its calibration does not list have the declared uncertainty.
 """
 
 import math
@@ -31,12 +30,12 @@ from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.hand.kinematics import HandKinematics
 
-# Of where a contact's point is, m^2, and of its normal, rad^2, of a hand that errs in nothing.
+# Covariance of a contact's point, m^2, and normal, rad^2, for a hand without errors.
 LEAST_COVARIANCE = np.diag(np.repeat([1e-5**2, 1e-3**2], 3))
 
 
 class ContactUncertainty:
-    """How far a hand's contacts, and its surface, may be off by what its description says of its errors."""
+    """Computes the covariance of a hand's contacts, and the error of its surface, from its declared errors."""
 
     def __init__(self, plant: MultibodyPlant, hand: Hand, uncertainty: HandUncertainty) -> None:
         """Keeps no reference to the plant.
@@ -48,7 +47,7 @@ class ContactUncertainty:
         """
         uncertainty.validate()
         joints, gains = encoder_gains(plant, hand)
-        # What an offset of one standard deviation of each measured joint adds to the plant's positions, shape (nq, k).
+        # Change of the plant's positions by one standard deviation of each measured joint's offset, shape (nq, k).
         self._offsets = gains * offset_sigmas(plant, hand, uncertainty)
         self._frames, self._errors = hand.sensor_frames, uncertainty
         self._variances = HandVariances(
@@ -56,8 +55,8 @@ class ContactUncertainty:
         )
         self._surfaces, self._layers = hand.surfaces, hand.layers
         self._calibrated: dict[str, _Calibrated] = {}
-        # Of each fingertip's surface along an axis, beside what the joints' offsets do to it.
-        # A turn moves the surface's middle, as far from S as it is: 2/3 of the square of that on an axis.
+        # Variance of each fingertip's surface along an axis, without the joints' offsets. A rotation moves the middle
+        # of the surface in proportion to its distance from S, whose square counts by 2/3 along an axis.
         turned = {finger: 2.0 / 3.0 * float(np.sum(tip.X_SF[:, 3] ** 2)) for finger, tip in hand.surfaces.items()}
         moved, of_turn = uncertainty.mounting**2 + uncertainty.fingertip_radius**2, self._variances.turn
         self._tip_variance = {finger: moved + of_turn * arm for finger, arm in turned.items()}
@@ -80,13 +79,13 @@ class ContactUncertainty:
     def covariance(
         self, finger: str, solution: ContactSolution, X_PS: RigidTransform, kinematics: HandKinematics
     ) -> FloatArray:
-        """Of a valid contact's point and a small rotation of its normal, in P, shape (6, 6), m and rad.
+        """Covariance of a valid contact's point and a small rotation of its normal, in P, shape (6, 6), m and rad.
 
         Args:
-            finger: whose it is.
+            finger: the contact's finger.
             solution: the contact, in S.
-            X_PS: where S is.
-            kinematics: of the hand, moved to where the joints are.
+            X_PS: pose of S.
+            kinematics: the hand's kinematics at the current joint positions.
         """
         if finger in self._calibrated:
             return self._of_calibrated(finger, solution, X_PS, kinematics)
@@ -104,10 +103,10 @@ class ContactUncertainty:
         return covariance
 
     def surface_sigma(self, kinematics: HandKinematics) -> float:
-        """By how much the fingertips' surfaces are off along an axis, rms over the fingers, m.
+        """Standard deviation of the fingertips' surfaces along an axis, rms over the fingers, m.
 
         Args:
-            kinematics: of the hand, moved to where the joints are.
+            kinematics: the hand's kinematics at the current joint positions.
         """
         variances = []
         for finger, frame in self._frames.items():
@@ -126,7 +125,7 @@ class ContactUncertainty:
         gains = contact_gains(wrench_of(solution)[None], self._surfaces[finger], self._layers.get(finger))
         by_contact = np.concatenate([R @ gains.point[0], R @ gains.turn[0]])
         by_mounting = np.block([[-R @ skew(solution.p_SC), R], [R, np.zeros((3, 3))]])
-        # What readings are too large by is taken off them, so that an error of it moves the contact the other way.
+        # Offsets are subtracted from the readings, so that an error of an offset moves the contact the other way.
         by_offsets = -np.concatenate([by_joints[3:], by_joints[:3]])
         J = np.column_stack([by_offsets, -by_contact[:, :6], by_contact[:, 6:], by_mounting])
         covariance: FloatArray = J @ calibrated.covariance @ J.T
@@ -140,8 +139,12 @@ class ContactUncertainty:
 
 
 class _Calibrated(NamedTuple):
-    """What the listed joints add to the plant's positions, shape (nq, k), what a standard deviation of each other one
-    does, and the covariance of all of a finger's errors.
+    """Errors of a calibrated finger.
+
+    Attributes:
+        gains: derivative of the plant's positions by the listed joints, shape (nq, k).
+        others: change of the plant's positions by one standard deviation of each other joint, shape (nq, l).
+        covariance: covariance of the finger's errors.
     """
 
     gains: FloatArray

@@ -1,4 +1,4 @@
-"""Whether a hand's file and its model say the same of the joints that follow others."""
+"""Check that a hand's file and its model agree on coupled joints."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +13,7 @@ from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.mimics import Mimic, read_mimics
 from tactopose_drake.resources import make_parser
 
-_SAME = 1e-3  # difference of ratios, or of offsets in rad or m, that is none
+_SAME = 1e-3  # differences of ratios, or of offsets in rad or m, below this are ignored
 
 
 def check_couplings(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
@@ -48,7 +48,7 @@ def check_couplings(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
 
 
 def lacking_couplings(plant: MultibodyPlant, hand: Hand) -> dict[str, list[Mimic]]:
-    """What the model says of joints on the way to a finger's sensor, and the finger's couplings do not, by finger."""
+    """Mimic entries of joints between palm and sensor that the finger's couplings lack, by finger."""
     try:
         of_model = _mimics(hand.config) or {}
     except InvalidInputError:
@@ -64,7 +64,7 @@ def lacking_couplings(plant: MultibodyPlant, hand: Hand) -> dict[str, list[Mimic
 
 
 def _entries(plant: MultibodyPlant, hand: Hand, finger: FingerConfig, of_model: dict[str, Mimic]) -> tuple[Entry, ...]:
-    """The finger's joints, where others lead its couplings, and its couplings as the model has them."""
+    """The finger's entry `joints`, if it must change with the couplings, and its `couplings` as in the model."""
     path = joints_towards(plant, hand, hand.sensor_frames[finger.name])
     mimics = [of_model[name] for name in path if name in of_model]
     couplings = tuple(Coupling(joint=m.joint, follows=m.follows, ratio=m.ratio, offset=m.offset) for m in mimics)
@@ -83,7 +83,7 @@ def _shown(mimic: Mimic) -> str:
 
 
 def _mimics(config: HandConfig) -> dict[str, Mimic] | None:
-    """The model's own couplings by the joint that follows; None where its file's kind does not tell."""
+    """The model's couplings by the joint that follows; None if its file format has none."""
     mimics = read_mimics(Path(_model_file(config)))
     return None if mimics is None else {mimic.joint: mimic for mimic in mimics}
 

@@ -1,4 +1,4 @@
-"""Which joints of a hand have encoders, how far these may be off, and what an error of one moves."""
+"""The encoders of a hand: their joints, the uncertainty of their offsets, and the joints that each one moves."""
 
 import math
 from typing import NamedTuple
@@ -12,11 +12,11 @@ from tactopose_drake.hand.hand_config import HandUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
 from tactopose_drake.hand.joint_matrices import joint_matrix
 
-SLIDE = 0.001 / math.radians(1.0)  # m of a sliding joint that count as a radian
+SLIDE = 0.001 / math.radians(1.0)  # m of a prismatic joint that count as a radian, so that 1 mm counts as 1 degree
 
 
 def radian_units(plant: MultibodyPlant) -> FloatArray:
-    """How much of each of a plant's positions counts as a radian, shape (nq,): of what slides, `SLIDE` m."""
+    """The amount of each of a plant's positions that counts as a radian, shape (nq,): `SLIDE` m if prismatic."""
     units = np.ones(plant.num_positions())
     for joint in (plant.get_joint(index) for index in plant.GetJointIndices()):
         if isinstance(joint, PrismaticJoint):
@@ -28,9 +28,9 @@ class EncoderGains(NamedTuple):
     """The encoders of a hand.
 
     Attributes:
-        joints: that have one, by name.
-        gains: what an error of a radian of each adds to the plant's positions, shape (nq, k); of a joint that slides, 1
-            degree counts as 1 mm.
+        joints: names of the joints that have one.
+        gains: derivative of the plant's positions by each encoder's error in rad, shape (nq, k); for a prismatic joint,
+            1 degree stands for 1 mm.
     """
 
     joints: tuple[str, ...]
@@ -38,7 +38,7 @@ class EncoderGains(NamedTuple):
 
 
 def encoder_gains(plant: MultibodyPlant, hand: Hand) -> EncoderGains:
-    """The encoders: one on each joint that follows no other.
+    """The encoders of a hand: one on each joint that is not coupled to another.
 
     Args:
         plant: finalized plant of the hand alone.
@@ -51,14 +51,14 @@ def encoder_gains(plant: MultibodyPlant, hand: Hand) -> EncoderGains:
 
 
 def offset_sigmas(plant: MultibodyPlant, hand: Hand, uncertainty: HandUncertainty) -> FloatArray:
-    """How far each encoder may be off, standard deviations, shape (k,), rad; of a joint that slides as `EncoderGains`.
+    """Standard deviations of the encoders' offsets, shape (k,), rad; for prismatic joints as in `EncoderGains`.
 
-    That is what the hand's calibration has left of its offset, where it has found one, and what is declared of others.
+    For an offset that the hand's calibration has found, this is its remaining uncertainty, for others the declared one.
 
     Args:
         plant: finalized plant of the hand alone.
         hand: the hand in it.
-        uncertainty: what is declared.
+        uncertainty: the declared uncertainty.
     """
     names = measured_joints(plant, hand)
     sigma = np.full(len(names), math.radians(uncertainty.encoder_offset_deg))

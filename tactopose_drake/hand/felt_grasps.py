@@ -1,4 +1,4 @@
-"""The contacts of recorded grasps, for any errors of the hand, and how they move with these errors."""
+"""The contacts of recorded grasps as functions of the hand's errors, with Jacobians."""
 
 import dataclasses
 from collections import Counter
@@ -23,7 +23,7 @@ from tactopose_drake.hand.recorded_grasps import READING_NOISE, RecordedGrasp
 
 @dataclasses.dataclass(frozen=True)
 class _Finger:
-    """One finger in all grasps that it touches: which these are, its wrenches (k, 6), and their times (k,)."""
+    """The contacts of one finger: their rows and grasps, wrenches (k, 6), N m and N, and times (k,), s."""
 
     rows: NDArray[np.int64]
     grasp: NDArray[np.int64]
@@ -31,7 +31,7 @@ class _Finger:
     times: FloatArray
 
     def without(self, own: FingertipErrors) -> FloatArray:
-        """The wrenches without what the sensor reads by itself, shape (k, 6)."""
+        """The wrenches minus the sensor's bias and drift, shape (k, 6)."""
         return self.wrenches - own.bias - self.times[:, None] * own.drift
 
 
@@ -39,9 +39,9 @@ class FeltGrasps:
     """The contacts of grasps as functions of the hand's errors.
 
     Attributes:
-        grasp: which grasp each contact is of, shape (n,).
-        finger: which finger, as a place in the errors' fingers, shape (n,).
-        times: of the grasps from their middle on, shape (g,), s.
+        grasp: index of each contact's grasp, shape (n,).
+        finger: index of each contact's finger in the errors' fingers, shape (n,).
+        times: times of the grasps relative to the middle of the recording, shape (g,), s.
     """
 
     def __init__(self, plant: MultibodyPlant, hand: Hand, errors: HandErrors, grasps: Sequence[RecordedGrasp]) -> None:
@@ -49,15 +49,15 @@ class FeltGrasps:
 
         Args:
             plant: finalized plant of the hand alone.
-            hand: the hand in it, as its files have it.
-            errors: which errors it may have.
-            grasps: what was recorded; checked already, see `check_grasps`.
+            hand: the hand in it, as described by its files.
+            errors: the layout of its errors.
+            grasps: the recorded grasps, which `check_grasps` has checked.
         """
         self._errors, self._hand = errors, hand
         self._kinematics = HandKinematics(plant, hand.palm_frame)
         self._gains = errors.gains(plant, hand)
         named = NamedJoints(plant, hand)
-        # A reading that is missing moves no fingertip, see `check_grasps`.
+        # Missing readings are of joints that move no fingertip, see `check_grasps`.
         readings = [named.positions("joint_positions", dict(g.joint_positions)) for g in grasps]
         self._readings = np.nan_to_num(np.array(readings))
         self.times = np.array([0.0 if g.time is None else g.time for g in grasps])
@@ -72,10 +72,10 @@ class FeltGrasps:
             self._fingers[finger] = _Finger(rows, self.grasp[rows], wrenches, self.times[self.grasp[rows]])
 
     def touches(self, unit: FloatArray) -> GraspContacts:
-        """The contacts for errors in units of their standard deviations.
+        """The contacts for given errors of the hand.
 
         Args:
-            unit: shape (f,), of the errors that there may be.
+            unit: the free errors in units of their standard deviations, shape (f,).
         """
         errors, count, vector = self._errors, len(self.grasp), self.vector(unit)
         p, n, J = np.zeros((count, 3)), np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 6, len(vector)))
@@ -114,10 +114,10 @@ class FeltGrasps:
         return GraspContacts(self.grasp, p, n / np.linalg.norm(n, axis=1, keepdims=True), scaled, valid)
 
     def without_contact(self, unit: FloatArray) -> dict[str, str]:
-        """The fingers that touch but of whose wrenches none makes a contact, with why that of the most does not.
+        """The fingers that touch but none of whose wrenches gives a contact, with the most common reason.
 
         Args:
-            unit: errors in units of their standard deviations, shape (f,).
+            unit: the free errors in units of their standard deviations, shape (f,).
         """
         found, vector = {}, self.vector(unit)
         for finger, felt in self._fingers.items():
@@ -129,15 +129,16 @@ class FeltGrasps:
         return found
 
     def vector(self, unit: FloatArray) -> FloatArray:
-        """All errors in SI units, shape (d,), from those that there may be in units of their standard deviations."""
+        """All errors in SI units, shape (d,), from the free errors in units of their standard deviations."""
         errors, vector = self._errors, np.zeros(len(self._errors.sigma))
         vector[errors.free] = errors.sigma[errors.free] * unit
         return vector
 
     def wrench_noise(self) -> ContactSigmas:
-        """By how much the sensors' noise alone turns contacts' normals; as much as a weak one's where there is none.
+        """Standard deviations of the contacts' normals by the sensors' noise alone; the largest if there is no contact.
 
-        Points move along the fingertip's surface by it, along which the object's surface does not tell where they are.
+        Points get none: noise moves them along the fingertip's surface, where their distance to the object's surface
+        hardly changes.
         """
         normal = np.full(len(self.grasp), np.nan)
         for finger, felt in self._fingers.items():
@@ -151,9 +152,9 @@ class FeltGrasps:
         return ContactSigmas(np.zeros(len(normal)), np.where(np.isnan(normal), largest, normal))
 
     def readings(self, grasps: Sequence[RecordedGrasp]) -> tuple[FloatArray, FloatArray]:
-        """What out-of-touch readings say of the biases: whitened rows (m, f), and what they come to (m,).
+        """Linear measurements of the biases by readings out of touch: whitened rows (m, f), and their values (m,).
 
-        Readings of one sensor that differ by more than its noise count for as much less.
+        If the readings of a sensor scatter by more than its noise, their noise is increased accordingly.
         """
         errors, rows, values = self._errors, [], []
         for finger in errors.fingers:
@@ -174,12 +175,12 @@ class FeltGrasps:
 
 
 def _scatter(times: FloatArray, wrenches: FloatArray, drifts: bool) -> FloatArray:
-    """By how much one sensor's readings out of touch differ, over their noise; at least 1, shape (6,).
+    """Ratio of the scatter of a sensor's readings out of touch to its noise; at least 1, shape (6,).
 
     Args:
-        times: of the readings, shape (m,), s.
-        wrenches: what was read, shape (m, 6), N m and N.
-        drifts: whether what the sensor reads may grow with time.
+        times: times of the readings, shape (m,), s.
+        wrenches: the readings, shape (m, 6), N m and N.
+        drifts: whether the bias may drift linearly with time.
     """
     by_time = np.column_stack([np.ones(len(times)), times])[:, : 2 if drifts else 1]
     left = wrenches - by_time @ np.linalg.lstsq(by_time, wrenches, rcond=None)[0]

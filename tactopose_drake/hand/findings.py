@@ -1,4 +1,4 @@
-"""What a check finds, and what a hand's file should say instead."""
+"""The findings of a check of a hand's files, and suggested entries."""
 
 import json
 import re
@@ -11,17 +11,17 @@ from tactopose_drake.hand.hand_config import Coupling
 Verdict = Literal["ok", "note", "fault"]
 
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
-_WORDS = {"yes", "no", "on", "off", "true", "false", "null"}  # that YAML does not read as names
+_WORDS = {"yes", "no", "on", "off", "true", "false", "null"}  # words that YAML does not read as strings
 
 
 @dataclass(frozen=True)
 class Entry:
-    """What a finger's place in the hand's file should say.
+    """A suggested entry of a finger in the hand's file.
 
     Attributes:
-        finger: its name.
-        key: of the finger's, such as "joints".
-        value: names, couplings, one name, or of the key "surface" its YAML.
+        finger: the finger's name.
+        key: a key of the finger, such as "joints".
+        value: names, couplings, one name, or for the key "surface" its YAML.
     """
 
     finger: str
@@ -43,10 +43,10 @@ class Finding:
     """One line of the check.
 
     Attributes:
-        part: of the hand, in a word or two.
+        part: the part of the hand, in a word or two.
         text: what was found, a sentence without its full stop.
-        verdict: "fault" where the hand cannot be used as it is, "note" where it can but one should know.
-        entries: what the hand's file should say instead; empty where there is nothing better.
+        verdict: "fault" if the hand cannot be used as it is, "note" if it can, but the user should know.
+        entries: suggested entries for the hand's file; empty if there are none.
     """
 
     part: str
@@ -56,7 +56,7 @@ class Finding:
 
 
 def fault(part: str, error: Exception) -> Finding:
-    """An error as what was found; what it says is of the part is said by that alone."""
+    """Converts an error to a finding, without the part's name in the text."""
     kind, _, name = part.partition(" ")
     text = " ".join(str(error).split()).removesuffix(".").removeprefix(f"{kind} {name!r}: ")
     return Finding(part, text, "fault")

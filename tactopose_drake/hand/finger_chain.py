@@ -1,4 +1,4 @@
-"""The kinematics of one finger, taken from a plant for whole batches of joint positions."""
+"""The kinematics of one finger as a serial chain, for batches of joint positions."""
 
 import dataclasses
 import math
@@ -18,12 +18,12 @@ _MOST_TURNED = 2.0 * math.pi + 1e-3  # rad
 
 
 def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
-    """The kinematics of one finger from palm to sensor, for whole batches of positions.
+    """The kinematics of one finger from palm to sensor, for batches of joint positions.
 
     Args:
         plant: finalized plant that holds the hand.
         hand: the hand in it.
-        finger: its name.
+        finger: the finger's name.
 
     Raises:
         InvalidInputError: if a joint between palm and sensor is not revolute, prismatic or fixed, or is not among the
@@ -48,27 +48,27 @@ def finger_chain(plant: MultibodyPlant, hand: Hand, finger: str) -> SerialChain:
 
 
 def checked_limits(finger: FingerConfig, chain: SerialChain) -> str:
-    """The limits of a finger's actuated joints in words.
+    """Describes the limits of a finger's actuated joints, and checks them.
 
     Raises:
-        InvalidInputError: if a joint has none, cannot move between them, or turns by more than a turn from zero.
+        InvalidInputError: if a joint has no limits, cannot move between them, or may rotate by more than a turn from 0.
     """
     slides = chain.arms != 1.0
     limits = zip(finger.joints, chain.lower, chain.upper, np.where(slides, "m", "rad"), strict=True)
     shown = ", ".join(f"{name} {low:.3g} to {high:.3g} {unit}" for name, low, high, unit in limits)
     text = f"joint limits: {shown}"
     if not np.all(np.isfinite([*chain.lower, *chain.upper])) or not np.all(chain.lower < chain.upper):
-        raise InvalidInputError(f"finger {finger.name!r}: {text}; planned grasps need finite ones that differ.")
+        raise InvalidInputError(f"finger {finger.name!r}: {text}; planned grasps need finite limits that differ.")
     if np.any(np.maximum(-chain.lower, chain.upper)[~slides] > _MOST_TURNED):
         raise InvalidInputError(
-            f"finger {finger.name!r}: {text}; allowed of joints that turn are -2 pi to 2 pi rad: these may be degrees."
+            f"finger {finger.name!r}: {text}; allowed for revolute joints are -2 pi to 2 pi rad (these may be degrees)."
         )
     return text
 
 
 @dataclasses.dataclass
 class _Link:
-    """A joint that moves, the pose of its frame in what comes before it, and of the child's body in its frame."""
+    """A moving joint, the pose of its frame in the preceding link, and of the child body in its frame."""
 
     joint: RevoluteJoint | PrismaticJoint
     X_parent: RigidTransform
@@ -76,10 +76,10 @@ class _Link:
 
 
 def _links(plant: MultibodyPlant, hand: Hand, finger: str) -> tuple[list[_Link], RigidTransform]:
-    """The moving joints from the palm frame to the finger's sensor frame, and that frame in the last child.
+    """The moving joints from the palm frame to the finger's sensor frame, and that frame's pose in the last link.
 
     Raises:
-        InvalidInputError: as `finger_chain`.
+        InvalidInputError: as in `finger_chain`.
     """
     joint_of_child = joints_by_child(plant, hand)
     sensor_frame, body = hand.sensor_frames[finger], hand.sensor_frames[finger].body()
@@ -96,7 +96,7 @@ def _links(plant: MultibodyPlant, hand: Hand, finger: str) -> tuple[list[_Link],
         X_parent = joint.frame_on_parent().GetFixedPoseInBodyFrame()
         X_child = joint.frame_on_child().GetFixedPoseInBodyFrame().inverse()
         if isinstance(joint, WeldJoint):
-            # A fixed joint adds to the constant pose of whatever comes after it.
+            # A fixed joint is part of the constant pose of the link after it.
             fixed = X_parent @ joint.X_FM() @ X_child
             if links:
                 links[-1].X_parent = fixed @ links[-1].X_parent
@@ -123,8 +123,8 @@ def joints_towards(plant: MultibodyPlant, hand: Hand, frame: Frame, start: str |
     Args:
         plant: finalized plant that holds the hand.
         hand: the hand in it.
-        frame: on the hand.
-        start: link from which on joints count; the palm's by default.
+        frame: a frame on the hand.
+        start: name of the link from which the joints are listed; None: the palm's.
     """
     joint_of_child = joints_by_child(plant, hand)
     first = hand.palm_frame if start is None else plant.GetFrameByName(start, hand.model_instance)
@@ -138,18 +138,18 @@ def joints_towards(plant: MultibodyPlant, hand: Hand, frame: Frame, start: str |
 
 
 def welded_bodies(plant: MultibodyPlant, frame: Frame) -> set[BodyIndex]:
-    """The body that a frame is on, and those that no joint moves in it."""
+    """The body of a frame, and the bodies that are welded to it."""
     return {body.index() for body in plant.GetBodiesWeldedTo(frame.body())}
 
 
 def _axis(joint: RevoluteJoint | PrismaticJoint) -> FloatArray:
-    """Along which a joint slides or about which it turns, in its frame, shape (3,)."""
+    """The axis along which a joint slides or about which it turns, in its frame, shape (3,)."""
     axis: FloatArray = joint.translation_axis() if isinstance(joint, PrismaticJoint) else joint.revolute_axis()
     return axis
 
 
 def _following(config: FingerConfig, joint: str) -> tuple[list[float], float]:
-    """What a joint's position is of those of the finger's actuated joints, and what is added."""
+    """The coefficients of a joint's position in the finger's actuated joints, and its offset."""
     follows = {coupling.joint: coupling for coupling in config.couplings}
     leader = follows[joint].follows if joint in follows else joint
     if leader not in config.joints:

@@ -1,4 +1,4 @@
-"""Whether the fingertips of a hand's file are where its model has their shapes."""
+"""Check that the fingertip surfaces in a hand's file agree with the shapes in its model."""
 
 from collections.abc import Iterator
 
@@ -11,9 +11,9 @@ from tactopose_drake.hand.fingertip_fit import fingertip_fit
 from tactopose_drake.hand.fingertip_outline import fit_fingertip
 from tactopose_drake.hand.hand_in_plant import Hand, joints_by_child
 
-_LIES_ON_IT = 0.95  # share of a fingertip's surface within 1 mm of the shapes from which on no other is sought
-_FAR_BETTER, _GOOD_ENOUGH = 1.5, 5e-4  # of fingertip surfaces: ratio of residuals, and a residual, m
-_TOO_FAR, _TIMES = 3e-3, 4.0  # residual from which on a surface is none of the fingertip's, m, and of the fitted one's
+_LIES_ON_IT = 0.95  # share of a surface within 1 mm of the shapes from which on no better one is searched for
+_FAR_BETTER, _GOOD_ENOUGH = 1.5, 5e-4  # a better surface is suggested beyond this ratio of residuals and residual, m
+_TOO_FAR, _TIMES = 3e-3, 4.0  # a surface is wrong beyond this residual, m, and this ratio to the fitted surface's
 
 
 def check_fingertips(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> Iterator[Finding]:
@@ -40,7 +40,7 @@ def check_fingertips(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand)
 
 
 def _elsewhere(plant: MultibodyPlant, hand: Hand, finger: str) -> Finding:
-    """Of a sensor frame that is neither on what its weld carries nor on what the weld is on: of another finger."""
+    """The finding for a sensor frame that its weld does not carry."""
     frame, weld = hand.sensor_frames[finger], hand.welds[finger]
     frames = map(plant.get_frame, plant.GetFrameIndices(hand.model_instance))
     carried = sorted(other.name() for other in frames if other.body().index() == weld.child_body().index())
@@ -52,7 +52,7 @@ def _elsewhere(plant: MultibodyPlant, hand: Hand, finger: str) -> Finding:
 
 
 def _bare(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: str) -> Finding:
-    """What to name instead of a link without a shape: the nearest one towards the palm that has one."""
+    """The finding for a fingertip link without a shape; suggests the nearest link towards the palm that has one."""
     part, tip = f"fingertip {finger}", hand.welds[finger].child_body()
     text = f"the link {tip.name()!r} has no collision shape, which its surface could be compared with"
     inspector, on_palm = scene_graph.model_inspector(), welded_bodies(plant, hand.palm_frame)
@@ -70,7 +70,7 @@ def _bare(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: st
 def _better_surface(
     plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, finger: str, *, can_be_wrong: bool
 ) -> Iterator[Finding]:
-    """Names a surface that lies far better on the fingertip's shape than the file's, which may be far too bad."""
+    """Suggests a surface that fits the fingertip's shape much better than the file's."""
     fitted = fit_fingertip(plant, scene_graph.model_inspector(), hand, finger)
     if fitted is None or fitted.own_residual < max(_FAR_BETTER * fitted.residual, _GOOD_ENOUGH):
         return

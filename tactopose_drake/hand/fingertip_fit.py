@@ -1,4 +1,4 @@
-"""How well a fingertip's surface, of the hand's file, lies on its collision shapes, of the model."""
+"""The fit of a fingertip's surface in the hand's file to its collision shapes in the model."""
 
 from dataclasses import dataclass
 
@@ -15,12 +15,12 @@ _NEAR = 0.001  # m
 
 @dataclass(frozen=True)
 class FingertipFit:
-    """How a surface lies on collision shapes.
+    """The fit of a surface to collision shapes.
 
     Attributes:
-        share: of the surface within 1 mm of that of the shapes, 0 to 1.
-        above: how far the surface is outside of all shapes at the most, m.
-        below: how deep it is in them at the most, m.
+        share: share of the surface within 1 mm of the shapes' surface, 0 to 1.
+        above: largest distance of the surface outside all shapes, m.
+        below: largest depth of the surface inside them, m.
     """
 
     share: float
@@ -31,13 +31,13 @@ class FingertipFit:
 def fingertip_fit(
     plant: MultibodyPlant, inspector: SceneGraphInspector, hand: Hand, finger: str
 ) -> FingertipFit | None:
-    """Compares a fingertip's surface with the shapes of its link; None where that has none.
+    """Compares a fingertip's surface with the collision shapes of its link; None if the link has none.
 
     Args:
         plant: finalized plant that holds the hand.
-        inspector: of the geometry.
+        inspector: inspector of its geometry.
         hand: the hand.
-        finger: its name.
+        finger: the finger's name.
     """
     tip, surface = hand.welds[finger].child_body(), hand.surfaces[finger]
     context = plant.CreateDefaultContext()

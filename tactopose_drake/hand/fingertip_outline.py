@@ -1,4 +1,4 @@
-"""Points of the shape in which a finger ends, and the surface of the sensor model that lies on them best."""
+"""Fitting of a fingertip surface to the collision shape at a finger's end."""
 
 import itertools
 from dataclasses import dataclass
@@ -23,25 +23,23 @@ _POINTS = 600
 _DIRECTIONS = random_directions(np.random.default_rng(0), 1000)
 _CIRCLE = np.stack([np.cos(np.arange(48) * np.pi / 24), np.sin(np.arange(48) * np.pi / 24)], axis=1)
 _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
-_WITHIN = 3e-4  # of another shape of the same link, from which on a point is not on the outside, m
-_BACK = 0.7  # cosine between the outward normal and the way back to the joint: what faces it cannot be touched
-_FEWEST = 50  # points that a surface is fitted to
-_FARTHEST = 0.3  # of these from the sensor, m: what is larger is no fingertip, or not in metres
-_OFF, _BETTER = (
-    1e-3,
-    0.5,
-)  # at the finger's end: residual from which on only that is fitted, m, and share of it left then
+_WITHIN = 3e-4  # depth in another shape of the same link from which on a point is not on the outside, m
+_BACK = 0.7  # cosine between normal and direction to the joint from which on a place cannot be touched
+_FEWEST = 50  # least number of points for a fit
+_FARTHEST = 0.3  # of the points from the sensor, m; a larger shape is no fingertip, or not in metres
+# Only the finger's end is fitted if the residual there exceeds the first number, m, and that reduces it to this share.
+_OFF, _BETTER = 1e-3, 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class FittedSurface:
-    """The surface that lies on a fingertip's shape best, and how well it and the hand's own do.
+    """The surface that fits a fingertip's shape best, with its residual and that of the hand's own surface.
 
     Attributes:
-        surface: in the sensor's frame.
-        residual: root mean square of the shape's distances from it, m.
+        surface: the surface, in the sensor's frame.
+        residual: root mean square distance of the shape from it, m.
         own_residual: likewise from the surface of the hand's file, m.
-        length: of the shape's end, which alone it lies on, m; None where it lies on all of the shape.
+        length: length of the shape's end if only that was fitted, m; None if the whole shape was.
     """
 
     surface: Surface
@@ -51,7 +49,7 @@ class FittedSurface:
 
     @property
     def yaml(self) -> str:
-        """The surface as a hand's file has it, to a hundredth of a millimetre and a tenth of a degree."""
+        """The surface as YAML for a hand's file, rounded to 0.01 mm and 0.1 degrees."""
         R_SF, p_SF = RotationMatrix(self.surface.X_SF[:, :3]), self.surface.X_SF[:, 3]
         angles = np.degrees(RollPitchYaw(R_SF).vector())
         place = f"X_SF: {{translation: {_numbers(p_SF, 5)}, rotation: !Rpy {{deg: {_numbers(angles, 1)}}}}}"
@@ -67,15 +65,15 @@ class FittedSurface:
 def fit_fingertip(
     plant: MultibodyPlant, inspector: SceneGraphInspector, hand: Hand, finger: str
 ) -> FittedSurface | None:
-    """Fits a surface to the shape in which a finger ends; None where its link has none, of a fingertip's size.
+    """Fits a surface to the shape at a finger's end; None if its link has no shape of a fingertip's size.
 
-    Where no surface lies on all of a shape, such as one that tapers, it is fitted to the end, with which fingers touch.
+    If no surface fits the whole shape, such as a tapered one, it is fitted to the end, with which fingers touch.
 
     Args:
         plant: finalized plant that holds the hand.
-        inspector: of the geometry.
+        inspector: inspector of its geometry.
         hand: the hand.
-        finger: its name.
+        finger: the finger's name.
     """
     tip = hand.welds[finger].child_body()
     X_STip = plant.CalcRelativeTransform(plant.CreateDefaultContext(), hand.sensor_frames[finger], tip.body_frame())
@@ -111,7 +109,7 @@ def fit_fingertip(
 
 
 def _end(points: FloatArray, outwards: FloatArray) -> tuple[FloatArray, float]:
-    """Those of the points (n, 3) on the shape's end, which is as long as the shape is thick, and that length, m."""
+    """The points (n, 3) on the shape's end, whose length equals the shape's thickness, and that length, m."""
     height = points @ outwards
     across = points - height[:, None] * outwards
     _, _, axes = np.linalg.svd(across - across.mean(axis=0), full_matrices=False)
@@ -121,7 +119,7 @@ def _end(points: FloatArray, outwards: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _outside(outline: FloatArray, outwards: FloatArray, others: list[tuple[RigidTransform, Shape]]) -> FloatArray:
-    """Points of the hull of an outline (n, 3) in S that neither face the joint nor lie in other shapes, (p, 3), m."""
+    """Points on the hull of an outline (n, 3) in S that neither face the joint nor lie in other shapes, (p, 3), m."""
     hull = trimesh.convex.convex_hull(outline)
     points, faces = trimesh.sample.sample_surface(hull, _POINTS, seed=0)
     seen = hull.face_normals[faces] @ outwards > -_BACK
@@ -134,7 +132,7 @@ def _outside(outline: FloatArray, outwards: FloatArray, others: list[tuple[Rigid
 
 
 def _outline(shape: Shape) -> FloatArray:
-    """Points whose convex hull is the shape's, in its own frame, shape (n, 3), m; none of a shape without an end."""
+    """Points whose convex hull is the shape's, in its own frame, shape (n, 3), m; none for an unbounded shape."""
     points = np.zeros((0, 3))
     if isinstance(shape, Sphere):
         points = shape.radius() * _DIRECTIONS

@@ -1,4 +1,4 @@
-"""The shape and the skin of a fingertip, as a hand's YAML file has them."""
+"""The shape and the skin of a fingertip in a hand's YAML file."""
 
 import dataclasses
 from typing import Any
@@ -14,7 +14,7 @@ from tactopose_drake.resources import fixed_pose
 
 
 class _Picklable:
-    """The base of what has a `Transform`, which Drake does not pickle."""
+    """Base of classes with a `Transform` field, which cannot be pickled otherwise."""
 
     __slots__ = ()
 
@@ -69,7 +69,7 @@ class SuperquadricSurface(_Picklable):
     """A rounded box, cylinder or anything between them and an ellipsoid, `!SuperquadricSurface` in YAML."""
 
     semi_axes: list[float] = dataclasses.field(default_factory=lambda: [0.009, 0.009, 0.009])  # m
-    # e1 along z and e2 around it, each from 0.1, which is boxy, over 1, an ellipsoid's, to 1.5.
+    # e1 along z and e2 around it, each from 0.1 (boxy) over 1 (ellipsoid) to 1.5.
     exponents: list[float] = dataclasses.field(default_factory=lambda: [1.0, 1.0])
     X_SF: Transform = dataclasses.field(default_factory=Transform)  # its centre's frame in the sensor's frame
 
@@ -82,7 +82,7 @@ class SuperquadricSurface(_Picklable):
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class SkinLayer:
-    """A soft skin, which a contact presses in by its normal force over the stiffness."""
+    """A soft skin; its indentation at a contact is the normal force divided by the stiffness."""
 
     thickness: float = 0.002  # m
     stiffness: float = 10000.0  # N/m: the slope of force over depth, measured by pressing the fingertip on a flat plate
@@ -91,8 +91,8 @@ class SkinLayer:
         """The layer that the contact solver takes.
 
         Raises:
-            InvalidInputError: a number out of its range, or a skin that is too thick for the fingertip; the message
-                begins with the name.
+            InvalidInputError: if a number is out of its range, or the skin is too thick for the fingertip; the message
+                begins with `name`.
         """
         try:
             layer = SoftLayer(thickness=self.thickness, stiffness=self.stiffness)

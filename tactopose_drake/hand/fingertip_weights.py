@@ -1,4 +1,4 @@
-"""What the fingertips weigh at their sensors, for any position of the joints."""
+"""The fingertips' weights at their sensors, for any joint positions."""
 
 import copy
 from typing import Any
@@ -15,7 +15,7 @@ from tactopose_drake.hand.kinematics import HandKinematics
 
 
 def fingertip_mass(plant: MultibodyPlant, weld: Joint, sensor_frame: Frame) -> tuple[float, FloatArray]:
-    """Mass, kg, and centre of mass p_STipcm, shape (3,), m, of the fingertip behind a weld and what is fixed on it.
+    """Mass, kg, and centre of mass p_STipcm, shape (3,), m, of the fingertip behind a weld and all bodies fixed to it.
 
     Args:
         plant: finalized plant that holds the hand.
@@ -28,7 +28,7 @@ def fingertip_mass(plant: MultibodyPlant, weld: Joint, sensor_frame: Frame) -> t
 
 
 class FingertipWeights:
-    """The fingertips' weights, with the masses of the hand's model."""
+    """The fingertips' weights, from the masses in the hand's model."""
 
     def __init__(self, plant: MultibodyPlant, hand: Hand, R_WBase: RotationMatrix) -> None:
         """Keeps a reference to the plant.
@@ -36,7 +36,7 @@ class FingertipWeights:
         Args:
             plant: finalized plant of the hand alone.
             hand: the hand in it.
-            R_WBase: how the hand's base stands in the real world, whose z points up, where it does not turn.
+            R_WBase: orientation of a fixed base in the real world, whose z points up.
         """
         base = plant.GetFrameByName(hand.config.base_link, hand.model_instance)
         self._on_base, self._frames = HandKinematics(plant, base), hand.sensor_frames
@@ -53,16 +53,16 @@ class FingertipWeights:
         return copied
 
     def wrenches(self, q: FloatArray, R_WP: RotationMatrix | None = None) -> dict[str, FloatArray]:
-        """The weight of each fingertip about the origin of its sensor's frame S, in S, by finger.
+        """The wrench of each fingertip's weight about the origin of its sensor's frame S, in S, by finger.
 
         Args:
-            q: positions of the hand's joints, shape (nq,), rad; NaN where not known. What is far beyond its limits is
-                not known either.
-            R_WP: how the palm is turned in the real world, of a hand that an arm moves; None: as its base stands.
+            q: positions of the hand's joints, shape (nq,), rad; NaN where unknown. A position far beyond its limits
+                counts as unknown, too.
+            R_WP: orientation of the palm in the real world, of a hand that an arm moves; None: the base is fixed.
 
         Returns:
-            Shape (6,) each, N m and N; NaN where a joint that turns the sensor is not known: in the palm where that is
-            given, and otherwise on the base.
+            Shape (6,) each, N m and N; NaN if a joint between the sensor and the palm (without R_WP: the base) is
+            unknown.
         """
         on, gravity = self._on_base, self._g_Base
         if R_WP is not None:
@@ -75,10 +75,10 @@ class FingertipWeights:
 
 
 def _bodies_fixed_on(plant: MultibodyPlant, body: RigidBody) -> list[RigidBody]:
-    """A body and those that fixed joints carry on it, outwards."""
+    """A body and the bodies that fixed joints attach to it, outwards."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
     welds = [joint for joint in joints if isinstance(joint, WeldJoint)]
     bodies = [body]
-    for parent in bodies:  # which grows
+    for parent in bodies:  # The list grows during the loop.
         bodies += [weld.child_body() for weld in welds if weld.parent_body().index() == parent.index()]
     return bodies

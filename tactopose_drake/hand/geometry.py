@@ -1,4 +1,4 @@
-"""The hand as spheres, at one instant and posed by its joints."""
+"""The hand as spheres, at one instant and fixed on its bodies."""
 
 import dataclasses
 import functools
@@ -24,15 +24,15 @@ from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import add_fixed_hand
 from tactopose_drake.resources import passing_builder
 
-# Points of the unit circle and sphere that stand for a cylinder and an ellipsoid.
+# Points of the unit circle and latitudes of the unit sphere that approximate a cylinder and an ellipsoid.
 _CIRCLE = np.stack([np.cos(np.arange(24) * np.pi / 12), np.sin(np.arange(24) * np.pi / 12)], axis=1)
 _LATITUDES = np.linspace(-np.pi / 2, np.pi / 2, 13)
 # The corners of a cube and the middles of its edges.
 _BOX_EDGES = np.array([sides for sides in itertools.product((-1, 0, 1), repeat=3) if np.count_nonzero(sides) >= 2])
-_CORNER = 0.0005  # radius of the spheres that stand for corners, m
-_KEPT = 64  # hulls of which the spheres are kept
+_CORNER = 0.0005  # radius of the spheres that represent corners, m
+_KEPT = 64  # hulls whose spheres are cached
 _MOST_CORNERS = 30  # of a hull
-_HARDLY = (0.0015, 0.003, 0.0045, 0.006)  # that a sphere sticks out of another, m
+_HARDLY = (0.0015, 0.003, 0.0045, 0.006)  # increasing protrusions below which a sphere is dropped, m
 
 
 class HandGeometry(hand_geometry.HandGeometry):
@@ -41,28 +41,27 @@ class HandGeometry(hand_geometry.HandGeometry):
     Attributes:
         p_PH: centres in the palm frame, shape (h, 3), m; coordinates up to 10 m.
         radius: radii, shape (h,), m, from 1e-6 to 10.
-        sigma: standard deviation of the hand's surface from where the spheres have it, m: from joints, links, packing;
+        sigma: standard deviation of the hand's surface from the spheres', by errors of joints, links and packing, m,
             from 1e-7 to 10.
 
     Raises:
-        InvalidInputError: no sphere, what is not of finite numbers, a shape that does not fit, or a number out of its
-            range.
+        InvalidInputError: if there is no sphere, a number is not finite or out of its range, or a shape is wrong.
     """
 
     @classmethod
     def from_plant(cls, plant: MultibodyPlant, context: Context, palm_frame: Frame) -> Self:
-        """Fills the collision geometry of the palm's model instance, where the context's joints put it.
+        """Fills the collision geometry of the palm's model instance at the context's joint positions.
 
-        Fills anew at each call; to follow a moving hand, keep a `BodySpheres` instead.
+        Each call packs the spheres again; for a moving hand, keep a `BodySpheres` instead.
 
         Args:
             plant: finalized plant that is connected to a SceneGraph.
-            context: the plant's context, part of that diagram's.
+            context: the plant's context in that diagram.
             palm_frame: P.
 
         Raises:
-            InvalidInputError: a value of another type, a plant that is not finalized, or not connected to a
-                SceneGraph, or a hand without collision geometry.
+            InvalidInputError: if an argument has a wrong type, the plant is not finalized or not connected to a
+                SceneGraph, or the hand has no collision geometry.
         """
         instance_of("plant", plant, MultibodyPlant)
         instance_of("context", context, Context)
@@ -73,7 +72,7 @@ class HandGeometry(hand_geometry.HandGeometry):
         if not query_port.HasValue(context):
             raise InvalidInputError(
                 "context: its plant is not connected to a SceneGraph, which holds the hand's geometry; "
-                "allowed is the plant's part of a diagram's context."
+                "allowed is the plant's context in a diagram."
             )
         inspector = query_port.Eval(context).inspector()
         spheres = BodySpheres.from_inspector(plant, inspector, palm_frame.model_instance())
@@ -102,7 +101,7 @@ class BodySpheres:
     def from_inspector(
         cls, plant: MultibodyPlant, inspector: SceneGraphInspector, model_instance: ModelInstanceIndex
     ) -> Self:
-        """Fills the collision geometry of one model instance. A mesh counts as its convex hull; planes are left out."""
+        """Fills the collision geometry of one model instance. A mesh counts as its convex hull; planes are ignored."""
         body, centres, radii = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))], [np.zeros(0)]
         for index in plant.GetBodyIndices(model_instance):
             frame = plant.GetBodyFrameIdOrThrow(index)
@@ -115,7 +114,7 @@ class BodySpheres:
 
     @classmethod
     def of_hand(cls, config: HandConfig) -> Self:
-        """Fills a hand; the bodies are those of any plant that holds this hand alone."""
+        """Fills a hand; the body indices are those of any plant that holds this hand alone."""
         with passing_builder() as builder:
             plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
             hand = add_fixed_hand(plant, config)
@@ -123,12 +122,12 @@ class BodySpheres:
             return cls.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
 
     def of(self, bodies: Collection[int]) -> Self:
-        """Those on some bodies."""
+        """The spheres on the given bodies."""
         chosen = np.isin(self.body, sorted(bodies))
         return type(self)(self.body[chosen], self.p_BH[chosen], self.radius[chosen])
 
     def joined(self, others: Self) -> Self:
-        """These and others."""
+        """These spheres and others."""
         return type(self)(
             np.concatenate([self.body, others.body]),
             np.concatenate([self.p_BH, others.p_BH]),
@@ -136,7 +135,7 @@ class BodySpheres:
         )
 
     def thinned(self, most: int) -> Self:
-        """Without what hardly sticks out of larger spheres of the same body, where there are more than so many."""
+        """Drops spheres that protrude least from larger ones of the same body, until about `most` are left."""
         kept = np.arange(len(self.radius))
         for hardly in _HARDLY:
             if len(kept) > most:
@@ -144,7 +143,7 @@ class BodySpheres:
         return type(self)(self.body[kept], self.p_BH[kept], self.radius[kept])
 
     def _that_stick_out(self, least: float) -> list[int]:
-        """Those, largest first, that stick out of those before them on the same body by so much, m."""
+        """Indices of spheres, largest first, that protrude from each earlier one on the same body by `least`, m."""
         kept: list[int] = []
         for i in np.argsort(-self.radius, kind="stable"):
             rest = [k for k in kept if self.body[k] == self.body[i]]
@@ -162,18 +161,18 @@ class BodySpheres:
 
     @functools.cached_property
     def _bodies(self) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-        """The bodies that have spheres, and which of them each sphere is on."""
+        """The bodies that have spheres, and the index among them of each sphere's body."""
         bodies, of_sphere = np.unique(self.body, return_inverse=True)
         return bodies, of_sphere
 
 
 def corner_spheres(plant: MultibodyPlant, inspector: SceneGraphInspector, bodies: Sequence[int]) -> BodySpheres:
-    """Small spheres at the corners of boxes and hulls, and in the middles of boxes' edges, which packed spheres leave.
+    """Small spheres at corners of boxes and hulls, and at the middles of boxes' edges, which packed spheres leave out.
 
     Args:
         plant: finalized plant that holds the hand.
-        inspector: of its geometry.
-        bodies: indices of the bodies whose shapes count.
+        inspector: inspector of its geometry.
+        bodies: indices of the bodies whose shapes are used.
     """
     body, centres = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
     for index in bodies:
@@ -210,7 +209,7 @@ def _pack(shape: Shape) -> Spheres:
 
 @functools.lru_cache(maxsize=_KEPT)
 def _pack_hull(vertices: bytes) -> Spheres:
-    """The spheres in a hull, half a second for one of a thousand vertices: fingers are alike, and filled repeatedly."""
+    """The spheres in a hull. Cached, since a hull of a thousand vertices takes half a second and fingers are alike."""
     centres, radii = pack_convex(np.frombuffer(vertices).reshape(-1, 3))
     for values in (centres, radii):
         values.setflags(write=False)

@@ -1,4 +1,4 @@
-"""Recorded grasps as files: a folder of them, one a grasp, in YAML or JSON."""
+"""Files of recorded grasps: a folder with one YAML or JSON file for each grasp."""
 
 import dataclasses
 from pathlib import Path
@@ -14,24 +14,24 @@ GRASP_ENDINGS = (".json", ".yaml", ".yml")
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class GraspFile:
-    """One recorded grasp: what the hand read at an instant at which it held the object still."""
+    """One recorded grasp: the hand's readings at an instant at which it held the object still."""
 
-    # Readings by the joints' names in the model, rad, of joints that slide m. Those of joints that follow others may be
-    # left out, and must not contradict their couplings.
+    # Readings by the joints' names in the model, rad; of prismatic joints, m. Coupled joints may be left out, and must
+    # not contradict their couplings.
     joint_positions: dict[str, float] = dataclasses.field(default_factory=dict)
-    # [m_x, m_y, m_z, f_x, f_y, f_z] of the fingers that touch the object, and of no others: on the fingertip about its
-    # sensor's origin, in the sensor's frame, without the fingertip's weight, N m and N.
+    # [m_x, m_y, m_z, f_x, f_y, f_z] of only the fingers that touch the object: on the fingertip about its sensor's
+    # origin, in the sensor's frame, without the fingertip's weight, N m and N.
     wrenches: dict[str, list[float]] = dataclasses.field(default_factory=dict)
-    # Likewise of fingers that touched nothing at about that time: what their sensors read all the same.
+    # Likewise the readings of fingers that touched nothing at about that time, which show the sensors' biases.
     out_of_touch: dict[str, list[float]] = dataclasses.field(default_factory=dict)
-    time: float | None = None  # when it was, s, from any beginning; where all grasps have one, biases may drift
+    time: float | None = None  # time of the grasp by any clock, s; biases may drift if all grasps have one
 
 
 def load_grasp(path: Path, model: ObjectModel) -> RecordedGrasp:
     """Reads one grasp.
 
     Raises:
-        InvalidFileError: if the file cannot be read or does not fit; one line with the file, the key, what is allowed.
+        InvalidFileError: if the file cannot be read or does not fit the format; the message names file and key.
     """
     file = load_typed_yaml(GraspFile, path)
     try:
@@ -45,7 +45,7 @@ def load_grasp(path: Path, model: ObjectModel) -> RecordedGrasp:
         if both := file.wrenches.keys() & file.out_of_touch.keys():
             raise InvalidInputError(
                 f"out_of_touch: has {', '.join(sorted(both))}, as has wrenches; allowed is a finger in one of them. "
-                "What its sensor read before it touched is a grasp of its own, without wrenches."
+                "Give a reading from before the touch as a grasp of its own, without wrenches."
             )
     except InvalidInputError as error:
         raise InvalidFileError(f"{path}: {error}") from None
@@ -53,7 +53,7 @@ def load_grasp(path: Path, model: ObjectModel) -> RecordedGrasp:
 
 
 def load_grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:
-    """Reads all grasps of a folder, by their files' names.
+    """Reads all grasps of a folder, in the order of their files' names.
 
     Raises:
         InvalidFileError: if there is no such folder or no grasp in it, or a file cannot be used.

@@ -1,9 +1,9 @@
-"""Where the object may be in each recorded grasp: what a calibration begins with, and what it comes back to.
+"""Search for the object's pose in each recorded grasp, alternating with the fit of the hand's errors.
 
-A grasp's hypotheses come from the package's own estimate, with contacts as uncertain as the hand's errors make them at
-that moment. One that is wrong would bend the whole calibration; so after each fit every hypothesis of every grasp is
-tried with the hand as it is known by then, and the estimate is asked again with the contacts that this hand gives. And
-the whole is begun anew with other hypotheses, until two attempts agree.
+A grasp's hypotheses come from `estimate_pose`, with contact covariances that the current uncertainty of the hand
+implies. A wrong pose would bias the whole calibration. So after each fit every hypothesis of every grasp is compared
+again for the hand as fitted so far, and the estimate is repeated with the contacts that this hand gives. The whole is
+restarted from other hypotheses until two attempts agree.
 """
 
 import dataclasses
@@ -30,22 +30,22 @@ from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.hand.contact_uncertainty import LEAST_COVARIANCE
 
 _HYPOTHESES = 24  # of a grasp
-_ROUGHLY = 1e-3  # relative change of the cost, at which a descent to a pose ends
+_ROUGHLY = 1e-3  # relative change of the cost at which a descent to a pose ends
 _ROUNDS = 6
 _ATTEMPTS = 4
-_AGREE = 0.01  # relative difference of the costs of two attempts, below which they are taken to have found the poses
-_MOVED = 1e-3  # of an entry of a pose, m or 1, above which it is another
-_AGAIN = 4.0  # times the noise, with which a later fit begins
-_BETTER = 1e-3  # relative, of the cost
+_AGREE = 0.01  # two attempts agree if the relative difference of their costs is below this
+_MOVED = 1e-3  # a pose counts as another one if an entry changes by more than this, m or 1
+_AGAIN = 4.0  # multiple of the noise with which a later fit begins
+_BETTER = 1e-3  # least relative decrease of the cost for another fit to be accepted
 
 
 class PoseFit(NamedTuple):
-    """The best fit, and what it says.
+    """The best fit and its uncertainty.
 
     Attributes:
-        fit: with the likeliest pose of each grasp.
-        known: of the shared unknowns, where other poses may be right, too.
-        probability: of the pose of each grasp, shape (g,).
+        fit: the fit with the most probable pose of each grasp.
+        known: mean and covariance of the shared unknowns, allowing for other poses of the grasps.
+        probability: probability of each grasp's pose, shape (g,).
     """
 
     fit: AnnealedFit
@@ -55,13 +55,13 @@ class PoseFit(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PoseHunt:
-    """What the search for the poses is about.
+    """The search for the poses of all grasps.
 
     Attributes:
-        problem: all grasps.
-        models: the object of each.
-        noise: of the contacts, beside the hand's errors.
-        seed: of the estimates' random numbers.
+        problem: the least-squares problem of all grasps.
+        models: the object of each grasp.
+        noise: noise of the contacts beside the hand's errors.
+        seed: seed of the estimates' random numbers.
     """
 
     problem: SharedProblem
@@ -70,17 +70,17 @@ class PoseHunt:
     seed: int = 0
 
     def best_fit(self, tell: Callable[[float, str], None]) -> PoseFit:
-        """The fit of the best poses that are found, and what it says of the hand where other poses may be right, too.
+        """Finds the best poses and the fit to them.
 
         Args:
-            tell: is told how much of the work is done, from 0 to 1, and what begins.
+            tell: called with the share of the work that is done, from 0 to 1, and the name of the next step.
         """
         tell(0.0, "looking for the object in each grasp")
         none = np.zeros(self.problem.readings.shape[1])
         found, generator = self._estimates(none, np.eye(len(none))), np.random.default_rng(self.seed)
         best: AnnealedFit | None = None
         for attempt in range(_ATTEMPTS):
-            # The first begins with the likeliest pose of each grasp, the others with any that may be.
+            # The first attempt starts from the most probable pose of each grasp, the others from random hypotheses.
             picks = [0 if attempt == 0 else int(generator.integers(len(poses))) for poses in found]
             X_PO = np.array([poses[k] for poses, k in zip(found, picks, strict=True)])
             fit = self._descend(X_PO, found, functools.partial(_tell_share, tell, attempt))
@@ -99,14 +99,14 @@ class PoseHunt:
         return PoseFit(best, known, np.array([poses.probability[poses.taken] for poses in compared]))
 
     def _costs(self, *fits: AnnealedFit) -> list[float]:
-        """Of fits, by the noise of those that claim to have the least."""
+        """The costs of several fits, all with the smallest noise that any of them found."""
         noise = self.noise._replace(
             position=min(fit.noise.position for fit in fits), normal=min(fit.noise.normal for fit in fits)
         )
         return [linearize(self.problem, f.solution.shared, f.solution.X_PO, noise.total).cost for f in fits]
 
     def _descend(self, X_PO: FloatArray, found: Sequence[FloatArray], tell: Callable[[float], None]) -> AnnealedFit:
-        """The fit that the poses of a start lead to."""
+        """The fit to which starting poses lead."""
         none = np.zeros(self.problem.readings.shape[1])
         tell(0.5 / (_ROUNDS + 1))
         best = anneal(self.problem, none, X_PO, self.noise, start_noise(self.problem.touch(none), self.noise))
@@ -119,7 +119,7 @@ class PoseHunt:
         return best
 
     def _with_other_poses(self, best: AnnealedFit, compared: Sequence[Candidates]) -> AnnealedFit | None:
-        """A fit that explains more, with the likeliest poses of all grasps or of one; None where none does."""
+        """A fit of lower cost with the most probable poses of all grasps or of a single one; None if there is none."""
         solution = best.solution
         X_PO = np.array([candidates.X_PO[0] for candidates in compared])
         moved = np.flatnonzero(np.abs(X_PO - solution.X_PO).max(axis=(1, 2)) > _MOVED)
@@ -129,14 +129,14 @@ class PoseHunt:
             start = solution.X_PO.copy()
             start[places] = X_PO[places]
             other = anneal(self.problem, solution.shared, start, self.noise, again)
-            # With the same noise, lest one that explains less is taken for one that has more noise.
+            # Compare with the same noise: a worse fit would otherwise be excused by its larger noise.
             there = linearize(self.problem, other.solution.shared, other.solution.X_PO, best.noise.total)
             if there.cost < solution.at.cost * (1.0 - _BETTER):
                 return other
         return None
 
     def _estimates(self, unit: FloatArray, covariance: FloatArray) -> list[FloatArray]:
-        """The hypotheses of each grasp, best first, shape (h, 3, 4) each; the identity where nothing is felt."""
+        """The hypotheses of each grasp, best first, shape (h, 3, 4) each; the identity for a grasp without contacts."""
         touches, total = self.problem.touch(unit), self.noise.total
         by_hand = touches.J @ covariance @ np.swapaxes(touches.J, 1, 2) + LEAST_COVARIANCE
         by_hand[:, :3, :3] += total.position[:, None, None] ** 2 * np.eye(3)
@@ -149,7 +149,7 @@ class PoseHunt:
                 found.append(np.eye(3, 4)[None])
                 continue
             contacts = Contacts(touches.p_PC[rows], touches.n_PC[rows], covariance=by_hand[rows])
-            # Whether a contact is false the fit of all grasps together tells better.
+            # No outliers here: the joint fit of all grasps identifies false contacts better.
             estimate = estimate_pose(
                 model, contacts, seed=self.seed, max_hypotheses=_HYPOTHESES, outlier_probability=0.0
             )
@@ -157,12 +157,12 @@ class PoseHunt:
         return found
 
     def _with_more(self, fit: AnnealedFit, found: Sequence[FloatArray]) -> list[FloatArray]:
-        """Candidates, and those that the estimate gives with the hand as a fit knows it."""
+        """The candidates, plus the hypotheses of new estimates with the hand as fitted."""
         more = self._estimates(fit.solution.shared, fit.solution.covariance)
         return [np.concatenate([a, b]) for a, b in zip(found, more, strict=True)]
 
     def _compare(self, fit: AnnealedFit, candidates: Sequence[FloatArray]) -> list[Candidates]:
-        """Of each grasp the poses that may be, as all other grasps have the hand, by descent from each candidate."""
+        """The possible poses of each grasp, by descent from its candidates with the hand as all other grasps fit it."""
         found, noise = [], fit.noise.total
         for g, known in enumerate(others(self.problem, fit.solution)):
             felt = GraspTouches.of(self.problem.touch(known.mean), noise, self.problem.grids, g)
@@ -178,10 +178,10 @@ def _tell_share(tell: Callable[[float, str], None], attempt: int, share: float) 
 def fit_poses(
     problem: SharedProblem, touches: GraspContacts, X_PO: FloatArray, noise: ContactSigmas
 ) -> tuple[FloatArray, FloatArray]:
-    """Descends to the nearest poses, the contacts being what they are.
+    """Descends to the nearest poses for fixed contacts.
 
     Returns:
-        The poses, shape (g, 3, 4), and the sum of squares of each grasp, shape (g,), each contact's bounded.
+        The poses, shape (g, 3, 4), and the sum of squares of each grasp, shape (g,), with each contact's bounded.
     """
     fixed = touches._replace(J=np.zeros((len(touches.grasp), 6, 0)))
     alone = SharedProblem(lambda _: fixed, problem.grids, np.zeros((0, 0)), np.zeros(0))

@@ -1,9 +1,9 @@
-"""Calibration of a hand from grasps of known objects in unknown poses: the errors that explain all of them together.
+"""Calibration of a hand from grasps of known objects in unknown poses.
 
-Each contact says that a point of the hand is on the object's surface, and which way the surface faces there. Six of
-these numbers of a grasp are spent on the object's pose; the others are about the hand, and the hand is the same in all
-grasps. So the offsets of the encoders, the biases of the sensors, and the fingertips' radii and mountings are found
-together with all poses, in one least-squares problem, whose prior is what the hand's file says of its `uncertainty`.
+Each contact measures that a point of the hand is on the object's surface, and the surface's normal there. Six of a
+grasp's measurements determine the object's pose; the others determine the hand's errors, which are the same in all
+grasps. So the encoders' offsets, the sensors' biases, and the fingertips' radii and mountings are estimated together
+with all poses in one least-squares problem, whose prior is the `uncertainty` in the hand's file.
 """
 
 import dataclasses
@@ -34,17 +34,17 @@ from tactopose_drake.hand.recorded_grasps import RecordedGrasp, check_grasps, ch
 _FEWEST = 3
 USED = 0.5
 """Weight of a grasp from which on it counts as explained."""
-_BEFORE = (0.003, math.radians(10.0))  # noise with which poses are fitted to the hand as its files have it, m, rad
+_BEFORE = (0.003, math.radians(10.0))  # noise for fitting the poses of the uncalibrated hand, m, rad
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class CalibrationParams:
-    """What a calibration begins with; the noise that the grasps show takes its place.
+    """The initial noise of a calibration, which is then estimated from the grasps.
 
     Attributes:
-        sigma_position: of a contact's distance from the surface by other than the hand's errors, m.
+        sigma_position: standard deviation of a contact's distance from the surface, beside the hand's errors, m.
         sigma_normal_deg: likewise of its normal about each axis, deg.
-        seed: of the searches for the poses.
+        seed: seed of the searches for the poses.
     """
 
     sigma_position: float = 0.0003
@@ -55,7 +55,7 @@ class CalibrationParams:
         """Checks every field.
 
         Raises:
-            InvalidInputError: a value that is out of its range.
+            InvalidInputError: if a value is out of its range.
         """
         positive_number("CalibrationParams.sigma_position", self.sigma_position)
         positive_number("CalibrationParams.sigma_normal_deg", self.sigma_normal_deg)
@@ -64,11 +64,11 @@ class CalibrationParams:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FingerResiduals:
-    """How far one finger's contacts are off the object's surface.
+    """Residuals of one finger's contacts to the object's surface.
 
     Attributes:
-        distance: shape (k,), m.
-        angle: of the normal, shape (k,), rad.
+        distance: distance of each point, shape (k,), m.
+        angle: angle between the normals, shape (k,), rad.
     """
 
     distance: FloatArray
@@ -77,26 +77,26 @@ class FingerResiduals:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CalibrationResult:
-    """What a calibration found.
+    """The result of a calibration.
 
     Attributes:
-        calibration: what `save` writes, and a hand's file names.
-        names: of the errors that were looked for.
-        values: of these, shape (d,), SI units.
-        covariance: of these, shape (d, d), in their units.
-        undetermined: combinations of errors of which the grasps say nothing.
-        X_PO: the object's poses X_PO in the grasps, shape (g, 3, 4), translations in m.
-        pose_probability: probability of each of these poses, shape (g,): where it is not near 1, another pose explains
-            the grasp, too, and the covariance is the wider for it. NaN where no finger touches.
-        grasp_weights: weight of each grasp, 1 where it fits the others, 0 where it counted for nothing, shape (g,). NaN
-            where no finger touches.
-        contact_weights: likewise of the contacts in the grasps that fit, by finger, shape (k,) each: a finger whose
-            contacts count for nothing in grasp after grasp has its errors only by what the hand's file says of them.
-        without_contact: fingers that touch but of whose wrenches none makes a contact, each with the solver's reason.
-        before: residuals of the hand as its files have it, by finger, each grasp's pose being the best for it.
+        calibration: the calibration, which `save` writes to a file for the hand's file to name.
+        names: names of the errors that were estimated.
+        values: their values, shape (d,), SI units.
+        covariance: their covariance, shape (d, d), in their units.
+        undetermined: combinations of errors that the grasps do not determine.
+        X_PO: the object's poses in the grasps, shape (g, 3, 4), translations in m.
+        pose_probability: probability of each of these poses, shape (g,); if it is not near 1, another pose explains
+            the grasp, too, and increases the covariance. NaN if no finger touches.
+        grasp_weights: weight of each grasp, 1 if it agrees with the others, 0 if it was ignored, shape (g,). NaN if no
+            finger touches.
+        contact_weights: likewise of the contacts in grasps that agree, by finger, shape (k,) each. A finger whose
+            contacts are ignored in most grasps has only the prior's errors.
+        without_contact: fingers that touch but none of whose wrenches gives a contact, with the solver's reason.
+        before: residuals of the uncalibrated hand, by finger, at the best pose of each grasp for it.
         after: residuals of the calibrated hand, by finger.
-        converged: whether the fit had come to its end.
-        sliding: the measured joints that slide; their offsets are in m, those of the others in rad.
+        converged: whether the fit has converged.
+        sliding: the measured prismatic joints; their offsets are in m, those of the others in rad.
     """
 
     calibration: HandCalibration
@@ -135,22 +135,22 @@ def calibrate_hand(
     *,
     on_progress: Callable[[float, str], None] | None = None,
 ) -> CalibrationResult:
-    """Finds what a hand is off by from grasps of known objects, whose poses in the hand are not known.
+    """Estimates a hand's errors from grasps of known objects at unknown poses in the hand.
 
-    A hand's `uncertainty` says how large its errors may be, each 0 that is not to be looked for; without it, those of a
-    good research hand are taken. A calibration that the hand's file names already is left aside.
+    The hand's `uncertainty` gives the prior standard deviations of the errors; an error with 0 is not estimated.
+    Without it, those of a good research hand are used. A calibration that the hand's file already names is ignored.
 
     Args:
         hand: the hand's description, its name, or the path of its file.
-        grasps: what was recorded, 10 to 40 as a rule: of an object without symmetry, by three fingers or more, held in
-            as different ways as the hand can. Where all have a time, and it is not one, biases may drift.
-        params: what the fit begins with.
-        on_progress: is told how much of the work is done, from 0 to 1, and what begins.
+        grasps: the recorded grasps, usually 10 to 40: of an object without symmetry, by three fingers or more, held in
+            ways as different as possible. If all have times, and these differ, biases may drift.
+        params: initial noise, and seed.
+        on_progress: called with the share of the work that is done, from 0 to 1, and the name of the next step.
 
     Raises:
-        InvalidInputError: fewer than 3 grasps with a contact, or that can be explained together; a grasp with a name
-            that the hand has not, or that lacks a joint's reading; a sensor out of touch that reads much more than
-            the hand's `uncertainty` says of its bias.
+        InvalidInputError: if fewer than 3 grasps have a contact or can be explained together; if a grasp has a name
+            that the hand lacks, or lacks a joint's reading; if a sensor out of touch reads much more than the hand's
+            `uncertainty` says of its bias.
         InvalidFileError: if the hand's file cannot be used.
     """
     params = params_of(CalibrationParams, params)
@@ -171,7 +171,9 @@ def calibrate_hand(
     check_silence(errors, grasps)
     felt = FeltGrasps(plant, parts, errors, grasps)
     if not len(felt.grasp):
-        raise InvalidInputError("grasps: no finger with a force-torque sensor touches in any; allowed are those where.")
+        raise InvalidInputError(
+            "grasps: no finger with a force-torque sensor touches in any of them; needed are grasps in which some do."
+        )
     _check_contacts(felt, len(grasps), len(errors.free))
     rows, measured = felt.readings(grasps)
     models = [grasp.model for grasp in grasps]
@@ -183,13 +185,13 @@ def calibrate_hand(
 
 
 def _check_contacts(felt: FeltGrasps, count: int, errors: int) -> None:
-    """Raises InvalidInputError if there is hardly a contact to begin with."""
+    """Raises InvalidInputError if too few grasps have a contact."""
     none = np.zeros(errors)
     touches = felt.touches(none)
     touched = len(np.unique(touches.grasp[touches.valid]))
     if touched < _FEWEST:
         reasons = "".join(
-            f" No wrench of {finger} makes one: {reason}." for finger, reason in felt.without_contact(none).items()
+            f" No wrench of {finger} gives one: {reason}." for finger, reason in felt.without_contact(none).items()
         )
         raise InvalidInputError(
             f"grasps: {touched} of {count} have a contact; the least is {_FEWEST}.{reasons} Allowed are wrenches on "
@@ -198,19 +200,19 @@ def _check_contacts(felt: FeltGrasps, count: int, errors: int) -> None:
 
 
 def _check_fit(found: PoseFit, count: int) -> None:
-    """Raises InvalidInputError if the fit explains hardly a grasp."""
+    """Raises InvalidInputError if the fit explains too few grasps."""
     at = found.fit.solution.at
     explained = np.intersect1d(at.touches.grasp[at.touches.valid], np.flatnonzero(at.grasp_weights >= USED))
     if len(explained) < _FEWEST:
         raise InvalidInputError(
             f"grasps: {len(explained)} of {count} can be explained together, each by a pose of the object; the least "
-            f"is {_FEWEST}. Mostly it is another object, a reading in other units or another order, or an error that "
-            "is larger than the hand's `uncertainty` says."
+            f"is {_FEWEST}. The usual causes are another object, readings in other units or another order, and errors "
+            "larger than the hand's `uncertainty` says."
         )
 
 
 def _time_span(grasps: Sequence[RecordedGrasp]) -> float:
-    """The time over which biases may have drifted, s; 0 where it is not known."""
+    """The time over which biases may have drifted, s; 0 if unknown."""
     times = [grasp.time for grasp in grasps if grasp.time is not None]
     return max(times) - min(times) if len(times) == len(grasps) else 0.0
 
@@ -258,8 +260,8 @@ def _result(felt: FeltGrasps, errors: HandErrors, problem: SharedProblem, found:
 def _residuals(
     problem: SharedProblem, X_PO: FloatArray, touches: GraspContacts, errors: HandErrors, finger: NDArray[np.int64]
 ) -> dict[str, FingerResiduals]:
-    """In m and rad, NaN where there is no contact."""
-    # A position without noise leaves the difference of the normals as it is.
+    """Residuals by finger, m and rad, NaN where there is no contact."""
+    # A tiny position noise keeps the residual of the normals independent of the curvature at the point.
     tiny, one = np.full(len(finger), 1e-9), np.ones(len(finger))
     residual = surface_rows(problem.grids, X_PO, touches, ContactSigmas(tiny, one)).residual * [1e-9, 1.0, 1.0, 1.0]
     residual = np.where(touches.valid[:, None], residual, np.nan)

@@ -1,4 +1,4 @@
-"""What is right and wrong with a hand's files, part by part."""
+"""Checks of a hand's files, part by part."""
 
 import copy
 import dataclasses
@@ -24,7 +24,7 @@ from tactopose_drake.hand.model_check import check_model
 from tactopose_drake.hand.pad_check import check_pads
 from tactopose_drake.hand.simulation_check import check_simulation
 
-_STRUCTURE = ("joints", "couplings", "sensor_frame", "weld")  # of a finger, on which its surface depends
+_STRUCTURE = ("joints", "couplings", "sensor_frame", "weld")  # keys of a finger on which its surface depends
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,10 +38,9 @@ class CheckedHand:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HandCheck:
-    """What was found, part by part, and the hand that it was found of; None where its files do not give one.
+    """The findings, part by part, and the checked hand; None if its files do not describe one.
 
-    `entries` are what the hand's file should say instead, those of the findings and those that follow once they are
-    taken.
+    `entries` are suggested entries for the hand's file: those of the findings, and those that follow from them.
     """
 
     findings: tuple[Finding, ...]
@@ -50,7 +49,7 @@ class HandCheck:
 
     @property
     def faults(self) -> tuple[Finding, ...]:
-        """The findings that must be mended."""
+        """The findings that must be fixed."""
         return tuple(finding for finding in self.findings if finding.verdict == "fault")
 
 
@@ -66,7 +65,7 @@ def check_hand(name_or_path: str | Path) -> HandCheck:
 
 
 def _entries(config: HandConfig, check: HandCheck) -> tuple[Entry, ...]:
-    """The findings' entries, and the surfaces of fingertips that are found where these say."""
+    """The findings' entries, and the fingertip surfaces that are found once the structural entries are applied."""
     entries = tuple(entry for finding in check.findings for entry in finding.entries)
     structure = [entry for entry in entries if entry.key in _STRUCTURE]
     if not structure:
@@ -113,7 +112,7 @@ def _check(config: HandConfig, complaints: list[str]) -> HandCheck:
 
 
 class _Complaints(logging.Handler):
-    """Collects all that Drake logs while it reads a model, also what filters keep from a terminal."""
+    """Collects Drake's warnings while it reads a model, including those that filters hide from the terminal."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)

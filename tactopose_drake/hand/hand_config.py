@@ -1,4 +1,4 @@
-"""What the package needs to know of a hand, as a file says it."""
+"""The description of a hand in a `*.hand.yaml`."""
 
 import dataclasses
 from pathlib import Path
@@ -23,13 +23,13 @@ from tactopose_drake.resources import ModelPackage, load_typed_yaml, model_path,
 class Coupling:
     """A joint without an actuator of its own: q_joint = ratio * q_follows + offset."""
 
-    joint: str = ""  # that follows
-    follows: str = ""  # an actuated joint
+    joint: str = ""  # the joint that follows
+    follows: str = ""  # the actuated joint that it follows
     ratio: float = 1.0  # of their positions
-    offset: float = 0.0  # position of the joint where the one that it follows is at 0, rad or m
+    offset: float = 0.0  # position of the joint when the one that it follows is at 0, rad or m
 
 
-_MOST_UNCERTAIN = {  # more must be of another unit, such as millimetres
+_MOST_UNCERTAIN = {  # larger values must be in another unit, such as millimetres
     "encoder_offset_deg": (45.0, "deg"),
     "mounting": (0.05, "m"),
     "mounting_deg": (45.0, "deg"),
@@ -41,17 +41,17 @@ _MOST_UNCERTAIN = {  # more must be of another unit, such as millimetres
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class HandUncertainty:
-    """By how much a hand is off from what its files say: standard deviations of a good research hand by default."""
+    """Standard deviations of a hand's errors relative to its files; by default those of a good research hand."""
 
-    encoder_offset_deg: float = 1.0  # of each measured joint's zero, deg; of one that slides, 1 deg counts as 1 mm
-    mounting: float = 0.0003  # of where each sensor sits on its finger, with its fingertip, along each axis, m
-    mounting_deg: float = 0.5  # of how it is turned there, about each axis, deg; an array about its cells' middle
-    fingertip_radius: float = 0.0001  # of how thick each fingertip is, m
+    encoder_offset_deg: float = 1.0  # of each measured joint's zero, deg; for a prismatic joint 1 deg stands for 1 mm
+    mounting: float = 0.0003  # of each sensor's position on its finger, with its fingertip, along each axis, m
+    mounting_deg: float = 0.5  # of its orientation, about each axis, deg; of an array about its cells' middle
+    fingertip_radius: float = 0.0001  # of each fingertip's radius, m
     sensor_force: float = 0.05  # of each component of the force, bias and noise together, N
     sensor_moment: float = 0.0005  # of each component of the moment, bias and noise together, N m
 
     def validate(self) -> None:
-        """Raises InvalidInputError if a value is below 0, not finite, or so large that it must be of another unit."""
+        """Raises InvalidInputError if a value is below 0, not finite, or so large that it must be in another unit."""
         for field in dataclasses.fields(self):
             most, unit = _MOST_UNCERTAIN[field.name]
             name = f"HandUncertainty.{field.name}"
@@ -60,31 +60,31 @@ class HandUncertainty:
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class FingerConfig:
-    """One finger: the joints that move it and, where it has a force-torque sensor, that and its fingertip."""
+    """One finger: the joints that move it and, if it has one, its force-torque sensor with the fingertip."""
 
-    name: str = ""  # of the finger, by which ports are called
+    name: str = ""  # of the finger, used in the names of ports
     joints: list[str] = dataclasses.field(default_factory=list)  # actuated, from the palm outwards
-    couplings: list[Coupling] = dataclasses.field(default_factory=list)  # the model itself must hold them
-    sensor_frame: str = ""  # S, the frame that the wrench is measured about and in; empty: there is no sensor
-    # Joint between finger (parent) and fingertip (child), whose reaction the sensor measures: a fixed one, or one that
-    # moves if the sensor frame is fixed on the fingertip.
+    couplings: list[Coupling] = dataclasses.field(default_factory=list)  # the model must have them, too
+    sensor_frame: str = ""  # S, the frame about and in which the wrench is measured; empty: there is no sensor
+    # Joint between finger (parent) and fingertip (child), whose reaction the sensor measures: a fixed joint, or a
+    # moving one if the sensor frame is fixed on the fingertip.
     weld: str = ""
     surface: SphereSurface | EllipsoidSurface | CapsuleSurface | SuperquadricSurface = dataclasses.field(
         default_factory=SphereSurface
     )
-    layer: SkinLayer | None = None  # the soft skin on the fingertip, whose outside `surface` is; null: rigid
-    # Whether its sensor is tared at each start, while nothing touches it. The biases that a calibration has found are
-    # then of another start, and those of `uncertainty` stand in their place.
+    layer: SkinLayer | None = None  # the soft skin on the fingertip, with `surface` as its outside; null: rigid
+    # Whether its sensor is tared at each start, while nothing touches it. Biases found by a calibration are then
+    # obsolete, and the biases are as uncertain as `uncertainty` says.
     tared: bool = False
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class PadConfig:
-    """A tactile array and the soft pad that it lies in."""
+    """A tactile array and its soft pad."""
 
-    name: str = ""  # of the pad, by which ports are called
+    name: str = ""  # of the pad, used in the names of ports
     frame: str = ""  # T, the frame of the array's layout: a frame or link of the model, on the pad's own body
-    array: str = ""  # one of the package's tactile arrays by name, or a file by path; a path begins at the YAML file
+    array: str = ""  # one of the package's tactile arrays by name, or a file by path, relative to the YAML file
     alpha: float = 0.0  # depth over pressure of the pad, m/Pa: its soft layer's thickness over its modulus
 
 
@@ -92,31 +92,29 @@ class PadConfig:
 class HandConfig:
     """A hand's model file and the names in it."""
 
-    model: str = ""  # URL or path of an SDF, URDF or MJCF file; a path begins at the YAML file
-    packages: list[ModelPackage] = dataclasses.field(
-        default_factory=list
-    )  # that the model's URLs name, and are not ours
+    model: str = ""  # URL of an SDF, URDF or MJCF file, or its path relative to the YAML file
+    packages: list[ModelPackage] = dataclasses.field(default_factory=list)  # other packages that the model's URLs name
     base_link: str = ""  # the link that carries the hand
     palm_frame: str = ""  # P, a frame or link of the model
     fingers: list[FingerConfig] = dataclasses.field(default_factory=list)
     pads: list[PadConfig] = dataclasses.field(default_factory=list)
     rest_positions: dict[str, float] = dataclasses.field(default_factory=dict)  # of actuated joints not at 0, rad or m
-    grip_low: list[float] = dataclasses.field(default_factory=list)  # lower corner of where it holds things, m, in P
+    grip_low: list[float] = dataclasses.field(default_factory=list)  # lower corner of the grip region in P, m
     grip_high: list[float] = dataclasses.field(default_factory=list)  # upper corner; both only for planned grasps
-    # By how much all of this may be off: it says how far each contact, and the place of each tactile array, can be
-    # trusted. Null: contacts are as certain as the parameters of `ContactsInPalm` say, arrays as those of
+    # Uncertainty of all of this, from which the covariance of each contact and of each tactile array's pose is
+    # computed. Null: that of contacts is given by the parameters of `ContactsInPalm`, that of arrays by those of
     # `PatchContact`.
     uncertainty: HandUncertainty | None = None
-    # A file that `tactopose calibrate` has written, whose path begins at the YAML file: what the hand is known to be
-    # off by, which whatever estimates from its readings then corrects. Empty: the hand is as its files say.
+    # Path, relative to the YAML file, of a file by `tactopose calibrate` with the hand's known errors, which estimates
+    # then correct. Empty: the hand is as its files say.
     calibration: str = ""
 
     def validate(self) -> None:
-        """Checks all that can be told without the hand's model.
+        """Checks everything that does not need the hand's model.
 
         Raises:
-            InvalidInputError: a name that is missing or double, or a number that is out of its range.
-            UnknownNameError: a coupling or a rest position of what the hand has not.
+            InvalidInputError: if a name is missing or duplicate, or a number is out of its range.
+            UnknownNameError: if a coupling or a rest position is of a joint that the hand lacks.
         """
         if not self.model:
             raise InvalidInputError(
@@ -170,7 +168,7 @@ class HandConfig:
         self._check_grip()
 
     def _check_sensors(self) -> None:
-        """Raises InvalidInputError if two fingers have one sensor: it would be felt twice."""
+        """Raises InvalidInputError if two fingers share a sensor, which would count twice."""
         for key in ("sensor_frame", "weld"):
             owners: dict[str, str] = {}
             for finger in self.fingers:
@@ -183,7 +181,7 @@ class HandConfig:
                 owners[name] = finger.name
 
     def _check_followers(self, driven: list[str]) -> None:
-        """Raises InvalidInputError if a joint that follows another is actuated too, or follows in two ways."""
+        """Raises InvalidInputError if a coupled joint is also actuated, or has two different couplings."""
         for finger in self.fingers:
             for coupling in finger.couplings:
                 joint, leader = coupling.joint, coupling.follows
@@ -191,16 +189,16 @@ class HandConfig:
                 if joint in driven:
                     raise InvalidInputError(
                         f"{where}: follows {leader!r}, and is among the joints of a finger; allowed there are joints "
-                        f"that follow none. What follows {joint!r} is coupled to {leader!r} too."
+                        f"that follow none. Couple joints that follow {joint!r} to {leader!r} as well."
                     )
                 if coupling != self.couplings[joint]:
                     raise InvalidInputError(
-                        f"{where}: is not the same everywhere; allowed is one coupling of a joint, which fingers that "
-                        "share the joint repeat."
+                        f"{where}: differs between fingers; allowed is the same coupling of a joint in all fingers "
+                        "that share it."
                     )
 
     def _check_grip(self) -> None:
-        """Raises InvalidInputError if the grip region is half given, turned inside out, or in millimetres."""
+        """Raises InvalidInputError if the grip region has only one corner, is inverted, or is in millimetres."""
         if bool(self.grip_low) != bool(self.grip_high):
             raise InvalidInputError(
                 f"HandConfig: has grip_low {self.grip_low} and grip_high {self.grip_high}; allowed are both or neither."
@@ -217,7 +215,7 @@ class HandConfig:
 
     @property
     def couplings(self) -> dict[str, Coupling]:
-        """All fingers' couplings by the joint that follows; fingers that have it in common share one."""
+        """All fingers' couplings by the joint that follows; fingers that share the joint have the same coupling."""
         return {coupling.joint: coupling for finger in self.fingers for coupling in finger.couplings}
 
     def finger(self, name: str) -> FingerConfig:
@@ -235,11 +233,11 @@ class HandConfig:
 def load_hand_config(name_or_path: str | Path, *, with_calibration: bool = True) -> HandConfig:
     """Reads a `*.hand.yaml`: one of the package's hands by name, or any file by path.
 
-    Models and arrays that the file names by relative paths are looked for from the file's folder on.
+    Relative paths of models and arrays are relative to the file's folder.
 
     Args:
-        name_or_path: of the hand.
-        with_calibration: whether the calibration that the file names is read; who makes one anew needs none.
+        name_or_path: name of the hand, or path of its file.
+        with_calibration: whether to check the calibration that the file names; a new calibration does not need it.
 
     Raises:
         InvalidFileError: if the file cannot be read or does not fit `HandConfig`, or a value is out of its range.

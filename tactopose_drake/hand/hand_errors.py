@@ -1,4 +1,4 @@
-"""The errors of a hand as one vector: which they are, how large they may be, and what they are called."""
+"""The errors of a hand as one vector, with their standard deviations and names."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _AXES = ("x", "y", "z")
 
 
 class FingertipErrors(NamedTuple):
-    """What one finger's fingertip and sensor are off by.
+    """The errors of one finger's fingertip and sensor.
 
     Attributes:
-        bias: what the sensor reads without a touch, [m, f], shape (6,), N m and N.
-        drift: by which that grows, shape (6,), N m/s and N/s.
-        radius: by how much the fingertip is thicker than told, m.
-        mounting: of S with the fingertip on the finger: rotation vector and translation in S as told, shape (6,), rad
-            and m.
+        bias: the sensor's reading without a touch, [m, f], shape (6,), N m and N.
+        drift: rate of change of the bias, shape (6,), N m/s and N/s.
+        radius: excess of the fingertip's radius over the hand's file, m.
+        mounting: error of the pose of S with the fingertip: rotation vector and translation in the nominal S, shape
+            (6,), rad and m.
     """
 
     bias: FloatArray
@@ -45,15 +45,15 @@ _SIZES = {"bias": 6, "drift": 6, "radius": 1, "mounting": 6}
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HandErrors:
-    """Where each error is in the vector, which has those of the joints first and then each finger's.
+    """The layout of the error vector: first the joints' offsets, then the errors of each finger.
 
     Attributes:
-        joints: that are measured and move a fingertip in the palm.
-        fingers: with a force-torque sensor.
-        sigma: standard deviations before anything is measured, shape (d,), SI units; zero where there is no error.
-        names: of the errors.
-        slides: whether each joint does.
-        joints_of: by finger, those that move its fingertip in the palm.
+        joints: names of the measured joints that move a fingertip in the palm.
+        fingers: names of the fingers with a force-torque sensor.
+        sigma: prior standard deviations, shape (d,), SI units; zero for errors that do not exist.
+        names: names of the errors.
+        slides: whether each joint is prismatic.
+        joints_of: names of the joints that move a finger's fingertip in the palm, by finger.
     """
 
     joints: tuple[str, ...]
@@ -65,13 +65,13 @@ class HandErrors:
 
     @classmethod
     def of(cls, plant: MultibodyPlant, hand: Hand, uncertainty: HandUncertainty, span: float = 0.0) -> HandErrors:
-        """The errors of a hand.
+        """The error vector's layout for a hand.
 
         Args:
             plant: finalized plant of the hand alone.
             hand: the hand in it.
-            uncertainty: how large its errors may be.
-            span: time over which biases may drift by as much as they may be, s; 0 where they do not.
+            uncertainty: standard deviations of its errors.
+            span: time over which biases drift by one standard deviation of the bias, s; 0: they do not drift.
         """
         uncertainty.validate()
         moved_by = {name: _moved_sensors(plant, hand, name) for name in measured_joints(plant, hand)}
@@ -94,20 +94,20 @@ class HandErrors:
 
     @functools.cached_property
     def free(self) -> NDArray[np.intp]:
-        """Places of the errors that there may be, shape (f,)."""
+        """Indices of the errors with a standard deviation above 0, shape (f,)."""
         return np.flatnonzero(self.sigma)
 
     def gains(self, plant: MultibodyPlant, hand: Hand) -> FloatArray:
-        """What turns positions of the joints into those of the plant, shape (nq, joints)."""
+        """The matrix from positions of `joints` to those of the plant, shape (nq, number of joints)."""
         measured = measured_joints(plant, hand)
         return joint_matrix(plant, hand, measured)[:, [measured.index(joint) for joint in self.joints]]
 
     def offsets(self, vector: FloatArray) -> FloatArray:
-        """By which the joints' readings exceed their positions, shape (joints,), rad or m."""
+        """The joints' offsets (readings minus positions), shape (number of joints,), rad or m."""
         return vector[: len(self.joints)]
 
     def place(self, finger: str, kind: str) -> slice:
-        """Where a finger's errors of a kind are: bias, drift, radius or mounting."""
+        """The slice of a finger's errors of a kind: "bias", "drift", "radius" or "mounting"."""
         start = len(self.joints) + sum(_SIZES.values()) * self.fingers.index(finger)
         for name, size in _SIZES.items():
             if name == kind:
@@ -121,7 +121,7 @@ class HandErrors:
         return FingertipErrors(bias, drift, float(radius[0]), mounting)
 
     def vector(self, offsets: Mapping[str, float], fingers: Mapping[str, FingertipErrors]) -> FloatArray:
-        """The vector of given errors; zero for those that are not given."""
+        """The vector of the given errors, with zeros for all others."""
         vector = np.zeros(len(self.sigma))
         for k, joint in enumerate(self.joints):
             vector[k] = offsets.get(joint, 0.0)
@@ -132,7 +132,7 @@ class HandErrors:
 
 
 def _moved_sensors(plant: MultibodyPlant, hand: Hand, joint: str) -> tuple[str, ...]:
-    """The fingers whose sensor's place in the palm depends on a measured joint, or on those that follow it."""
+    """The fingers whose sensor's pose in the palm depends on a measured joint, or on joints coupled to it."""
     measured = measured_joints(plant, hand)
     by_joint = joint_matrix(plant, hand, measured)[:, measured.index(joint)]
     known = JointPaths(plant, hand.palm_frame).known(np.where(by_joint != 0.0, np.nan, 0.0))

@@ -1,4 +1,4 @@
-"""How a hand gets into a plant, and where in it what its configuration names is found."""
+"""Adding a hand to a plant, and looking up the elements that its configuration names."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -26,18 +26,17 @@ from tactopose_drake.hand.contact_gains import thicker
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty
 from tactopose_drake.resources import add_model, make_parser
 
-_LARGEST_SLIDE = 0.1  # m, of the offset of a joint that slides
-_SAME_POSE = 1e-3  # m, and of the rotation's matrix: files are rounded
+_LARGEST_SLIDE = 0.1  # largest offset of a prismatic joint, m
+_SAME_POSE = 1e-3  # tolerance of a pose, in m and in the rotation matrix, as files are rounded
 
 
 @dataclasses.dataclass(frozen=True)
 class Hand:
-    """A hand in a plant: where the names of its configuration have led.
+    """A hand in a plant: the plant's elements that its configuration names.
 
-    `sensor_frames`, `welds` and `surfaces` are those of the fingers with a force-torque sensor, by finger, `layers` of
-    those with a soft skin; `pad_frames` are those of the tactile pads, by pad. `calibration` is what is known of the
-    hand's errors, in a plant that estimates by its readings; there, `sensor_frames` and `surfaces` are where it has
-    found them.
+    `sensor_frames`, `welds` and `surfaces` are of the fingers with a force-torque sensor, by finger; `layers` of those
+    with a soft skin; `pad_frames` of the tactile pads, by pad. `calibration` holds the hand's known errors in a plant
+    for estimation; `sensor_frames` and `surfaces` there include them.
     """
 
     config: HandConfig
@@ -64,22 +63,22 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
     Args:
         plant: receives the hand. Coupled joints need a discrete plant with a SAP-family contact approximation, which
             is Drake's default.
-        config: which hand.
-        X_WBase: where to weld the hand's base link; None leaves it as the model has it, mostly free, for the caller to
-            weld on an arm.
+        config: the hand's configuration.
+        X_WBase: pose at which the hand's base link is welded to the world; None leaves it as in the model, mostly
+            free, for the caller to weld to an arm.
 
     Raises:
         UnknownNameError: if the model lacks a name of the configuration.
         InvalidFileError: if Drake cannot read the model.
-        InvalidInputError: if a package of the model is not installed, the base link is not the model's root, the model
-            itself fixes it to the world elsewhere or moves it there, or a weld is a joint that moves and the sensor is
-            not behind it.
+        InvalidInputError: if a package of the model is not installed; if the base link is not the model's root, or the
+            model connects it to the world by a moving joint or at another pose; if a finger's weld is a moving joint
+            and its sensor frame is not on the link that this moves.
     """
     config.validate()
     model_instance = add_model(make_parser(plant, config.packages), config.model)
     hand = find_hand(plant, config, model_instance)
     _check_base(plant, hand)
-    # Asked for one model's actuators, an unfinished plant says that there is none.
+    # GetJointActuatorIndices(model_instance) returns nothing before the plant is finalized.
     actuators = (plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices())
     actuated = {actuator.joint().name() for actuator in actuators if actuator.model_instance() == model_instance}
     driven = dict.fromkeys(name for finger in config.fingers for name in finger.joints)  # fingers may share one
@@ -91,7 +90,7 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
 
 
 def add_fixed_hand(plant: MultibodyPlant, config: HandConfig) -> Hand:
-    """`add_hand`, its base where the model itself fixes it to the world, or at the origin: for what is seen from P."""
+    """Like `add_hand`, with the base where the model fixes it to the world, or else at the origin."""
     hand = add_hand(plant, config)
     if joint_to_world(plant, hand) is None:
         _fix_base(plant, hand, RigidTransform())
@@ -99,10 +98,10 @@ def add_fixed_hand(plant: MultibodyPlant, config: HandConfig) -> Hand:
 
 
 def pose_by_model(config: HandConfig) -> RigidTransform | None:
-    """X_WBase of a hand whose model itself fixes its base to the world; None of one that may stand anywhere.
+    """X_WBase of a hand whose model fixes its base to the world; None for other hands.
 
     Raises:
-        UnknownNameError, InvalidFileError, InvalidInputError: as `add_hand`.
+        UnknownNameError, InvalidFileError, InvalidInputError: as in `add_hand`.
     """
     plant = MultibodyPlant(time_step=0.001)
     joint = joint_to_world(plant, add_hand(plant, config))
@@ -110,7 +109,7 @@ def pose_by_model(config: HandConfig) -> RigidTransform | None:
 
 
 def joint_to_world(plant: MultibodyPlant, hand: Hand) -> WeldJoint | None:
-    """The joint that fixes the hand's base to the world; None where there is none."""
+    """The joint that fixes the hand's base to the world; None if there is none."""
     base = plant.GetFrameByName(hand.config.base_link, hand.model_instance).body()
     joint = joints_by_child(plant, hand).get(base.index())
     is_to_world = isinstance(joint, WeldJoint) and joint.parent_body().index() == plant.world_body().index()
@@ -118,7 +117,7 @@ def joint_to_world(plant: MultibodyPlant, hand: Hand) -> WeldJoint | None:
 
 
 def _pose_of_child(joint: WeldJoint) -> RigidTransform:
-    """Of a body that is fixed to the world, there."""
+    """Pose in the world of a body that a joint fixes to the world."""
     X_WF, X_BM = (frame.GetFixedPoseInBodyFrame() for frame in (joint.frame_on_parent(), joint.frame_on_child()))
     return X_WF @ joint.X_FM() @ X_BM.inverse()
 
@@ -131,7 +130,7 @@ def _fix_base(plant: MultibodyPlant, hand: Hand, X_WBase: RigidTransform) -> Non
     elif not _pose_of_child(joint).IsNearlyEqualTo(X_WBase, _SAME_POSE):
         raise InvalidInputError(
             f"X_WBase: is not where the joint {joint.name()!r} of {hand.config.model} fixes {base!r} to the world; "
-            "allowed are None and that pose, or any where the model is without this joint."
+            "allowed are None and that pose, or any pose if this joint is removed from the model."
         )
 
 
@@ -154,13 +153,13 @@ def _check_base(plant: MultibodyPlant, hand: Hand) -> None:
 
 
 def joints_by_child(plant: MultibodyPlant, hand: Hand) -> dict[BodyIndex, Joint]:
-    """The hand's joints by the index of the body that each one moves."""
+    """The hand's joints by the index of their child bodies."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
     return {joint.child_body().index(): joint for joint in joints}
 
 
 def measured_joints(plant: MultibodyPlant, hand: Hand) -> tuple[str, ...]:
-    """The joints that an encoder measures: those that move and follow no other."""
+    """Names of the joints that have an encoder: those that move and are not coupled to another."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
     followers = hand.config.couplings
     return tuple(joint.name() for joint in joints if joint.num_positions() == 1 and joint.name() not in followers)
@@ -171,7 +170,7 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
 
     Raises:
         UnknownNameError: if the model lacks a name of the configuration.
-        InvalidInputError: if a weld is a joint that moves and the sensor is not behind it.
+        InvalidInputError: if a finger's weld is a moving joint and its sensor frame is not on the link that it moves.
     """
     frames = {plant.get_frame(index).name(): plant.get_frame(index) for index in plant.GetFrameIndices(model_instance)}
     joints = {plant.get_joint(index).name(): plant.get_joint(index) for index in plant.GetJointIndices(model_instance)}
@@ -209,13 +208,13 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
 
 
 def make_hand_plant(config: HandConfig) -> tuple[MultibodyPlant, Hand]:
-    """A finalized plant of the hand alone, for kinematics from joint positions.
+    """Makes a finalized plant of the hand alone, for kinematics from joint positions.
 
-    Its base is where the model itself fixes it to the world, or else at the origin. It is the hand as it is known
-    to be: with its calibration, where the configuration names one.
+    Its base is where the model fixes it to the world, or else at the origin. If the configuration names a calibration,
+    it is applied.
 
     Raises:
-        UnknownNameError, InvalidFileError, InvalidInputError: as `add_hand`, and if the calibration does not fit.
+        UnknownNameError, InvalidFileError, InvalidInputError: as in `add_hand`, and if the calibration does not fit.
     """
     plant = MultibodyPlant(time_step=0.001)
     hand = add_fixed_hand(plant, config)
@@ -235,18 +234,18 @@ def make_hand_plant(config: HandConfig) -> tuple[MultibodyPlant, Hand]:
 
 
 def _calibrated(plant: MultibodyPlant, hand: Hand, calibration: HandCalibration) -> Hand:
-    """The hand in an unfinished plant with its sensors' frames and fingertips where a calibration has found them.
+    """The hand in a plant that is not finalized, with calibrated sensor frames and fingertips.
 
     Raises:
-        InvalidInputError: if the calibration is of another hand, leaves nothing of a fingertip, or an offset is out of
-            its range.
+        InvalidInputError: if the calibration is of another hand, makes a fingertip's radius negative, or has an offset
+            out of its range.
     """
     calibration.check_names(measured_joints(plant, hand), hand.sensor_frames)
     for name, offset in calibration.joint_offsets.items():
         slides = isinstance(plant.GetJointByName(name, hand.model_instance), PrismaticJoint)
         if slides and abs(offset.value) > _LARGEST_SLIDE:
             raise InvalidInputError(
-                f"joint_offsets.{name}.value: is {offset.value:g} m, of a joint that slides; allowed are numbers from "
+                f"joint_offsets.{name}.value: is {offset.value:g} m; allowed for a prismatic joint are numbers from "
                 f"{-_LARGEST_SLIDE:g} to {_LARGEST_SLIDE:g} m."
             )
     frames, surfaces = dict(hand.sensor_frames), dict(hand.surfaces)

@@ -1,4 +1,4 @@
-"""Where the joints of a hand are among its own positions, velocities and actuators, whatever else is in the plant."""
+"""The order of a hand's joints in its own positions, velocities and actuators, whatever else is in the plant."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class HandJoints:
     """The order of a hand's joints.
 
     Attributes:
-        position: the place of each moving joint's position among the hand's, by the joint's name.
-        velocity: likewise of its velocity.
+        position: index of each moving joint's position among the hand's, by the joint's name.
+        velocity: likewise for velocities.
         actuated: names of the joints that the hand's actuators drive, in the order of the actuation port.
     """
 
@@ -44,16 +44,16 @@ class HandJoints:
         )
 
     def positions(self, joints: Iterable[str]) -> NDArray[np.int64]:
-        """The places of some joints' positions, shape (k,)."""
+        """Indices of the given joints' positions, shape (k,)."""
         return np.array([self.position[name] for name in joints], dtype=np.int64)
 
     def with_followers(self, q: FloatArray, couplings: Mapping[str, Coupling]) -> FloatArray:
-        """The hand's positions (nq,), with each coupled joint where its leader has it."""
+        """The hand's positions (nq,), with each coupled joint set from the joint that it follows."""
         followed = q.copy()
         for joint, coupling in couplings.items():
             followed[self.position[joint]] = coupling.ratio * q[self.position[coupling.follows]] + coupling.offset
         return followed
 
     def velocities(self, joints: Iterable[str]) -> NDArray[np.int64]:
-        """The places of some joints' velocities, shape (k,)."""
+        """Indices of the given joints' velocities, shape (k,)."""
         return np.array([self.velocity[name] for name in joints], dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Whether the hand in a plant moves its sensors as its files say: names alone do not tell."""
+"""Check that the hand in a plant has the same geometry as its files; equal names do not ensure that."""
 
 import math
 
@@ -11,21 +11,21 @@ from pydrake.systems.framework import Context
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand
 
-_NEAR, _NEAR_DEG = 1e-4, 0.1  # m and deg, by which a sensor may be elsewhere: files are rounded
-_FREE = 1.0  # rad or m, to which a joint without limits is moved
+_NEAR, _NEAR_DEG = 1e-4, 0.1  # tolerance of a sensor's pose, m and deg, as files are rounded
+_FREE = 1.0  # limit that is assumed for a joint without limits, rad or m
 
 
 def check_likeness(plant: MultibodyPlant, hand: Hand, alone: MultibodyPlant, hand_alone: Hand) -> None:
-    """Compares where sensors and pads are in the palm, with all joints at zero, at either limit and in the middle.
+    """Compares the poses of sensors and pads in the palm, with all joints at zero, at either limit and halfway.
 
     Args:
-        plant: finalized plant that holds the hand among whatever else.
+        plant: finalized plant that holds the hand.
         hand: the hand in it.
         alone: plant of the hand alone, without a calibration.
-        hand_alone: the hand in that.
+        hand_alone: the hand in that plant.
 
     Raises:
-        InvalidInputError: if a joint moves in one of the plants only, or a sensor or pad is elsewhere in the other.
+        InvalidInputError: if a joint is missing or of another type in `plant`, or the pose of a sensor or pad differs.
     """
     here, there = plant.CreateDefaultContext(), alone.CreateDefaultContext()
     for share in (None, 0.0, 0.5, 1.0):
@@ -44,7 +44,7 @@ def _sensing_frames(hand: Hand) -> dict[str, Frame]:
 def _move(
     plant: MultibodyPlant, hand: Hand, here: Context, alone: MultibodyPlant, there: Context, share: float | None
 ) -> None:
-    """Moves the hand in both plants to a share of the way between its joints' limits; None is to zero."""
+    """Moves the hand's joints in both plants to a share of the range between their limits; None: to zero."""
     names = {plant.get_joint(index).name() for index in plant.GetJointIndices(hand.model_instance)}
     q, q_alone = plant.GetPositions(here), alone.GetPositions(there)
     for index in alone.GetJointIndices():
@@ -77,5 +77,5 @@ def _check_near(name: str, X: RigidTransform) -> None:
         raise InvalidInputError(
             f"plant: the {name} is {1e3 * moved:.1f} mm and {turned:.1f} deg from where the HandConfig's model has it "
             f"in the palm; allowed are {1e3 * _NEAR:g} mm and {_NEAR_DEG:g} deg. Without `plant=` the "
-            "ports are connected one by one."
+            "ports can be connected one by one."
         )

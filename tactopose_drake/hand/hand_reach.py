@@ -1,4 +1,4 @@
-"""What the grasp planner needs to know of a hand, from its model."""
+"""The geometry and reach of a hand's fingers for the grasp planner, from the hand's model."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -29,14 +29,14 @@ from tactopose_drake.resources import passing_builder
 
 # Samples of a finger's workspace for each of its joints.
 _SAMPLES_PER_JOINT = 1200
-# A fingertip whose sensor is nearer to its round end than this share of its radius has no axis from there.
+# If the sensor is nearer to the fingertip's round end than this share of its radius, the axis does not start there.
 _LEAST_AXIS = 0.5
-_LONGEST_AXIS = 1.5  # of a fingertip whose axis does not begin at the sensor, in radii
-_SAME_AXIS = 0.1  # rad between a capsule's axis and the way to its end that are the same
+_LONGEST_AXIS = 1.5  # longest axis that does not start at the sensor, in radii
+_SAME_AXIS = 0.1  # largest angle between a capsule's axis and the direction to its end that count as equal, rad
 _MOST_SPHERES = 150  # of a finger
-_MOST_PROTRUSION = 0.0015  # of the fingertip's link out of the fingertip's surface, m
+_MOST_PROTRUSION = 0.0015  # by which the fingertip's link may protrude from the fingertip's surface, m
 REST_ROUNDING = 1e-3
-"""By how much a position in a hand's file may be beyond its joint's limit, rad or m."""
+"""By how much a position in a hand's file may exceed its joint's limit, rad or m."""
 
 _DIRECTIONS = random_directions(np.random.default_rng(0), 64)
 
@@ -45,19 +45,19 @@ def make_hand_reach(config: HandConfig, params: ReachParams) -> HandReach:
     """Samples what each finger of a hand can reach.
 
     Args:
-        config: the hand; where it names no grip region, that is where most of its fingertips come together.
-        params: what counts as a clean touch.
+        config: the hand; if it has no grip region, the region where most of its fingertips can meet is used.
+        params: conditions of a clean touch.
 
     Raises:
-        InvalidInputError: if fewer than two fingers have a force-torque sensor, by which grasps are closed, a joint of
-            one has no limits, or no place is in reach of two.
+        InvalidInputError: if fewer than two fingers have a force-torque sensor, which closing a grasp needs; if one of
+            their joints has no limits; or if no place is in reach of two fingers.
     """
     params.validate()
     sensing = [finger.name for finger in config.fingers if finger.sensor_frame]
     if len(sensing) < 2:
         raise InvalidInputError(
             f"HandConfig.fingers: {len(sensing)} of them have a force-torque sensor; planned grasps are closed by the "
-            "wrenches of two or more fingertips. A hand that senses otherwise is closed by Scenario.grip."
+            "wrenches of two or more fingertips. Close a hand with other sensors by Scenario.grip."
         )
     with passing_builder() as builder:
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
@@ -86,7 +86,7 @@ def make_hand_reach(config: HandConfig, params: ReachParams) -> HandReach:
 
 
 def check_rest_positions(plant: MultibodyPlant, hand: Hand) -> None:
-    """Checks that joints can be where a hand's file says that they rest; of others, which are at 0, nothing is said.
+    """Checks that the rest positions in a hand's file are within the joints' limits; joints without one are not checked.
 
     Raises:
         InvalidInputError: if one is beyond its limits.
@@ -95,12 +95,12 @@ def check_rest_positions(plant: MultibodyPlant, hand: Hand) -> None:
 
 
 def check_within_limits(name: str, positions: Mapping[str, float], plant: MultibodyPlant, hand: Hand) -> None:
-    """Checks joint positions that are to be taken, by more than rounding.
+    """Checks that joint positions are within the joints' limits, except for rounding.
 
     Args:
-        name: of the positions, for messages.
-        positions: by the joints' names, which are known, rad or m.
-        plant: holds the hand.
+        name: name of the positions in messages.
+        positions: positions by the joints' names, which must exist, rad or m.
+        plant: the plant that contains the hand.
         hand: the hand in it.
 
     Raises:
@@ -116,19 +116,19 @@ def check_within_limits(name: str, positions: Mapping[str, float], plant: Multib
 
 
 def rest_positions(config: HandConfig, finger: str) -> FloatArray:
-    """Where a finger's actuated joints wait when it takes no part, rad or m."""
+    """Rest positions of a finger's actuated joints, for when it takes no part, rad or m."""
     return np.array([config.rest_positions.get(name, 0.0) for name in config.finger(finger).joints])
 
 
 def rest_posture(
     plant: MultibodyPlant, hand: Hand, waiting: Mapping[str, FloatArray] = MappingProxyType({})
 ) -> FloatArray:
-    """The hand's joint positions when no finger takes part, shape (nq,), rad; coupled joints follow theirs.
+    """The hand's joint positions with all fingers at rest, shape (nq,), rad, including coupled joints.
 
     Args:
-        plant: holds the hand.
+        plant: plant that holds the hand.
         hand: the hand in it.
-        waiting: actuated joint positions of the fingers that wait elsewhere than they usually do, by finger.
+        waiting: actuated joint positions, by finger, that replace the rest positions of some fingers.
     """
     joints, q = HandJoints.of(plant, hand), np.zeros(plant.num_positions(hand.model_instance))
     for finger in hand.config.fingers:
@@ -150,7 +150,7 @@ def _finger_geometry(
     spheres = spheres.of(set(bodies) | {tip}).thinned(_MOST_SPHERES).joined(corners)
     on_finger = np.isin(spheres.body, bodies) & (spheres.body != tip)
     place = np.array([bodies.index(body) for body in spheres.body[on_finger]], dtype=np.intp)
-    # What the fingertip's link has besides its surface must be clear of the object as the rest of the finger.
+    # Parts of the fingertip's link beyond its surface must be clear of the object, like the rest of the finger.
     X_STip = plant.CalcRelativeTransform(
         plant.CreateDefaultContext(), hand.sensor_frames[finger], hand.welds[finger].child_body().body_frame()
     )
@@ -167,10 +167,10 @@ def _finger_geometry(
 
 
 def _as_capsule(chain: SerialChain, surface: Superquadric) -> Capsule:
-    """The capsule along a superquadric's longest axis that lies in it and touches it on all sides but the wider one.
+    """The inscribed capsule along a superquadric's longest axis.
 
-    Its round end is the one away from the last joint. The planner seeks touches with it; what is felt there is then
-    the superquadric's.
+    Its round end is the one away from the last joint. The planner plans touches with the capsule, while contacts are
+    computed on the superquadric.
     """
     longest = int(np.argmax(surface.semi_axes))
     axis, center = surface.X_SF[:, longest], surface.X_SF[:, 3]
@@ -182,7 +182,7 @@ def _as_capsule(chain: SerialChain, surface: Superquadric) -> Capsule:
 
 
 def protrusions(surface: Surface, p_SH: FloatArray, radius: FloatArray) -> FloatArray:
-    """How far spheres about p_SH (n, 3) with these radii (n,) stick out of a fingertip's surface, m, shape (n,)."""
+    """How far spheres at p_SH (n, 3), m, with radii (n,), m, protrude from a fingertip's surface, m, shape (n,)."""
     on_spheres = p_SH[:, None] + radius[:, None, None] * _DIRECTIONS
     gauge = np.sqrt(1.0 + surface.value(on_spheres.reshape(-1, 3))).reshape(len(p_SH), -1)
     farthest: FloatArray = surface.half_width * (gauge.max(axis=1, initial=0.0) - 1.0)
@@ -190,9 +190,10 @@ def protrusions(surface: Surface, p_SH: FloatArray, radius: FloatArray) -> Float
 
 
 def _root(chain: SerialChain, surface: Surface, p_ST: FloatArray, radius: float) -> FloatArray:
-    """The root in S of the axis that ends in p_ST.
+    """The root in S of the fingertip's axis, which ends in p_ST.
 
-    It is at the sensor; where that is at the end itself, towards the last joint's axis; of a capsule on its own axis.
+    It is on a capsule's own axis; otherwise at the sensor; or, if that is too close to the end, towards the last
+    joint's axis.
     """
     length = float(np.linalg.norm(p_ST))
     if isinstance(surface, Capsule) and length * np.cos(_SAME_AXIS) > surface.X_SF[:, 2] @ p_ST:
@@ -213,14 +214,14 @@ def _root(chain: SerialChain, surface: Surface, p_ST: FloatArray, radius: float)
 
 
 def _round_end(surface: Surface) -> tuple[FloatArray, float]:
-    """Centre in S, m, and radius, m, of the sphere that ends a fingertip."""
+    """Centre in S, m, and radius, m, of the sphere at the end of a fingertip."""
     height = 0.5 * surface.length if isinstance(surface, Capsule) else 0.0
     p_SF: FloatArray = surface.X_SF[:, 3] + height * surface.X_SF[:, 2]
     return p_SF, surface.half_width
 
 
 def _start_of_straight_part(surface: Surface) -> FloatArray | None:
-    """Where in S the part of a fingertip begins that is as thick as its round end, m."""
+    """The start in S of a capsule's cylindrical part, m; None for other fingertips."""
     if not isinstance(surface, Capsule) or not surface.length:
         return None
     start: FloatArray = surface.X_SF[:, 3] - 0.5 * surface.length * surface.X_SF[:, 2]
@@ -228,7 +229,7 @@ def _start_of_straight_part(surface: Surface) -> FloatArray | None:
 
 
 def _palm_spheres(plant: MultibodyPlant, hand: Hand, spheres: BodySpheres) -> Spheres:
-    """The spheres that no finger moves, where zero joint positions put them."""
+    """The spheres that no finger moves, at zero joint positions."""
     of_fingers: set[int] = set()
     for finger in hand.welds:
         chain = finger_chain(plant, hand, finger)

@@ -1,4 +1,4 @@
-"""Whether the joints that a hand's file names move its fingers."""
+"""Check that the joints in a hand's file are those that move its fingers."""
 
 from collections.abc import Iterator
 
@@ -30,7 +30,7 @@ def check_joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
         try:
             chain = finger_chain(plant, hand, finger.name)
         except InvalidInputError as error:
-            # What the couplings lack is said of them, in fewer words.
+            # Missing couplings are reported by the check of couplings.
             if finger.name not in without_couplings:
                 better = (Entry(finger.name, "joints", order),) if order else ()
                 yield Finding(part, fault(part, error).text, "fault", better)
@@ -48,7 +48,7 @@ def check_joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
         try:
             limits = checked_limits(finger, chain)
         except InvalidInputError as error:
-            # Poses need no limits.
+            # Pose estimation needs no limits; only planned grasps do.
             verdict: Verdict = "note" if has_unlimited_joints(plant, hand, finger) else "fault"
             yield Finding(part, fault(part, error).text, verdict)
         else:
@@ -58,7 +58,7 @@ def check_joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
 
 
 def has_unlimited_joints(plant: MultibodyPlant, hand: Hand, finger: FingerConfig) -> bool:
-    """Whether a finger's joints have not all limits, as continuous ones: it can be posed, but not planned for."""
+    """Whether a finger has joints without limits, such as continuous ones, for which no grasps can be planned."""
     joints = [plant.GetJointByName(name, hand.model_instance) for name in finger.joints]
     limits = [limit for joint in joints for limit in (*joint.position_lower_limits(), *joint.position_upper_limits())]
     return not np.all(np.isfinite(limits))

@@ -1,4 +1,4 @@
-"""From the joints that a real hand measures to the positions of its plant."""
+"""Matrices from the joints that a real hand measures to the positions of its plant."""
 
 import math
 from collections.abc import Sequence
@@ -13,22 +13,22 @@ from tactopose_drake.hand.hand_in_plant import Hand
 
 
 def joint_matrix(plant: MultibodyPlant, hand: Hand, measured: Sequence[str]) -> FloatArray:
-    """What turns the joints that a hand measures, in its own order, into the plant's positions: q = matrix @ measured.
+    """The matrix from measured joints, in the hand's own order, to the plant's positions: q = matrix @ measured.
 
-    A joint that is not measured follows its leader as the hand's description says; where a coupling has an offset, that
-    of `joint_offsets` is to be added. The matrix fits a `MatrixGain`.
+    A joint that is not measured follows another by its coupling. If couplings have offsets, add `joint_offsets`. The
+    matrix can be used in a `MatrixGain`.
 
     Args:
         plant: finalized plant of the hand alone.
         hand: the hand in it.
-        measured: the model's names of the joints that are measured, in the order of the measurement.
+        measured: names in the model of the measured joints, in the order of the measurement.
 
     Returns:
-        Shape (nq, k).
+        The matrix, shape (nq, k).
 
     Raises:
-        UnknownNameError: if a measured joint is none of the hand's.
-        InvalidInputError: if a name is double, or a joint is neither measured nor follows one that is.
+        UnknownNameError: if a measured joint does not exist in the hand.
+        InvalidInputError: if a name is duplicate, or a joint is neither measured nor coupled to a measured one.
     """
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
     start = {joint.name(): joint.position_start() for joint in joints if joint.num_positions() == 1}
@@ -47,7 +47,7 @@ def joint_matrix(plant: MultibodyPlant, hand: Hand, measured: Sequence[str]) -> 
 
 
 def joint_offsets(plant: MultibodyPlant, hand: Hand, measured: Sequence[str]) -> FloatArray:
-    """What is added to `joint_matrix(...) @ measured`: the offsets of the couplings, shape (nq,), rad or m."""
+    """The couplings' offsets, which are added to `joint_matrix(...) @ measured`, shape (nq,), rad or m."""
     offsets = np.zeros(plant.num_positions())
     for index in plant.GetJointIndices(hand.model_instance):
         joint = plant.get_joint(index)
@@ -57,7 +57,7 @@ def joint_offsets(plant: MultibodyPlant, hand: Hand, measured: Sequence[str]) ->
 
 
 def reading_offsets(plant: MultibodyPlant, hand: Hand) -> FloatArray:
-    """By which readings of the plant's positions exceed these, by the hand's calibration, shape (nq,), rad or m."""
+    """Offsets of the readings of the plant's positions by the hand's calibration, shape (nq,), rad or m."""
     found = {} if hand.calibration is None else hand.calibration.joint_offsets
     offsets = np.zeros(plant.num_positions())
     for index in plant.GetJointIndices(hand.model_instance):
@@ -72,7 +72,7 @@ def reading_offsets(plant: MultibodyPlant, hand: Hand) -> FloatArray:
 
 
 def _leader(hand: Hand, joint: str, measured: Sequence[str]) -> tuple[str, float, float]:
-    """The measured joint that a joint follows, or is; the ratio of their positions, and the offset."""
+    """The measured joint that a joint is or follows, the ratio of their positions, and the offset."""
     coupling = hand.config.couplings.get(joint)
     if joint in measured or coupling is None:
         return joint, 1.0, 0.0

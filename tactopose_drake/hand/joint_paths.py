@@ -1,4 +1,4 @@
-"""Which joints lie between two frames of a hand: what must be known to know where one is in the other."""
+"""The joints between a frame and each body of a hand, which must be known for their relative pose."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,14 +9,14 @@ from tactopose_drake.core.validation import FloatArray
 
 
 class JointPaths:
-    """Tells whether a body's pose is known where some joint positions are not (NaN)."""
+    """Tells which bodies' poses are known when some joint positions are not (NaN)."""
 
     def __init__(self, plant: MultibodyPlant, frame: Frame) -> None:
         """Finds the joints between a frame and every body.
 
         Args:
             plant: finalized plant of the hand alone.
-            frame: that poses are in.
+            frame: the frame in which poses are expressed.
         """
         path: dict[int, set[int]] = {int(plant.world_body().index()): set()}
         joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
@@ -33,14 +33,14 @@ class JointPaths:
         self._all.setflags(write=False)
 
     def between(self, body: int) -> NDArray[np.intp]:
-        """The places of the positions that must be known to know a body's pose in the frame, shape (k,)."""
+        """Indices of the positions on which a body's pose in the frame depends, shape (k,)."""
         return np.flatnonzero(self._needed[body])
 
     def known(self, q: FloatArray) -> NDArray[np.bool_]:
         """Whether each body's pose in the frame is known, shape (number of bodies,).
 
         Args:
-            q: positions, shape (nq,), rad; NaN where not known.
+            q: positions, shape (nq,), rad; NaN where unknown.
         """
         unknown = ~np.isfinite(q)
         return np.asarray(~self._needed[:, unknown].any(axis=1)) if unknown.any() else self._all

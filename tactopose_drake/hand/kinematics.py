@@ -1,4 +1,4 @@
-"""The kinematics of a hand by a plant that holds it alone."""
+"""The kinematics of a hand, computed in a plant of the hand alone."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from tactopose_drake.hand.reading_ranges import ReadingRanges
 
 
 class HandKinematics:
-    """Where the parts of a hand are, and how they move, at the joint positions that it was last moved to.
+    """Poses, positions and velocities of a hand's parts at the joint positions of the last `move`.
 
-    It is scratch, with a plant's context of its own: a system keeps one in a cache entry, and what copies the system's
-    context copies that.
+    It holds a plant context as scratch. A system keeps one in a cache entry, so that it is copied with the system's
+    context.
     """
 
     def __init__(self, plant: MultibodyPlant, frame: Frame) -> None:
-        """Keeps a reference to the plant; begins at its default positions.
+        """Keeps a reference to the plant; starts at its default positions.
 
         Args:
             plant: finalized plant of the hand alone; not the simulator's.
-            frame: that everything is expressed in, mostly the palm's P.
+            frame: frame in which everything is expressed, usually the palm's P.
         """
         self._plant, self._frame, self._context = plant, frame, plant.CreateDefaultContext()
         self._paths = JointPaths(plant, frame)
@@ -44,11 +44,11 @@ class HandKinematics:
         return copied
 
     def move(self, q: FloatArray) -> None:
-        """Sets the positions, shape (nq,), rad; NaN where one is not known."""
+        """Sets the positions, shape (nq,), rad; NaN where unknown."""
         self._set(q, np.isfinite(q))
 
     def move_to_readings(self, q: FloatArray) -> None:
-        """As `move`, by what encoders read: what is far beyond a joint's limits is not known."""
+        """Like `move`, for encoder readings: a reading far beyond the joint's limits counts as unknown."""
         self._set(q, self._ranges.told(q))
 
     def _set(self, q: FloatArray, told: NDArray[np.bool_]) -> None:
@@ -66,14 +66,14 @@ class HandKinematics:
         return bool(self._told.all())
 
     def fault(self, frame: Frame) -> str:
-        """Why the pose of a part is not known: the joint whose reading cannot be true, or that there is none."""
+        """Why the pose of a part is unknown: the joint with an impossible reading, or that a position is unknown."""
         between = self._paths.between(int(frame.body().index()))
         beyond = between[~self._told[between]]
         faults = [self._ranges.fault(int(place), self._q[place]) for place in beyond]
         return next(filter(None, faults), "a joint position is not known")
 
     def poses(self, frames: Mapping[str, Frame]) -> dict[str, RigidTransform]:
-        """The poses of those frames, by name, whose joints are known."""
+        """The poses of the frames that are known, by name."""
         return {
             name: self._plant.CalcRelativeTransform(self._context, self._frame, frame)
             for name, frame in frames.items()
@@ -81,17 +81,17 @@ class HandKinematics:
         }
 
     def positions(self, spheres: BodySpheres) -> FloatArray:
-        """Centres of the spheres that fill the hand, shape (h, 3), m, whether known or not."""
+        """Centres of the spheres that fill the hand, shape (h, 3), m, including those whose pose is unknown."""
         X_FW = self._frame.CalcPoseInWorld(self._context).inverse()
         X_WB = self._plant.get_body_poses_output_port().Eval(self._context)
         p_FH: FloatArray = X_FW.multiply(spheres.positions(X_WB).T).T
         return p_FH
 
     def jacobian(self, frame: Frame, p_FC: FloatArray) -> FloatArray:
-        """How the joints' velocities move a part and its point at p_FC, shape (3,), m, in that frame.
+        """Jacobian of a part's spatial velocity by the joints' velocities, at its point p_FC, shape (3,), m.
 
         Returns:
-            Shape (6, nv): of the angular velocity, then of the point's, in the kinematics' own frame.
+            Shape (6, nv): angular velocity, then the point's velocity, in the kinematics' own frame.
         """
         J: FloatArray = self._plant.CalcJacobianSpatialVelocity(
             self._context, JacobianWrtVariable.kV, frame, p_FC, self._frame, self._frame
@@ -102,8 +102,8 @@ class HandKinematics:
         """Spatial velocity [w, v] of a part at the origin of the kinematics' own frame, shape (6,), rad/s and m/s.
 
         Args:
-            frame: on the part.
-            v: of the joints, shape (nv,), rad/s.
+            frame: a frame on the part.
+            v: velocities of the joints, shape (nv,), rad/s.
         """
         p_FP = self._plant.CalcPointsPositions(self._context, self._frame, np.zeros(3), frame)[:, 0]
         velocity: FloatArray = self.jacobian(frame, p_FP) @ v

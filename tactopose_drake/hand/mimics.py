@@ -1,4 +1,4 @@
-"""Which joints follow others by a model's own account: the `mimic` entries of a URDF or an SDF."""
+"""The couplings of joints in a model's file: the `mimic` entries of a URDF or an SDF."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,13 +20,13 @@ class Mimic:
 
 
 def read_mimics(path: Path) -> tuple[Mimic, ...] | None:
-    """The mimic entries of a model's file; None where it is neither a URDF nor an SDF.
+    """The mimic entries of a model's file; None if it is neither a URDF nor an SDF.
 
-    Where an entry names a joint that follows another itself, it is as if it named the one at the end of that chain.
+    An entry that names a joint which itself follows another is resolved to the joint at the end of that chain.
 
     Raises:
-        InvalidFileError: if the file cannot be read, an entry has no number where one belongs, or joints follow each
-            other in a circle.
+        InvalidFileError: if the file cannot be read, an entry has an invalid number, or joints follow each other in a
+            circle.
     """
     try:
         content = path.read_bytes()
@@ -35,7 +35,7 @@ def read_mimics(path: Path) -> tuple[Mimic, ...] | None:
     if b"<!ENTITY" in content:
         raise InvalidFileError(f"{path}: declares entities; allowed are plain elements.")
     if len(content) > _LARGEST:
-        raise InvalidFileError(f"{path}: is longer than {_LARGEST} bytes, which is the most that is allowed.")
+        raise InvalidFileError(f"{path}: has {len(content)} bytes; allowed are {_LARGEST} at most.")
     try:
         root = ElementTree.fromstring(content)
     except ElementTree.ParseError as error:
@@ -49,17 +49,19 @@ def read_mimics(path: Path) -> tuple[Mimic, ...] | None:
             for entry in found
         ]
     except ValueError as error:
-        raise InvalidFileError(f"{path}: a mimic entry is no number ({error}).") from None
+        raise InvalidFileError(f"{path}: a mimic entry has an invalid number ({error}).") from None
     of_joint = {mimic.joint: mimic for mimic in entries}
     return tuple(_of_leader(path, mimic, of_joint) for mimic in entries)
 
 
 def _of_leader(path: Path, mimic: Mimic, of_joint: dict[str, Mimic]) -> Mimic:
-    """The entry as one of the joint that follows none."""
+    """The entry with its chain of mimics resolved to a joint that follows none."""
     passed = [mimic.joint]
     while mimic.follows in of_joint:
         if mimic.follows in passed:
-            raise InvalidFileError(f"{path}: the joints {', '.join(passed)} follow each other; allowed is a leader.")
+            raise InvalidFileError(
+                f"{path}: the joints {', '.join(passed)} follow each other in a circle; one of them must follow none."
+            )
         passed.append(mimic.follows)
         inner = of_joint[mimic.follows]
         offset = mimic.ratio * inner.offset + mimic.offset
@@ -68,7 +70,7 @@ def _of_leader(path: Path, mimic: Mimic, of_joint: dict[str, Mimic]) -> Mimic:
 
 
 def _by_attributes(joint: ElementTree.Element, mimic: ElementTree.Element) -> Mimic:
-    """As in a URDF, and in Drake's own entries of an SDF."""
+    """Reads an entry with attributes, as in a URDF and in Drake's own entries of an SDF."""
     ratio, offset = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
     return Mimic(joint.get("name", ""), mimic.get("joint", ""), ratio, offset)
 

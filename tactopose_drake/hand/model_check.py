@@ -1,4 +1,4 @@
-"""What is right and wrong with a hand's model: its links, their collision shapes, and its palm."""
+"""Check of a hand's model: its links, their collision shapes, and its palm."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -16,19 +16,19 @@ from tactopose_drake.hand.hand_in_plant import Hand, pose_by_model
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.resources import complaint_kind
 
-_FARTHEST = 1.0  # from the palm, of a hand's collision shapes, m
+_FARTHEST = 1.0  # largest distance of a hand's collision shapes from the palm, m
 
 
 def check_model(
     plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, complaints: tuple[str, ...]
 ) -> Iterator[Finding]:
-    """Yields what there is to say of the links, their collision shapes and the palm.
+    """Yields findings on the links, their collision shapes and the palm.
 
     Args:
         plant: finalized plant with the hand, its base fixed.
-        scene_graph: the plant's.
+        scene_graph: the plant's SceneGraph.
         hand: the hand in it.
-        complaints: what Drake said while it read the model.
+        complaints: Drake's warnings from parsing the model.
     """
     inspector, instance = scene_graph.model_inspector(), hand.model_instance
     shapes = [
@@ -47,7 +47,7 @@ def check_model(
     kinds = Counter(map(complaint_kind, complaints))
     firsts = {complaint_kind(message): message for message in reversed(complaints)}
     for kind, count in kinds.items():
-        # The model is known: its name is enough.
+        # Shorten paths to the model's files to their names.
         text = " ".join(firsts[kind].replace(f"{Path(hand.config.model).parent}/", "").split()).removesuffix(".")
         yield Finding("model", f"Drake says{_times(count)}: {text}", "note")
     P = hand.palm_frame
@@ -68,7 +68,7 @@ def check_model(
 
 
 def _too_far(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> Iterator[Finding]:
-    """Links whose shapes reach farther than any hand does: of other units, such as millimetres."""
+    """Findings on links whose shapes reach farther than any hand does, as in millimetres."""
     spheres = BodySpheres.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
     reach = np.linalg.norm(HandKinematics(plant, hand.palm_frame).positions(spheres), axis=1) + spheres.radius
     for body in np.unique(spheres.body[reach > _FARTHEST]):

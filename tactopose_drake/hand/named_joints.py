@@ -1,4 +1,4 @@
-"""Joint positions by name, as drivers and messages have them, in the order of a hand's plant."""
+"""Conversion of joint positions by name, as from drivers and messages, to the order of a hand's plant."""
 
 from collections.abc import Mapping
 
@@ -12,14 +12,14 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.reading_ranges import ReadingRange
 
-_GIVE_RAD, _GIVE_M = 0.05, 0.003  # by which a coupled joint may be from where its coupling says
+_GIVE_RAD, _GIVE_M = 0.05, 0.003  # tolerance of a coupled joint's reading, as couplings are compliant
 
 
 class NamedJoints:
-    """Puts joint positions into the plant's order, and lets coupled joints follow theirs.
+    """Puts joint positions into the plant's order, and computes coupled joints.
 
     Attributes:
-        names: of the joints that move, in the order of the plant's positions.
+        names: names of the joints that move, in the order of the plant's positions.
     """
 
     def __init__(self, plant: MultibodyPlant, hand: Hand) -> None:
@@ -46,15 +46,15 @@ class NamedJoints:
         )
 
     def positions(self, name: str, values: Mapping[str, float] | ArrayLike) -> FloatArray:
-        """Positions in the plant's order, shape (nq,), rad, of prismatic joints m.
+        """Positions in the plant's order, shape (nq,), rad; of prismatic joints, m.
 
         Args:
-            name: of the argument, for messages.
-            values: by the joints' names, or for all joints in the plant's order; NaN where one is not known. A joint
-                that is left out is where its coupling says, or not known.
+            name: name of the argument, for messages.
+            values: by the joints' names, or for all joints in the plant's order; NaN where unknown. A joint that is
+                left out is computed from its coupling, or else unknown.
 
         Raises:
-            InvalidInputError: if it is of another shape, a name is no joint's, or a value no number.
+            InvalidInputError: if the shape is wrong, a name is unknown, or a value is no number.
         """
         ordered = self._in_order(name, values)
         if isinstance(values, Mapping):
@@ -64,20 +64,20 @@ class NamedJoints:
         return ordered
 
     def velocities(self, name: str, values: Mapping[str, float] | ArrayLike) -> FloatArray:
-        """Velocities likewise, rad/s, m/s."""
+        """Velocities in the plant's order, rad/s; of prismatic joints, m/s; arguments as in `positions`."""
         return self._in_order(name, values)
 
     def check_couplings(self, name: str, values: Mapping[str, float], *, clutches: bool = False) -> None:
-        """Tells readings of coupled joints that contradict those of the joints that they follow.
+        """Checks that readings of coupled joints agree with those of the joints that they follow.
 
         Args:
-            name: of the argument, for messages.
-            values: by the joints' names, which are known; NaN passes.
-            clutches: whether a joint farther out on its leader's finger may be anywhere, because a clutch, as the
-                Barrett hand's, lets it go on alone where the finger is blocked.
+            name: name of the argument, for messages.
+            values: positions by the joints' names, all of which must exist; NaN passes.
+            clutches: whether to skip coupled joints that are farther out on the finger than their leader: a clutch,
+                like the Barrett hand's, decouples them when the finger is blocked.
 
         Raises:
-            InvalidInputError: if one is farther from where its coupling says than compliant couplings give way.
+            InvalidInputError: if a reading differs from its coupling by more than compliant couplings allow.
         """
         for joint, coupling in self._couplings.items():
             if joint not in values or coupling.follows not in values or (clutches and joint in self._carried):
@@ -104,18 +104,18 @@ class NamedJoints:
 
 
 def check_near_limits(name: str, values: Mapping[str, float], plant: MultibodyPlant, hand: Hand) -> None:
-    """Tells positions that no joint can have, such as degrees; for those of a file, where there is time to mend it.
+    """Checks that positions from a file are possible, and not in degrees, for instance.
 
-    Encoders may be off: what is a little beyond a limit passes.
+    Positions slightly beyond a limit pass, because encoders may have offsets.
 
     Args:
-        name: of the argument, for messages.
-        values: by the joints' names, which are known; NaN passes.
+        name: name of the argument, for messages.
+        values: positions by the joints' names, all of which must exist; NaN passes.
         plant: finalized plant that holds the hand.
         hand: the hand in it.
 
     Raises:
-        InvalidInputError: if a position is farther beyond its joint's limits.
+        InvalidInputError: if a position is far beyond its joint's limits.
     """
     for joint_name, value in values.items():
         joint = plant.GetJointByName(joint_name, hand.model_instance)

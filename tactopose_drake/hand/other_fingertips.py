@@ -1,4 +1,4 @@
-"""Fingertips and tactile pads in a simulator that are thicker, or sit elsewhere, than the hand's description says."""
+"""Errors of a simulated hand's fingertips and tactile pads: other radii and other mountings than in its files."""
 
 from collections.abc import Mapping
 
@@ -23,7 +23,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 
-_STILL = 1e-12  # m, and of a rotation's matrix
+_STILL = 1e-12  # tolerance of an identity pose, in m and in the rotation matrix
 
 
 def change_fingertips(
@@ -37,12 +37,11 @@ def change_fingertips(
 
     Args:
         plant: the simulator's plant.
-        scene_graph: its geometry.
+        scene_graph: its SceneGraph.
         hand: the hand in it.
-        radius: by which each fingertip is thicker all around, by finger, m. A mesh or a box becomes so much larger
-            about the fingertip's middle, in proportion to its half-width.
-        X_SM: where its sensor is in truth, M, of where the hand's file has it, by finger; the fingertip is moved and
-            turned with it.
+        radius: increase of each fingertip's radius, by finger, m. A mesh or a box is scaled about the fingertip's
+            middle, in proportion to the fingertip's half-width.
+        X_SM: pose of the true sensor frame M in the nominal one S, by finger; the fingertip moves with it.
     """
     alone, parts = make_hand_plant(hand.config)
     context, inspector = alone.CreateDefaultContext(), scene_graph.model_inspector()
@@ -64,9 +63,9 @@ def move_pads(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, X_TM: 
 
     Args:
         plant: the simulator's plant.
-        scene_graph: its geometry.
+        scene_graph: its SceneGraph.
         hand: the hand in it.
-        X_TM: where each array is in truth, M, of where the hand's file has it, by pad.
+        X_TM: pose of the true array frame M in the nominal one T, by pad.
     """
     inspector = scene_graph.model_inspector()
     for pad, frame in hand.pad_frames.items():
@@ -77,15 +76,15 @@ def move_pads(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, X_TM: 
 
 
 def check_mounting(hand: Hand, X_SM: Mapping[str, RigidTransform], X_TM: Mapping[str, RigidTransform]) -> None:
-    """Checks that no body would be moved by two senses.
+    """Checks that no body would be moved by the mounting errors of two sensors.
 
     Args:
         hand: the hand.
-        X_SM: where each sensor is in truth, by finger.
-        X_TM: likewise each tactile array, by pad.
+        X_SM: pose of each true sensor frame in the nominal one, by finger.
+        X_TM: likewise for each tactile array, by pad.
 
     Raises:
-        InvalidInputError: if two senses are on one body, and one of them is not where the hand's file has it.
+        InvalidInputError: if two sensors are on one body, and one of them has a mounting error.
     """
     senses = [(hand.welds[finger].child_body().name(), X) for finger, X in X_SM.items()]
     senses += [(hand.pad_frames[pad].body().name(), X) for pad, X in X_TM.items()]
@@ -93,8 +92,8 @@ def check_mounting(hand: Hand, X_SM: Mapping[str, RigidTransform], X_TM: Mapping
     moved = {name for name, X in senses if not X.IsNearlyIdentity(_STILL)}
     if twice := sorted(name for name in moved if bodies.count(name) > 1):
         raise InvalidInputError(
-            f"SimulatedErrors: on {', '.join(twice)} are two senses, which cannot be mounted apart; allowed there is "
-            "no error of their mounting: `mounting: [0, 0, 0]` and `mounting_deg: [0, 0, 0]` of each in "
+            f"SimulatedErrors: {', '.join(twice)} has two sensors, which cannot move apart; allowed there is no "
+            "mounting error: `mounting: [0, 0, 0]` and `mounting_deg: [0, 0, 0]` of each in "
             "`errors.fingers` and `errors.pads`, or 0 of both in the hand's `uncertainty`, which errors are drawn from."
         )
 
@@ -107,7 +106,7 @@ def _change(
     shape: Shape,
     X_BG: RigidTransform,
 ) -> None:
-    """Gives a collision shape of the hand another form and place; what it may pass through stays."""
+    """Changes a collision shape of the hand and its pose; its collision filters stay."""
     inspector = scene_graph.model_inspector()
     passed = [
         other
@@ -116,7 +115,7 @@ def _change(
         if inspector.CollisionFiltered(geometry, other)
     ]
     scene_graph.ChangeShape(plant.get_source_id(), geometry, shape, X_BG)
-    # A shape that is changed forgets what it may pass through.
+    # ChangeShape drops the shape's collision filters.
     apart = CollisionFilterDeclaration().ExcludeBetween(GeometrySet(geometry), GeometrySet(passed))
     scene_graph.collision_filter_manager().Apply(apart)
 

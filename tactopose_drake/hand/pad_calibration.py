@@ -1,13 +1,13 @@
-"""The scale of pressure to depth, alpha, of a soft pad: found by pressing known shapes on a simulated pad.
+"""Calibration of a soft pad's alpha, the ratio of depth to pressure, by pressing known shapes on a simulated pad.
 
 The pad is a flat elastic layer on a stiff core, in Drake's hydroelastic contact: the pressure at a depth d is
-modulus * d / thickness. Rigid shapes, longer than the pad, tilt about its y axis and press down one end of it. A good
-alpha turns the pressures of the cells into points whose principal components are tilted as the shape is.
+modulus * d / thickness. Rigid shapes, longer than the pad, tilt about its y axis and press down one end of it. With a
+good alpha the pressures of the cells become points whose principal components are tilted like the shape.
 
 The ideal layer has alpha = thickness / modulus. The best one for the descriptor differs by a few percent, because a
 cell that a shape covers in part reads less than the depth below it.
 
-Source: [B16] J. Bimbo, thesis, 2016, section 5.2.2, where finite elements press the shapes.
+Source: [B16] J. Bimbo, thesis, 2016, section 5.2.2, which uses finite elements.
 """
 
 import dataclasses
@@ -65,10 +65,10 @@ class Press:
     """One simulated press.
 
     Attributes:
-        shape: its name.
-        tilt: of the shape's underside about y, rad; positive lowers the end at +x.
-        depth: of the underside below the undeformed pad at its end, m.
-        pressure: on the cells, shape (m,), Pa.
+        shape: name of the pressed shape.
+        tilt: tilt of the shape's underside about y, rad; positive lowers the end at +x.
+        depth: depth of the underside below the undeformed pad at the pad's end, m.
+        pressure: pressure on the cells, shape (m,), Pa.
     """
 
     shape: str
@@ -84,9 +84,8 @@ class AlphaFit:
     Attributes:
         alpha: depth over pressure, m/Pa.
         layout: the simulated pad's cells; z of T points out of the pad.
-        presses: what was pressed.
-        errors: how much more each patch is tilted than the shape, shape (k,), rad; NaN where only a row of cells feels
-            it.
+        presses: the simulated presses.
+        errors: tilt of each patch minus that of the shape, shape (k,), rad; NaN if only a row of cells feels it.
     """
 
     alpha: float
@@ -127,21 +126,21 @@ def l_shape() -> PressedShape:
 
 @functools.cache
 def thesis_shapes() -> Mapping[str, PressedShape]:
-    """The shapes of [B16] table 5.1; it does not give their sizes. The cylinder is as thick as a bottle."""
+    """The shapes of [B16] table 5.1, which does not give their sizes. The cylinder is as thick as a bottle."""
     return {"cylinder": cylinder(0.035), "L-shape": l_shape(), "flat, wide": flat(0.1), "flat, thin": flat(_RIB)}
 
 
 def find_alpha(*, modulus: float, thickness: float, cell: float = 0.001) -> AlphaFit:
-    """Finds the alpha that makes the patches' tilts those of the shapes pressed, in the least squares sense.
+    """Simulates presses, and fits alpha so that the patches' tilts match the shapes' in the least squares sense.
 
     Args:
-        modulus: of the soft layer, Pa; `hydroelastic_modulus` in a model.
-        thickness: of the soft layer, m; of a box-shaped geometry the half, as Drake's pressure rises from its faces to
-            its middle.
+        modulus: modulus of the soft layer, Pa; `hydroelastic_modulus` in a model.
+        thickness: thickness of the soft layer, m; half the thickness of a box-shaped geometry, as Drake's pressure
+            rises from its faces to its middle.
         cell: edge of the square cells, m.
 
     Raises:
-        InvalidInputError: a value that is not positive, or cells of which fewer than three fit across the pad.
+        InvalidInputError: if a value is not positive, or fewer than three cells fit across the pad.
     """
     layout = pressed_pad(cell)
     presses = tuple(
@@ -155,11 +154,11 @@ def find_alpha(*, modulus: float, thickness: float, cell: float = 0.001) -> Alph
 
 
 def fit_alpha(layout: TactileLayout, presses: Sequence[Press], near: float) -> AlphaFit:
-    """The alpha that makes the patches' tilts those of the shapes pressed, in the least squares sense.
+    """Fits alpha so that the patches' tilts match those of the pressed shapes in the least squares sense.
 
     Args:
         layout: the cells.
-        presses: of which at least one reaches three cells.
+        presses: presses, at least one of which reaches three cells.
         near: alpha is between 0.3 and 3 times this, m/Pa.
     """
 
@@ -188,10 +187,10 @@ def simulate_presses(
 
     Args:
         name: the shape's name.
-        shape: what presses.
+        shape: the shape.
         layout: the cells, on the plane z = 0 of T.
-        modulus: of the soft layer, Pa.
-        thickness: of the soft layer, m.
+        modulus: modulus of the soft layer, Pa.
+        thickness: thickness of the soft layer, m.
     """
     positive_number("modulus", modulus)
     positive_number("thickness", thickness)
@@ -202,7 +201,7 @@ def simulate_presses(
         tilt = math.radians(tilt_deg)
         for depth in thickness * np.array(DEPTH_SHARES):
             for offset in OFFSETS:
-                # The underside passes through the pad's end at this depth, wherever the offset moves the shape.
+                # The underside is at this depth at the pad's end for every offset of the shape.
                 x = y = offset * cell
                 X_TO = RigidTransform(RotationMatrix.MakeYRotation(tilt), [x, y, math.tan(tilt) * (end - x) - depth])
                 presses.append(Press(name, tilt, float(depth), rig.press(layout, X_TO)))
@@ -211,12 +210,12 @@ def simulate_presses(
 
 def patch_of(layout: TactileLayout, press: Press, alpha: float) -> Patch:
     """The descriptor of a press, in T."""
-    rounding = 1e-6 * press.pressure.max()  # cells on whose edge the shape ends are not touched
+    rounding = 1e-6 * press.pressure.max()  # ignores cells that the shape only touches at an edge
     return describe_patch(layout.p_TC, press.pressure, alpha=alpha, n_PT=layout.n_T, threshold=rounding)
 
 
 def tilt_errors(layout: TactileLayout, presses: Sequence[Press], alpha: float) -> FloatArray:
-    """How much more each patch is tilted about y than the shape that made it, shape (k,), rad.
+    """Tilt of each patch about y minus that of the pressed shape, shape (k,), rad.
 
     NaN for a press that only a row of cells feels.
     """
@@ -226,12 +225,12 @@ def tilt_errors(layout: TactileLayout, presses: Sequence[Press], alpha: float) -
 
 
 class _Rig:
-    """A soft pad in the plane z = 0 of T, and a rigid shape to be placed."""
+    """A soft pad in the plane z = 0 of T, and a movable rigid shape."""
 
     def __init__(self, shape: PressedShape, modulus: float, thickness: float) -> None:
         scene_graph = SceneGraph()
         source = scene_graph.RegisterSource()
-        # Pressure rises from every face of the box towards its middle; the margin keeps the sides' share off the cells.
+        # Pressure rises from every face of the box towards its middle; the margin keeps the side faces off the cells.
         size = [side + 6 * thickness for side in PAD_SIZE]
         pad = GeometryInstance(RigidTransform([0, 0, -thickness]), Box(*size, 2 * thickness), "pad")
         soft, rigid = ProximityProperties(), ProximityProperties()

@@ -1,4 +1,4 @@
-"""Whether the tactile pads of a hand's file are as soft as pads are, and where its model has their links' shapes."""
+"""Check that a hand's tactile pads have a plausible stiffness, and agree with their links' collision shapes."""
 
 from collections.abc import Iterator
 
@@ -15,14 +15,14 @@ from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.shape_depth import body_depths
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 
-_SHALLOW, _THICK = 0.0001, 0.02  # of a soft layer, as hands have it, m
-_NEAR = 0.005  # of shapes, which are coarser than pads, m
-_BESIDE = 0.015  # of what no pad of the link has, m
-_STEP = 0.001  # along a normal, m
+_SHALLOW, _THICK = 0.0001, 0.02  # plausible indentations of a soft layer, m
+_NEAR = 0.005  # tolerance of a cell's distance to the shapes, which are coarser than pads, m
+_BESIDE = 0.015  # largest distance of a cell outside the shapes, m
+_STEP = 0.001  # step along a normal, m
 
 
 def check_pads(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> Iterator[Finding]:
-    """Tells how soft the pads are, and compares their cells and normals with their links' collision shapes."""
+    """Reports the pads' indentation, and compares their cells and normals with their links' collision shapes."""
     for pad in hand.config.pads:
         part = f"pad {pad.name}"
         try:
@@ -36,7 +36,7 @@ def check_pads(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> It
 
 
 def _depth(part: str, alpha: float, most: float) -> Iterator[Finding]:
-    """How deep a pad is pressed in at its array's range, Pa, if that is told."""
+    """A pad's indentation at its array's range, Pa, if the range is given."""
     if most >= TactileModel().range:
         return
     depth = alpha * most
@@ -50,7 +50,7 @@ def _depth(part: str, alpha: float, most: float) -> Iterator[Finding]:
 def _place(
     plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, pad: str, layout: TactileLayout
 ) -> Iterator[Finding]:
-    """Where the cells of a pad are, and whether their normals point out of its link."""
+    """Compares the cells of a pad with its link's shapes, and checks that their normals point out of the link."""
     part, frame, inspector = f"pad {pad}", hand.pad_frames[pad], scene_graph.model_inspector()
     body, X_BT = frame.body(), frame.GetFixedPoseInBodyFrame()
     link, p_BC, step = body.name(), X_BT.multiply(layout.p_TC.T).T, _STEP * layout.n_T @ X_BT.rotation().matrix().T
@@ -68,7 +68,7 @@ def _place(
         f"{share:.0%} of its cells lie within {1e3 * _NEAR:.0f} mm of the collision shapes of link {link!r}; the rest "
         f"is up to {1e3 * above:.1f} mm outside of them and {1e3 * below:.1f} mm inside"
     )
-    # Hulls bridge hollow palms, so that a pad may well be deep in them.
+    # Convex hulls fill hollow palms, so that a pad may be deep inside them.
     verdict: Verdict = "fault" if off > 0.5 or above > _BESIDE else "ok" if share > 0.5 else "note"
     yield Finding(part, text, verdict)
     inwards = float(np.mean(before > behind))

@@ -1,8 +1,8 @@
-"""How far a hand's own errors misplace its tactile arrays.
+"""Covariance of the poses of a hand's tactile arrays that results from the hand's own errors.
 
-To first order: the joints' offsets move an array by the finger's Jacobian, and it is mounted elsewhere and otherwise.
-So all cells of an array are off together, by one shift and one turn. Of a joint that two fingers share, what it does
-to both of their arrays is taken for two errors.
+To first order, an array is moved by the joints' offsets through the finger's Jacobian, and by its mounting error. All
+cells of an array share one shift and one rotation. The effects of a joint on arrays of two fingers that share it are
+treated as independent.
 """
 
 import math
@@ -19,7 +19,7 @@ from tactopose_drake.hand.kinematics import HandKinematics
 
 
 class PadUncertainty:
-    """How far a hand's tactile arrays may be off by what its description says of its errors."""
+    """Computes the covariance of the poses of a hand's tactile arrays from its declared errors."""
 
     def __init__(self, plant: MultibodyPlant, hand: Hand, uncertainty: HandUncertainty) -> None:
         """Keeps no reference to the plant.
@@ -36,12 +36,12 @@ class PadUncertainty:
         self._mounted = np.diag(mounted**2)
 
     def covariance(self, pad: str, layout: TactileLayout, kinematics: HandKinematics) -> FloatArray:
-        """Of an array's shift and its small turn about the mean of its cells, in P, shape (6, 6), m and rad.
+        """Covariance of an array's shift and small rotation about the mean of its cells, in P, (6, 6), m and rad.
 
         Args:
-            pad: whose it is.
+            pad: name of the pad.
             layout: its cells.
-            kinematics: of the hand, moved to where the joints are.
+            kinematics: the hand's kinematics at the current joint positions.
         """
         J = kinematics.jacobian(self._frames[pad], layout.p_TC.mean(axis=0)) @ self._offsets
         by_joints = np.concatenate([J[3:], J[:3]])

@@ -1,4 +1,4 @@
-"""Between which positions a joint's reading can be true: what is far beyond its limits is in degrees, or a fault."""
+"""Ranges of plausible joint readings; a reading far beyond the joint's limits is a fault, or in degrees."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from pydrake.multibody.tree import Joint, PrismaticJoint
 from tactopose_drake.core.geometry_checks import FARTHEST
 from tactopose_drake.core.validation import FloatArray
 
-_MARGIN_RAD, _MARGIN_M = 0.5, 0.05  # by which a reading may be beyond a joint's limits: encoders may be off
+_MARGIN_RAD, _MARGIN_M = 0.5, 0.05  # by which a reading may exceed a joint's limits, as encoders have offsets
 
 
 class ReadingRange(NamedTuple):
-    """Of one joint.
+    """The range of plausible readings of one joint.
 
     Attributes:
-        least: reading that can be true, rad or m.
-        most: likewise.
-        unit: of both.
+        least: smallest plausible reading, rad or m.
+        most: largest plausible reading, rad or m.
+        unit: unit of both.
     """
 
     least: float
@@ -32,7 +32,7 @@ class ReadingRange(NamedTuple):
 
     @classmethod
     def of(cls, joint: Joint) -> ReadingRange:
-        """The range of a joint of one position; one that slides without limits reaches no contact beyond 5 m."""
+        """The range of a joint with one position; a prismatic joint without limits is bounded to 5 m."""
         low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
         slides = isinstance(joint, PrismaticJoint)
         unit, margin, free = ("m", _MARGIN_M, 0.5 * FARTHEST) if slides else ("rad", _MARGIN_RAD, math.inf)
@@ -42,11 +42,11 @@ class ReadingRange(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ReadingRanges:
-    """Of all joints of a plant of a hand alone.
+    """The ranges of plausible readings of all joints in a plant of a hand alone.
 
     Attributes:
-        names: of the joints, by the place of their position.
-        ranges: likewise.
+        names: names of the joints, by the index of their position.
+        ranges: their ranges, likewise.
     """
 
     names: dict[int, str]
@@ -56,7 +56,7 @@ class ReadingRanges:
 
     @classmethod
     def of(cls, plant: MultibodyPlant) -> ReadingRanges:
-        """The ranges by a finalized plant."""
+        """The ranges of a finalized plant's joints."""
         joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
         moving = {joint.position_start(): joint for joint in joints if joint.num_positions() == 1}
         ranges = {place: ReadingRange.of(joint) for place, joint in moving.items()}
@@ -66,11 +66,11 @@ class ReadingRanges:
         return cls({place: joint.name() for place, joint in moving.items()}, ranges, least, most)
 
     def told(self, q: FloatArray) -> NDArray[np.bool_]:
-        """Whether each reading can be true, shape (nq,); NaN is none."""
+        """Whether each reading is known and plausible, shape (nq,); False for NaN."""
         return np.isfinite(q) & (q >= self._least) & (q <= self._most)
 
     def fault(self, place: int, reading: float) -> str:
-        """What is wrong with a reading that cannot be true; empty where there is none (NaN)."""
+        """Describes an implausible reading of the position at an index; empty for NaN."""
         if np.isnan(reading):
             return ""
         least, most, unit = self.ranges[place]

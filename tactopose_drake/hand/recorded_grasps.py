@@ -1,4 +1,4 @@
-"""What a hand read at quiet instants of grasps, and whether such readings can be."""
+"""Recorded readings of a hand during grasps, and checks of them."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -19,23 +19,22 @@ from tactopose_drake.hand.named_joints import NamedJoints, check_near_limits
 
 READING_NOISE = np.repeat([NANO17_SIGMA_MOMENT, NANO17_SIGMA_FORCE], 3)
 """Standard deviations of a reading, N m and N, shape (6,)."""
-_MOST_WRENCH = np.repeat([100.0, MOST_MEASURED_FORCE], 3)  # N m and N: more is in other units
-_MOST_BIAS = 6.0  # standard deviations: what a sensor reads beyond that is a touch
+_MOST_WRENCH = np.repeat([100.0, MOST_MEASURED_FORCE], 3)  # N m and N; larger values are in other units
+_MOST_BIAS = 6.0  # largest bias, in standard deviations; larger readings are touches
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RecordedGrasp:
-    """What a hand read at one quiet instant of a grasp of a known object.
+    """A hand's readings at one instant at which it held a known object still.
 
     Attributes:
         model: the object.
-        joint_positions: readings by the joints' names, rad, of sliding joints m; joints that follow others may be left
-            out.
-        wrenches: of the fingers that touch the object, and no others: [m_x, m_y, m_z, f_x, f_y, f_z] on the fingertip
+        joint_positions: readings by the joints' names, rad; of prismatic joints, m. Coupled joints may be left out.
+        wrenches: wrenches of only the fingers that touch the object: [m_x, m_y, m_z, f_x, f_y, f_z] on the fingertip
             about its sensor's origin, in S, without the fingertip's weight, N m and N.
-        out_of_touch: the same of fingers that touched nothing at about that time: what their sensors read all the same.
-        time: when it was, s; None where biases do not drift.
-        name: for messages.
+        out_of_touch: likewise the readings of fingers that touched nothing at about that time.
+        time: time of the grasp, s; None if biases do not drift.
+        name: name of the grasp in messages.
     """
 
     model: ObjectModel
@@ -47,7 +46,7 @@ class RecordedGrasp:
 
 
 def check_grasps(plant: MultibodyPlant, hand: Hand, grasps: Sequence[RecordedGrasp]) -> None:
-    """Raises InvalidInputError if a grasp holds what the hand has not, what is no reading, or what another holds."""
+    """Raises InvalidInputError if a grasp has unknown names, invalid readings, or the readings of another grasp."""
     named, paths = NamedJoints(plant, hand), JointPaths(plant, hand.palm_frame)
     for i, grasp in enumerate(grasps):
         instance_of(f"grasps[{i}]", grasp, RecordedGrasp)
@@ -65,7 +64,7 @@ def check_grasps(plant: MultibodyPlant, hand: Hand, grasps: Sequence[RecordedGra
                 joint for joint, k in zip(joints, moves, strict=True) if k and joint not in grasp.joint_positions
             ]
             raise InvalidInputError(
-                f"{where}: joint_positions: lack {', '.join(lacking)}; allowed is a number of each."
+                f"{where}: joint_positions: lack {', '.join(lacking)}; needed is a number for each."
             )
         for key, wrenches in (("wrenches", grasp.wrenches), ("out_of_touch", grasp.out_of_touch)):
             for finger, wrench in wrenches.items():
@@ -78,11 +77,11 @@ def check_grasps(plant: MultibodyPlant, hand: Hand, grasps: Sequence[RecordedGra
 
 
 def check_silence(errors: HandErrors, grasps: Sequence[RecordedGrasp]) -> None:
-    """Raises InvalidInputError if a sensor that is said to touch nothing reads more than a bias can be.
+    """Raises InvalidInputError if a sensor out of touch reads more than its bias can be.
 
     Args:
-        errors: which errors the hand may have; of a sensor that is said to have no bias nothing is checked.
-        grasps: what was recorded; checked already, see `check_grasps`.
+        errors: the hand's errors; a sensor whose bias has the standard deviation 0 is not checked.
+        grasps: the recorded grasps, which `check_grasps` has checked.
     """
     for i, grasp in enumerate(grasps):
         for finger, reading in grasp.out_of_touch.items():
@@ -94,12 +93,12 @@ def check_silence(errors: HandErrors, grasps: Sequence[RecordedGrasp]) -> None:
                         f"{grasp.name or f'grasps[{i}]'}: out_of_touch.{finger}: the {part} is "
                         f"{wrench[rows].tolist()} {unit}; allowed is up to {most[rows][0]:.3g} {unit}, {_MOST_BIAS:g} "
                         f"times the `sensor_{part}` of the hand's `uncertainty`. Either the finger touches something, "
-                        "its fingertip's weight is not taken off, or its bias is larger than the hand's file says."
+                        "its fingertip's weight is not subtracted, or its bias is larger than the hand's file says."
                     )
 
 
 def _check_wrench(name: str, wrench: ArrayLike) -> None:
-    """Raises InvalidInputError if it is no wrench, or so large that it is of other units."""
+    """Raises InvalidInputError if the value is no wrench, or so large that it must be in other units."""
     values = finite_array(name, wrench, (6,))
     if np.any(np.abs(values) > _MOST_WRENCH):
         raise InvalidInputError(
@@ -109,7 +108,7 @@ def _check_wrench(name: str, wrench: ArrayLike) -> None:
 
 
 def _check_different(grasps: Sequence[RecordedGrasp]) -> None:
-    """Raises InvalidInputError if a grasp is there twice, or a sensor reads the very same numbers of two touches."""
+    """Raises InvalidInputError if a grasp occurs twice, or a sensor has identical readings in two grasps."""
     seen: dict[object, str] = {}
     for i, grasp in enumerate(grasps):
         wrenches = (
@@ -125,7 +124,7 @@ def _check_different(grasps: Sequence[RecordedGrasp]) -> None:
             touch = (finger, tuple(np.asarray(wrench, dtype=float).tolist()))
             if touch in seen:
                 raise InvalidInputError(
-                    f"{where}: wrenches.{finger}: is to the last digit that of {seen[touch]}; allowed are different "
-                    "ones. A sensor that goes on to say the same is frozen."
+                    f"{where}: wrenches.{finger}: is identical to that of {seen[touch]}; allowed are different ones. "
+                    "A sensor whose reading never changes is frozen."
                 )
             seen[touch] = where

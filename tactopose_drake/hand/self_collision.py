@@ -1,4 +1,4 @@
-"""Whether a hand would touch itself in a posture, by its model's own collision shapes."""
+"""Self-collision checks of a hand, with its model's collision shapes."""
 
 from collections.abc import Mapping
 
@@ -13,9 +13,9 @@ from tactopose_drake.hand.hand_reach import rest_posture
 
 
 class SelfCollision:
-    """Asks Drake whether links of a hand are in each other; a mesh counts as its convex hull.
+    """Checks with Drake whether links of a hand overlap; a mesh counts as its convex hull.
 
-    Shapes that overlap at zero joint positions may always do so, as they may in the simulation.
+    Pairs of shapes that overlap at zero joint positions are ignored, as in the simulation.
     """
 
     def __init__(self, config: HandConfig) -> None:
@@ -31,11 +31,11 @@ class SelfCollision:
         self._context = self._plant.GetMyContextFromRoot(self._diagram.CreateDefaultContext())
 
     def __call__(self, positions: Mapping[str, FloatArray]) -> bool:
-        """Whether links are in each other.
+        """Whether any two links overlap.
 
         Args:
-            positions: of some fingers' actuated joints, shape (m,), rad or m, by finger; the others wait where they
-                usually do, and coupled joints follow.
+            positions: positions of some fingers' actuated joints, shape (m,), rad or m, by finger; other fingers are
+                at rest, and coupled joints follow.
         """
         q = rest_posture(self._plant, self._hand, positions)
         self._plant.SetPositions(self._context, self._hand.model_instance, q)

@@ -1,4 +1,4 @@
-"""Drake's shapes as convex ones in which depths are known, and how deep points are in those of a link."""
+"""Depths of points in Drake's shapes, which are converted to convex shapes."""
 
 import numpy as np
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraphInspector, Shape, Sphere
@@ -12,16 +12,16 @@ from tactopose_drake.core.validation import FloatArray
 def body_depths(
     plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody, p_BQ: FloatArray
 ) -> FloatArray | None:
-    """The depths of points in the collision shapes of a body, where these are deepest; None where it has none.
+    """The largest depth of each point over all collision shapes of a body; None if it has none.
 
     Args:
         plant: finalized plant that holds the body.
-        inspector: of the geometry.
+        inspector: inspector of its geometry.
         body: B.
         p_BQ: the points, shape (n, 3), m.
 
     Returns:
-        Shape (n,), m.
+        The depths, shape (n,), m; negative outside.
     """
     depths = []
     for geometry in inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(body.index()), Role.kProximity):
@@ -32,7 +32,7 @@ def body_depths(
 
 
 def convex_shape(shape: Shape) -> ConvexShape | None:
-    """A shape of Drake's by which depths are known; None for a plane. A mesh counts as its convex hull."""
+    """Converts a shape of Drake to a convex shape; None for a plane. A mesh counts as its convex hull."""
     if isinstance(shape, Sphere):
         return ConvexShape.capsule(shape.radius(), 0.0)
     if isinstance(shape, Capsule):

@@ -1,4 +1,4 @@
-"""Joints that several fingers have in common, as where one motor spreads them."""
+"""Joints that several fingers share, such as a common spread."""
 
 import dataclasses
 from collections import Counter
@@ -10,7 +10,7 @@ from tactopose_drake.hand.hand_config import HandConfig
 
 
 def shared_joints(config: HandConfig) -> dict[str, list[str]]:
-    """The fingers that have a joint in common, by its name."""
+    """The fingers that share a joint, by the joint's name."""
     fingers: dict[str, list[str]] = {}
     for finger in config.fingers:
         for joint in finger.joints:
@@ -19,21 +19,21 @@ def shared_joints(config: HandConfig) -> dict[str, list[str]]:
 
 
 def held_joints(config: HandConfig) -> dict[str, list[str]]:
-    """Those of the shared joints that stand still while the hand grasps: each finger has others by which it closes."""
+    """The shared joints that are held still during a grasp, because each of their fingers has joints of its own."""
     shared = shared_joints(config)
     own = Counter(finger.name for finger in config.fingers for joint in finger.joints if joint not in shared)
     return {joint: names for joint, names in shared.items() if all(own[name] for name in names)}
 
 
 def with_held_joints(chain: SerialChain, config: HandConfig, finger: str) -> SerialChain:
-    """A finger's kinematics in planned grasps, where the joints that it shares stay at their rest positions.
+    """A finger's kinematics for planned grasps, with the held joints fixed at their rest positions.
 
-    Each finger of a grasp is planned by itself, so that two of them would want a joint of both at different positions.
+    Fingers are planned independently, and might otherwise need different positions of a shared joint.
 
     Args:
         chain: the finger's kinematics.
         config: the hand.
-        finger: its name.
+        finger: the finger's name.
     """
     held = held_joints(config)
     is_held = np.array([name in held for name in config.finger(finger).joints])

@@ -1,4 +1,4 @@
-"""What is right and wrong with a hand for simulation: how its links touch, and how they move."""
+"""Check of a hand's contact properties and dynamics for simulation."""
 
 import math
 from collections.abc import Iterator
@@ -19,13 +19,13 @@ _STIFFNESS = ReachParams().stiffness  # N m/rad
 
 
 def check_simulation(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, context: Context) -> Iterator[Finding]:
-    """Yields what there is to say of contact and of masses and damping, by which alone the simulation differs.
+    """Yields findings on contact, masses and damping, which matter only in simulation.
 
     Args:
         plant: finalized plant with the hand, its base fixed.
-        scene_graph: the plant's.
+        scene_graph: the plant's SceneGraph.
         hand: the hand in it.
-        context: the plant's, its joints at zero, within a diagram's in which the geometry can be asked.
+        context: the plant's context in a diagram with the SceneGraph, with all joints at zero.
     """
     yield from _contact(plant, scene_graph, hand, context)
     yield from _dynamics(plant, hand, context)
@@ -35,7 +35,7 @@ def _contact(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, context
     inspector, instance = scene_graph.model_inspector(), hand.model_instance
     rigid, unsaid = rigid_shapes(plant, inspector, instance), unsaid_shapes(plant, inspector, instance)
     if rigid:
-        text = f"rigid, so that it cannot touch a rigid object in hydroelastic contact: {', '.join(rigid)}"
+        text = f"rigid shapes, which cannot touch a rigid object in hydroelastic contact: {', '.join(rigid)}"
         yield Finding("contact", text, "fault")
     if unsaid:
         text = f"{len(unsaid)} shapes do not say whether they are compliant; the simulation takes them for hard rubber"
@@ -66,7 +66,7 @@ def _dynamics(plant: MultibodyPlant, hand: Hand, context: Context) -> Iterator[F
     ]
     if replaced:
         text = (
-            "links whose inertia in the file no body has, as one without a mass, and that Drake takes for balls of "
+            "links with an impossible inertia in the file, such as without a mass, which Drake replaces by balls of "
             f"1 kg: {', '.join(replaced)}"
         )
         yield Finding("dynamics", text, "note")
@@ -86,7 +86,7 @@ def _dynamics(plant: MultibodyPlant, hand: Hand, context: Context) -> Iterator[F
 
 
 def _is_water(body: RigidBody) -> bool:
-    """Whether a body's inertia is that which Drake takes in place of one that cannot be: a kilogram of water."""
+    """Whether a body has the inertia that Drake substitutes for an invalid one: a kilogram of water."""
     water = SpatialInertia.SolidSphereWithMass(1.0, (0.75e-3 / math.pi) ** (1.0 / 3.0))
     return np.allclose(
         body.default_spatial_inertia().CopyToFullMatrix6(), water.CopyToFullMatrix6(), rtol=0.0, atol=1e-9

@@ -1,4 +1,4 @@
-"""The files that describe tactile arrays: their cells, what limits them, and how often they are read."""
+"""The files that describe tactile arrays: cells, limits, and period."""
 
 import dataclasses
 from pathlib import Path
@@ -14,9 +14,9 @@ from tactopose_drake.core.validation import FloatArray, positive_number, told_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import load_typed_yaml, sensor_file
 
-# Share of its range by which a cell may show more and be at the range's end: numbers come rounded.
+# Relative tolerance of the range, as readings are rounded.
 _ROUNDING = 1e-3
-_LONGEST, _FARTHEST = 0.1, 1.0  # edge of a cell, and its distance from T, m: what is more must be in millimetres
+_LONGEST, _FARTHEST = 0.1, 1.0  # largest edge of a cell and distance from T, m; larger ones must be in millimetres
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -34,8 +34,8 @@ class TactilePad:
 
     Attributes:
         layout: its cells, in the pad's frame T.
-        model: what limits it.
-        period: between two readings, s.
+        model: its range, noise and other limits.
+        period: time between two readings, s.
     """
 
     layout: TactileLayout
@@ -43,14 +43,14 @@ class TactilePad:
     period: float
 
     def known_pressures(self, pressure: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """What a frame says, and which of its numbers cannot be.
+        """The usable pressures of a frame, and which cells read beyond the range.
 
         Args:
-            pressure: as the array gives it, shape (m,), Pa; NaN where there is none.
+            pressure: the array's readings, shape (m,), Pa; NaN where there is none.
 
         Returns:
-            The pressures, NaN where the file says that the cell is dead, whatever it shows, and where one shows more
-            than the range; and which show more, shape (m,).
+            The pressures, shape (m,), Pa, with NaN for cells that the file lists as dead and for readings beyond the
+            range; and which cells read beyond the range, shape (m,).
         """
         live = np.ones(len(self.layout), dtype=np.bool_)
         live[self.model.dead_cells] = False

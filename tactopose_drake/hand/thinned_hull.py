@@ -1,7 +1,7 @@
-"""A mesh's convex hull without the tiny facets that Drake's contact surfaces do not bear.
+"""A mesh's convex hull without the tiny facets that Drake's contact surfaces do not support.
 
-Meshes of hands have vertices some micrometres apart; Drake makes no plane of a triangle whose edges' cross product is
-shorter than 1e-10 m^2, and raises an error.
+Meshes of hands may have vertices micrometres apart; Drake raises an error for a triangle whose edges' cross product is
+shorter than 1e-10 m^2.
 """
 
 import functools
@@ -15,17 +15,17 @@ from scipy.spatial import cKDTree
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.hull_vertices import hull_vertices
 
-_DISTANCES = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3)  # that vertices keep where facets are too small, m
-_KEPT = 64  # hulls, of as many files
+_DISTANCES = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3)  # least distances between vertices that are tried in turn, m
+_KEPT = 64  # cached hulls
 _LEAST_AREA = 2e-10  # of the parallelogram on two edges of a facet's triangle, m^2
 
 
 def thinned_hull(mesh: Mesh | Convex, nearest: float = 0.0) -> Convex:
-    """The hull of a mesh, of vertices so far from each other that no facet is too small.
+    """The hull of a mesh, with vertices far enough apart that no facet is too small.
 
     Args:
-        mesh: what the hull is of.
-        nearest: distance that vertices keep in any case, m: fewer make contact surfaces faster.
+        mesh: the mesh.
+        nearest: least distance between vertices, m; fewer vertices make contact surfaces faster to compute.
     """
     source = mesh.source()
     if not source.is_path():
@@ -36,7 +36,7 @@ def thinned_hull(mesh: Mesh | Convex, nearest: float = 0.0) -> Convex:
 
 @functools.lru_cache(maxsize=_KEPT)
 def _of_file(path: Path, changed: int, scale: tuple[float, float, float], nearest: float) -> Convex:
-    """The thinned hull of a file; fingers mostly are alike, and a station makes several of each."""
+    """The thinned hull of a file; cached, as fingers are mostly alike and used several times."""
     return _thin(Convex(path, np.array(scale)), nearest)
 
 
@@ -51,7 +51,7 @@ def _thin(mesh: Convex, nearest: float) -> Convex:
 
 
 def _thinned(points: FloatArray, nearest: float) -> FloatArray:
-    """Some of the points (n, 3), no two nearer to each other than so much, m; those far from the middle first."""
+    """A subset of points (n, 3) with distances above `nearest`, m; points far from the middle are preferred."""
     order = np.argsort(-np.linalg.norm(points - points.mean(axis=0), axis=1), kind="stable")
     neighbours = cKDTree(points).query_ball_point(points, nearest)
     taken = np.zeros(len(points), dtype=np.bool_)
@@ -61,7 +61,7 @@ def _thinned(points: FloatArray, nearest: float) -> FloatArray:
 
 
 def _least_area(hull: PolygonSurfaceMesh) -> float:
-    """The least area of the parallelograms on the facets' triangles, m^2, each facet divided from its first vertex."""
+    """The least parallelogram area of the facets' triangles, m^2; each facet is fanned from its first vertex."""
     vertices, data, start = hull_vertices(hull), np.asarray(hull.face_data()), 0
     triangles: list[tuple[int, int, int]] = []
     while start < len(data):

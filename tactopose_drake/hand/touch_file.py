@@ -1,4 +1,4 @@
-"""The file of a touch, contacts.yaml: contacts at points, what arrays feel, and planes that the object rests on."""
+"""The file of a touch, contacts.yaml: contacts at points, patches, and planes that the object rests on."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _PARTS = {"patches": "patch", "planes": "plane"}
 _LIMITS = ("threshold", "saturation")
-# Where numbers stand in the file, by the names that messages have for them.
+# Places in the file of the values that messages of core classes name.
 _OF_PLANE = {"p_PQ": "point", "n_P": "normal"}
 _OF_PATCH = {"p_PT": "points[{}]", "n_PT": "normals[{}]", "pressure": "pressures[{}]"}
 
@@ -38,8 +38,8 @@ class LoadedTouch(NamedTuple):
 
     Attributes:
         contacts: the touch at single points.
-        patches: of tactile arrays, those that feel nothing too.
-        planes: that the object is known to touch.
+        patches: patches of tactile arrays, including those that feel nothing.
+        planes: planes that the object is known to touch.
     """
 
     contacts: Contacts
@@ -48,7 +48,7 @@ class LoadedTouch(NamedTuple):
 
 
 class _Pad(NamedTuple):
-    """Cells (n, 3), m, and their normals (n, 3); the array, where it has a file."""
+    """Cells (n, 3), m, and their normals (n, 3); the array if it has a file."""
 
     points: FloatArray
     normals: FloatArray
@@ -56,24 +56,24 @@ class _Pad(NamedTuple):
 
 
 def load_touch(path: Path) -> LoadedTouch:
-    """Reads contacts.yaml: `contacts` and `patches`, of which one may be absent, and `planes`; in P, in m, N and Pa.
+    """Reads contacts.yaml: `contacts` or `patches` or both, and `planes`; in P, in m, N and Pa.
 
-    Contacts, `sigma_position` and `sigma_normal_deg` are as `load_contacts` reads them. Each patch has
+    Contacts, `sigma_position` and `sigma_normal_deg` are as in `load_contacts`. Each patch has
 
     - `points`: the pad's cells, and `normals`, which point out of the finger, unless all are z; or `array`: a tactile
-      array of the package by name, or a file by its path from this one's folder;
-    - `X_PT`: the pose of the pad's frame T in the palm, in which they are given, of `translation` and
-      `quaternion_wxyz`; absent where they are in the palm frame;
-    - `pressures`: of each cell, Pa; null where one is dead; with `array` up to its range, and those of cells that its
-      file calls dead do not count;
-    - `alpha`: depth over pressure of the soft pad, m/Pa, as `describe_patch` takes it;
-    - `threshold`, `saturation`: Pa. A cell is active above the one, by default 0, and may feel any pressure at the
-      other, by default infinite, or with `array` the array's range.
+      array of the package by name, or a file by its path relative to this one's folder;
+    - `X_PT`: pose of the pad's frame T, in which the cells are given, as `translation` and `quaternion_wxyz`; absent if
+      they are given in the palm frame;
+    - `pressures`: the pressure of each cell, Pa, null for a dead cell. With `array` they must be within its range, and
+      cells that its file lists as dead are ignored;
+    - `alpha`: depth over pressure of the soft pad, m/Pa, as for `describe_patch`;
+    - `threshold`: pressure above which a cell is active, Pa, by default 0;
+    - `saturation`: pressure at which a cell saturates, Pa, by default infinite or the range of `array`.
 
     Each plane has a `point`, its `normal` towards the object, and `sigma`, m, 1 mm by default: see `PlaneContact`.
 
     Raises:
-        InvalidFileError: the file, or that of an array, cannot be read, or does not fit.
+        InvalidFileError: if the file, or that of an array, cannot be read or does not fit the format.
     """
     data = check_mapping(path, "", read_data(path), (), ("contacts", "patches", "planes", *SIGMA_KEYS))
     if "contacts" not in data and "patches" not in data:
@@ -125,7 +125,7 @@ def _patch(path: Path, where: str, entry: Any) -> Patch:
 
 
 def _own_pad(path: Path, where: str, given: dict[str, Any]) -> _Pad:
-    """Cells that the file gives one by one."""
+    """Cells that the file lists one by one."""
     points = _rows(path, f"{where}.points", given["points"])
     if "normals" not in given:
         return _Pad(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)))
@@ -134,7 +134,7 @@ def _own_pad(path: Path, where: str, given: dict[str, Any]) -> _Pad:
 
 def _array_pad(path: Path, where: str, given: dict[str, Any]) -> _Pad:
     """The cells of an array that has a file of its own."""
-    # Contacts alone need nothing of what reads such a file.
+    # Imported only here, since files with contacts alone do not need it.
     from tactopose_drake.hand.tactile_pads import load_tactile_pad
 
     array = given["array"]
@@ -148,7 +148,7 @@ def _array_pad(path: Path, where: str, given: dict[str, Any]) -> _Pad:
 
 
 def _known(path: Path, where: str, array: "TactilePad", pressure: FloatArray) -> FloatArray:
-    """The pressures of an array's cells, NaN where its file says that one is dead, checked against its range."""
+    """The pressures of an array's cells, checked against its range; NaN for cells that its file lists as dead."""
     known, beyond = array.known_pressures(pressure)
     if beyond.any():
         i = int(np.argmax(beyond))
@@ -166,7 +166,7 @@ def _rows(path: Path, where: str, value: Any) -> FloatArray:
 
 
 def _pressures(path: Path, where: str, value: Any) -> FloatArray:
-    """Of cells, Pa, shape (n,), NaN where one is null."""
+    """Pressures of cells, Pa, shape (n,); NaN for null."""
     cells = check_list(path, where, value, "pressure")
     known = [i for i, cell in enumerate(cells) if cell is not None]
     pressure = np.full(len(cells), np.nan)

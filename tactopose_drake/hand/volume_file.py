@@ -1,4 +1,4 @@
-"""The file of a hand's volume at one instant: spheres one by one, or a hand of a file and its joint positions."""
+"""The file of a hand's volume at one instant: a list of spheres, or a hand and its joint positions."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,11 +25,11 @@ from tactopose_drake.resources.yaml_files import shown
 
 
 class HandVolumes(NamedTuple):
-    """Where a hand is, and which parts of it feel nothing; None where there are none.
+    """A hand's volume, and the parts of it that feel nothing; None if there are none.
 
     Attributes:
-        hand: all of its links that are known.
-        untouched: its fingertips, or other parts, that feel no contact.
+        hand: all links whose pose is known.
+        untouched: fingertips, or other parts, that feel no contact.
     """
 
     hand: HandGeometry | None
@@ -37,23 +37,23 @@ class HandVolumes(NamedTuple):
 
 
 def load_hand_volume(path: Path, config: HandConfig | None = None) -> HandVolumes:
-    """Reads what fills a hand, in the palm frame, m and rad: of a hand that has a file, or sphere by sphere.
+    """Reads a hand's volume in the palm frame, m and rad, as a hand with joint positions or as spheres.
 
-    Of a hand: `hand`, one of the package by name or a *.hand.yaml by its path from this file's folder; `joints`, its
-    positions by the joints' names, as the encoders read them, where coupled joints follow and a link behind one that is
-    left out is not known; and `untouched`, the fingers that feel nothing, if there are any. A coupled joint that is
-    given must not contradict its coupling, but for one that a clutch on its finger may have freed. What the hand's
-    calibration has found the encoders to be off by is taken off.
+    As a hand: `hand`, one of the package by name or a *.hand.yaml by its path relative to this file's folder; `joints`,
+    encoder readings by the joints' names; and optionally `untouched`, the fingers that feel nothing. Coupled joints
+    follow; links behind a joint that is left out are unknown. A coupled joint that is given must not contradict its
+    coupling, unless a clutch on its finger may have decoupled it. The offsets found by the hand's calibration are
+    subtracted.
 
-    Spheres: `spheres`, a list of `center` and `radius`; `untouched`, such a list; and `sigma`, the standard deviation
-    of their surface. All but one of the lists may be absent.
+    As spheres: `spheres`, a list of `center` and `radius`; `untouched`, such a list; and `sigma`, the standard
+    deviation of their surface. One of the lists is needed; all else is optional.
 
     Args:
-        path: of the file.
+        path: path of the file.
         config: the hand, in place of the one that the file names.
 
     Raises:
-        InvalidFileError: the file, or the hand's, cannot be read, or does not fit.
+        InvalidFileError: if the file, or the hand's, cannot be read or does not fit the format.
     """
     if path.name.endswith(".hand.yaml"):
         raise InvalidFileError(f"{path}: is a hand's file; allowed is one that names it, by its key `hand`.")
@@ -65,7 +65,7 @@ def load_hand_volume(path: Path, config: HandConfig | None = None) -> HandVolume
 def _of_spheres(path: Path, data: Any) -> HandVolumes:
     given = check_mapping(path, "", data, (), ("spheres", "untouched", "sigma"))
     if not {"spheres", "untouched"} & given.keys():
-        raise InvalidFileError(f"{path}: has neither hand nor spheres nor untouched; allowed is one at the least.")
+        raise InvalidFileError(f"{path}: has neither hand nor spheres nor untouched; at least one of them is needed.")
     sigma = {"sigma": check_number(path, "sigma", given)} if "sigma" in given else {}
 
     def volume(key: str) -> HandGeometry | None:
@@ -112,14 +112,14 @@ def _named_hand(path: Path, name: Any) -> HandConfig:
 
 
 def _positions(path: Path, joints: Any) -> dict[str, float]:
-    """By the joints' names, rad and m."""
+    """Positions by the joints' names, rad and m."""
     if not isinstance(joints, dict):
         raise InvalidFileError(f"{path}: joints: is {shown(joints)}; allowed is a mapping of names to positions.")
     return {name: check_number(path, name, joints, "joints") for name in joints}
 
 
 def _tips(hand: Hand, untouched: Any) -> list[int]:
-    """The bodies of fingertips that feel nothing."""
+    """Body indices of the fingertips that feel nothing."""
     tips = {finger: int(weld.child_body().index()) for finger, weld in hand.welds.items()}
     if not isinstance(untouched, list) or not all(isinstance(name, str) and name in tips for name in untouched):
         raise InvalidInputError(

@@ -230,7 +230,7 @@ def test_what_makes_no_contact_is_said_and_no_calibration_is_written(
     captured = capsys.readouterr()
     (line,) = captured.err.splitlines()
     assert "0 of 5 have a contact" in line
-    assert "No wrench of thumb makes one: the force is below min_force" in line
+    assert "No wrench of thumb gives one: the force is below min_force" in line
     assert not captured.out
     assert not (tmp_path / "calibration.yaml").exists()
 

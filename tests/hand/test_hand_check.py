@@ -369,7 +369,7 @@ def test_a_mass_that_drake_has_made_up_is_told(tmp_path: Path) -> None:
     model.write_text(model.read_text().replace('<mass value="0.01"/>', '<mass value="0"/>', 1))
     ((verdict, text),) = verdicts(check_hand(path), "dynamics")
     assert verdict == "note"
-    assert text.endswith("that Drake takes for balls of 1 kg: left_tip")
+    assert text.endswith("which Drake replaces by balls of 1 kg: left_tip")
 
 
 def test_damping_that_needs_stiff_joints_is_told_with_the_keys_of_a_scenario(tmp_path: Path) -> None:

@@ -390,8 +390,8 @@ def test_a_joint_stands_once_in_a_finger_and_may_be_of_several(tmp_path):
 @pytest.mark.parametrize(
     ("finger", "joint", "follows", "message"),
     [
-        ("first", "FFJ1", "FFJ3", r"fingers\[first\].couplings: coupling of 'FFJ1': is not the same everywhere"),
-        ("first", "MFJ1", "FFJ2", r"coupling of 'MFJ1': is not the same everywhere"),
+        ("first", "FFJ1", "FFJ3", r"fingers\[first\].couplings: coupling of 'FFJ1': differs between fingers"),
+        ("first", "MFJ1", "FFJ2", r"coupling of 'MFJ1': differs between fingers"),
         ("first", "FFJ3", "FFJ2", r"coupling of 'FFJ3': follows 'FFJ2', and is among the joints of a finger"),
         ("ring", "FFJ3", "RFJ2", r"fingers\[ring\].couplings: coupling of 'FFJ3': follows 'RFJ2', and is among"),
     ],

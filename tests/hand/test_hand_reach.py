@@ -119,7 +119,7 @@ def test_joints_without_limits_are_told_as_the_check_tells_them(tmp_path: Path, 
         make_hand_reach(load_hand_config(path), ReachParams())
     check = check_hand(path)
     (finding,) = (finding for finding in check.findings if "planned grasps" in finding.text)
-    assert re.fullmatch("joint limits: left_slide .*; planned grasps need finite ones that differ", finding.text)
+    assert re.fullmatch("joint limits: left_slide .*; planned grasps need finite limits that differ", finding.text)
     assert (finding.part, str(told.value)) == ("finger left", f"finger 'left': {finding.text}.")
     # A hand that is only to be posed needs no limits.
     assert finding.verdict == verdict
