@@ -86,7 +86,7 @@ def make_hand_reach(config: HandConfig, params: ReachParams) -> HandReach:
 
 
 def check_rest_positions(plant: MultibodyPlant, hand: Hand) -> None:
-    """Checks that the rest positions in a hand's file are within the joints' limits; joints without one are not checked.
+    """Checks that the rest positions that a hand's file gives are within their joints' limits.
 
     Raises:
         InvalidInputError: if one is beyond its limits.

@@ -1,4 +1,4 @@
-"""Scenarios as data, and the Diagrams made of them: simulated, on devices, from recordings, and on an arm."""
+"""Scenarios as data, and the Diagrams built from them: simulated, on devices, from recordings, and on an arm."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The CAN devices that a scenario names: opened together, tared, recorded, and closed together."""
+"""The CAN devices of a scenario, which are opened, tared, recorded and closed together."""
 
 import contextlib
 import re
@@ -20,7 +20,7 @@ from tactopose_drake.drivers.replay_bus import open_log
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.station.can_senses import BarrettPucks, CanSenses, ForceTorqueBoard
 
-# What python-can's buses are opened with in any case, by its new names and old; a filter would hide drivers' frames.
+# Options of python-can's buses that are set here, by their new and old names; a filter would hide drivers' frames.
 _NO_OPTIONS = (
     "interface",
     "channel",
@@ -32,21 +32,21 @@ _NO_OPTIONS = (
     "cls",
     "self",
 )
-_GREETING_TIME = 5.0  # s, in which a device must have given its first sample to be tared; Barrett's wakes up for 1 s
+_GREETING_TIME = 5.0  # s within which a device must give its first sample to be tared; Barrett's hand needs 1 s to wake
 
 
 def live_buses(senses: CanSenses) -> dict[str, DeviceBus]:
-    """The buses of a scenario, not open yet.
+    """Creates the buses of a scenario without opening them.
 
     Raises:
-        InvalidInputError: if python-can has no such interface, an option is none that an interface has, or a name is
-            none that a log can have.
+        InvalidInputError: if python-can lacks an interface, an option is not allowed, or a name is not usable for a
+            log file.
     """
     buses = {}
     for name, bus in senses.buses.items():
         if not re.fullmatch(r"\w[\w .-]{0,59}", name):
             raise InvalidInputError(
-                f"CanSenses.buses: has the name {name!r}, which its log would have too; allowed are up to 60 letters, "
+                f"CanSenses.buses: has the name {name!r}; allowed, since it also names the log, are up to 60 letters, "
                 "digits, '_', '-', '.' and spaces, the first of which is a letter, a digit or '_'."
             )
         with told_of(f"CanSenses.buses[{name}]."):
@@ -63,10 +63,10 @@ def _check_options(options: Iterable[str]) -> None:
 
 
 def check_drivers(senses: CanSenses) -> None:
-    """Makes all drivers and lets them share their buses, none of which is opened.
+    """Creates all drivers and attaches them to their buses, without opening these.
 
     Raises:
-        InvalidInputError: if a driver's argument is out of its range, python-can lacks an interface, or two devices of
+        InvalidInputError: if a driver's argument is out of its range, python-can lacks an interface, or two devices on
             a bus have the same identifiers; the message names the finger or the bus.
     """
     devices = CanDevices(senses, live_buses(senses))
@@ -79,7 +79,7 @@ def check_drivers(senses: CanSenses) -> None:
 
 
 def logged_buses(logs: Mapping[str, Path]) -> dict[str, DeviceBus]:
-    """Buses that play logs, in virtual time.
+    """Buses that replay logs in virtual time.
 
     Raises:
         InvalidFileError: if a log cannot be read.
@@ -91,21 +91,21 @@ class CanDevices:
     """The devices of a scenario on its buses; a context manager.
 
     Attributes:
-        buses: by name.
-        boards: force-torque boards by finger.
+        buses: the buses by name.
+        boards: the force-torque boards by finger.
         hand: Barrett's hand, or None.
-        recorders: of the buses that are recorded, once they are open.
+        recorders: the recorders of buses that are recorded; empty until the buses are open.
     """
 
     def __init__(
         self, senses: CanSenses, buses: Mapping[str, DeviceBus], logs: Mapping[str, Path] | None = None
     ) -> None:
-        """Prepares the drivers; `__enter__` opens the buses.
+        """Creates the drivers; `__enter__` opens the buses.
 
         Args:
-            senses: which devices; valid.
-            buses: one for each name in `senses.buses`, not open yet.
-            logs: where to record each bus; existing files are replaced. Nothing is recorded without.
+            senses: the devices' configuration, already validated.
+            buses: a bus for each name in `senses.buses`, not open yet.
+            logs: files to record buses to, by name; existing ones are replaced. None: nothing is recorded.
 
         Raises:
             InvalidInputError: if a driver's argument is out of its range, or two devices have the same identifiers.
@@ -121,14 +121,14 @@ class CanDevices:
         self.hand = None if pucks is None else _make_hand(pucks, self.buses[pucks.bus])
 
     def __enter__(self) -> Self:
-        """Opens the buses, and lets the devices take part.
+        """Opens the buses and starts the devices.
 
         Raises:
             BusError: if a bus cannot be opened.
             InvalidFileError: if a log cannot be written.
         """
         with contextlib.ExitStack() as parts:
-            # The recorders last: they must outlive their buses, whose threads write to them.
+            # Recorders are entered first, so that they close after the buses, whose threads write to them.
             for name, path in self._logs.items():
                 parts.enter_context(recorder := CanRecorder(path))
                 self.recorders.append(recorder)
@@ -146,14 +146,14 @@ class CanDevices:
         self._parts.close()
 
     def tare(self, samples: int) -> None:
-        """Makes the present load of every sensor the zero; nothing may touch the hand meanwhile.
+        """Tares every sensor; nothing may touch the hand meanwhile.
 
         Args:
-            samples: of each board; Barrett's arrays tare themselves.
+            samples: number of samples of each board to average; Barrett's arrays tare themselves.
 
         Raises:
             DeviceTimeoutError: if a device does not answer.
-            DeviceError: if a device's samples are not valid, or a tactile array is not there to be tared.
+            DeviceError: if a device's samples are not valid, or a tactile array is missing.
         """
         for board in self.boards.values():
             board.read(_GREETING_TIME)
@@ -165,19 +165,19 @@ class CanDevices:
 
     @property
     def biases(self) -> dict[str, FloatArray]:
-        """Gauge readings that count as no load, shape (6,), by finger."""
+        """Gauge readings without load, as tared, shape (6,), by finger."""
         return {finger: board.bias for finger, board in self.boards.items()}
 
     def set_biases(self, biases: Mapping[str, ArrayLike]) -> None:
-        """Sets what `biases` gives."""
+        """Sets the gauge readings without load, as from `biases`."""
         for finger, gauges in biases.items():
             self.boards[finger].bias = gauges
 
     def start(self, origin: float | None = None) -> float:
-        """Makes this the time 0 of a diagram.
+        """Sets the time that is 0 in a diagram.
 
         Args:
-            origin: s since the epoch; what the first bus's clock shows now, if not given.
+            origin: time since the epoch, s; None: the current time of the first bus's clock.
 
         Returns:
             The origin.
@@ -198,7 +198,7 @@ def _make_board(finger: str, board: ForceTorqueBoard, bus: DeviceBus) -> NetCanO
             ):
                 known_name(name, unit, known.__members__)
             units = ForceUnit[board.force_unit], TorqueUnit[board.torque_unit]
-        # The driver calls it otherwise.
+        # Checked here because the driver's argument has another name.
         whole_number("calibration", board.calibration, least=0, most=CALIBRATIONS - 1)
         return NetCanOemForceTorque(
             bus,

@@ -1,4 +1,4 @@
-"""Senses of a scenario that come from devices on CAN buses, and what else such a run is told; only data."""
+"""Configuration of a scenario whose senses are devices on CAN buses; only data."""
 
 import dataclasses
 import os
@@ -10,11 +10,11 @@ from tactopose_drake.hand.hand_config import HandConfig
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class CanBus:
-    """A bus, as python-can names it."""
+    """A CAN bus."""
 
-    interface: str = "socketcan"  # as python-can names it
+    interface: str = "socketcan"  # name of the interface in python-can
     channel: str = "can0"  # of that interface
-    # The interface's own, such as bitrate.
+    # Options of the interface, such as bitrate.
     options: dict[str, str | bool | int | float] = dataclasses.field(default_factory=dict)
 
 
@@ -22,27 +22,27 @@ class CanBus:
 class ForceTorqueBoard:
     """An ATI NETCANOEM board with the transducer of one finger."""
 
-    bus: str = ""  # a name of `CanSenses.buses`
-    base: int = 0x20  # of its identifiers
+    bus: str = ""  # a name in `CanSenses.buses`
+    base: int = 0x20  # base of its identifiers
     calibration: int = 0  # slot, 0 to 15
     period: float = 0.005  # between two samples, s
     timeout: float = 0.1  # longest wait for an answer, s
-    max_age: float = 0.05  # of a sample that counts, s
-    force_unit: str = ""  # name of `netcanoem_protocol.ForceUnit`, for boards that do not tell: firmware before 3.7
-    torque_unit: str = ""  # of `TorqueUnit`; likewise
+    max_age: float = 0.05  # age from which a sample is stale, s
+    force_unit: str = ""  # name in `netcanoem_protocol.ForceUnit`, for boards that do not report it (firmware < 3.7)
+    torque_unit: str = ""  # name in `TorqueUnit`; likewise
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class BarrettPucks:
     """A Barrett BH8-280 hand: its joints and tactile arrays, which are the hand's pads of the same names."""
 
-    bus: str = ""  # a name of `CanSenses.buses`
+    bus: str = ""  # a name in `CanSenses.buses`
     mode: str = "FULL"  # of the tactile arrays: FULL or TOP
-    period: float = 0.025  # between two rounds, s
-    timeout: float = 0.1  # longest wait for the answers of a round, s
-    max_age: float = 0.15  # of a sample that counts, s
+    period: float = 0.025  # between two polls, s
+    timeout: float = 0.1  # longest wait for the answers to a poll, s
+    max_age: float = 0.15  # age from which a sample is stale, s
     strain_polynomials: list[list[float]] = dataclasses.field(default_factory=list)  # of F1 to F3; empty: a default
-    # The model's joint of each of `barrett_joints.JOINTS`.
+    # The model's joint for each of `barrett_joints.JOINTS`.
     joints: list[str] = dataclasses.field(
         default_factory=lambda: [
             *(f"finger_{k}_proximal_joint" for k in (1, 2, 3)),
@@ -61,23 +61,23 @@ class JointPort:
 class FixedJoints:
     """Joints that do not move, `!FixedJoints` in YAML."""
 
-    positions: dict[str, float] = dataclasses.field(default_factory=dict)  # rad; others follow their leader, or are 0
+    positions: dict[str, float] = dataclasses.field(default_factory=dict)  # rad; other joints are coupled, or 0
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class JointFile:
     """Joint positions over time, `!JointFile` in YAML."""
 
-    # CSV: a header of `time` and joints' names, then rows of s and rad until the run ends; others follow, or are 0.
-    # In a gap, as one of `palm`, they are not known
+    # CSV: a header of `time` and joints' names, then rows in s and rad until the run ends; other joints are coupled, or
+    # 0. In a gap, as in `palm`, they are unknown.
     path: str = ""
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class SimulatedDevices:
-    """Simulated devices at the other end of the buses, so that all can be tried without hardware.
+    """Simulated devices at the other end of the buses, for tests without hardware.
 
-    They feel what the scenario's simulated hand felt in a grasp that is computed before, or what is in a folder of CSV
+    They replay the senses of the scenario's simulated hand in a grasp that is computed before, or a folder of CSV
     files: `<finger>.csv` with a header, then rows of a time in s and the wrench on the fingertip [m_x, m_y, m_z, f_x,
     f_y, f_z], N m and N; `hand.csv` with a time and the 106 numbers of `HandState.from_row` for Barrett's hand.
     """
@@ -92,20 +92,19 @@ class CanSenses:
     buses: dict[str, CanBus] = dataclasses.field(default_factory=dict)
     fingers: dict[str, ForceTorqueBoard] = dataclasses.field(default_factory=dict)  # by the hand's names
     barrett_hand: BarrettPucks | None = None
-    # Where the joint angles come from, unless from Barrett's hand or from the simulated one.
+    # Source of the joint positions, unless Barrett's hand or the simulated one gives them.
     joints: JointPort | FixedJoints | JointFile = dataclasses.field(default_factory=JointPort)
-    prior: str = ""  # a prior.yaml with the object's pose by other means; empty: the diagram's input port `prior`
-    # CSV of where an arm holds the palm in the world, whose z points up: a header of `time, x, y, z, qw, qx, qy, qz`,
-    # then rows of s, m, and a unit quaternion until the run ends, each of which holds until the next; in a gap that is
-    # longer than 0.15 s and ten usual steps it is not known; empty: the diagram's input port `palm_pose`, or a base
-    # that stands still
+    prior: str = ""  # a prior.yaml with the object's pose from another source; empty: the diagram's input port `prior`
+    # CSV of the palm's pose in the world, with z up, as an arm moves it: a header of `time, x, y, z, qw, qx, qy, qz`,
+    # then rows in s, m, and a unit quaternion until the run ends; each holds until the next. In a gap that is longer
+    # than 0.15 s and ten usual steps, the pose is unknown. Empty: the diagram's input port `palm_pose`, or a fixed base.
     palm: str = ""
-    tare_samples: int = 50  # of each board before the start, while nothing touches the hand; 0: no tare
-    compensate_weight: bool = True  # whether a fingertip's weight is followed as the fingertip turns after the tare
+    tare_samples: int = 50  # samples of each board for the tare at the start, without a touch; 0: no tare
+    compensate_weight: bool = True  # whether to compensate the fingertips' weight as they turn after the tare
     simulated: SimulatedDevices | None = None  # None: the devices are real
 
     def validate(self, hand: HandConfig) -> None:
-        """Raises InvalidInputError if a value is out of its range or a name leads nowhere; devices check their own."""
+        """Raises InvalidInputError if a value is out of its range or a name is unknown; drivers check their own."""
         if not self.fingers and self.barrett_hand is None:
             raise InvalidInputError("CanSenses: has neither fingers nor barrett_hand; allowed are one or both.")
         whole_number("CanSenses.tare_samples", self.tare_samples, least=0)
@@ -123,8 +122,8 @@ class CanSenses:
                 )
         if self.palm and self.simulated == SimulatedDevices():
             raise InvalidInputError(
-                "CanSenses.palm: is given, but the base of the hand that the simulated devices feel with stands still; "
-                "allowed is none, or simulated devices with a folder."
+                "CanSenses.palm: is given, but the simulated devices replay a hand with a fixed base; allowed is none, "
+                "or simulated devices with a folder."
             )
         joints = self.joints.path if isinstance(self.joints, JointFile) else ""
         if isinstance(self.joints, JointFile) and not joints:
@@ -136,7 +135,7 @@ class CanSenses:
             raise InvalidInputError(f"CanSenses.simulated.folder: there is no folder {self.simulated.folder}.")
 
     def _check_buses(self) -> None:
-        """Two buses on one channel would hear each other's devices."""
+        """Raises InvalidInputError if two buses are on one channel, where they would receive each other's frames."""
         names: dict[tuple[str, str], str] = {}
         for name, bus in self.buses.items():
             first = names.setdefault((bus.interface, bus.channel), name)

@@ -15,14 +15,14 @@ def add_exploration(
     model: ObjectModel,
     joint_positions: OutputPort,
 ) -> Diagram:
-    """Adds the exploration, and gives the station its outputs as `explored_object_pose` and so on.
+    """Adds the exploration, and exports its outputs as `explored_object_pose` and so on.
 
     Args:
-        builder: of the station, which has "pose_estimation", "vision" and "grasp_controller".
+        builder: the station's builder, which has "pose_estimation", "vision" and "grasp_controller".
         params: parameters of each part.
         hand: the hand.
         model: the object.
-        joint_positions: as they are measured.
+        joint_positions: port of the measured joint positions.
 
     Returns:
         The exploration's diagram.

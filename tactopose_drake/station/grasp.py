@@ -1,4 +1,4 @@
-"""How a station's hand comes to hold the object: by a planned grasp of its fingertips, or by a grip until it stalls."""
+"""How a station's hand grasps the object: by a planned grasp of its fingertips, or by closing until it stalls."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,17 +18,17 @@ from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.grasp_controller import GraspController
 from tactopose_drake.systems.grip_controller import GripController
 
-# A push below any that occurs: the hand's open posture.
+# A push below all that occur, which gives the hand's open posture.
 _OPEN = -np.inf
 
 
 @dataclass(frozen=True, eq=False)
 class GraspStart:
-    """Where a grasp begins.
+    """The start of a grasp.
 
     Attributes:
-        q: positions of the hand's joints when it is open, shape (nq,), rad.
-        X_PO: pose of the object, which is held there until the fingers have closed.
+        q: joint positions of the open hand, shape (nq,), rad.
+        X_PO: pose of the object, which is fixed there until the fingers have closed.
     """
 
     q: FloatArray
@@ -43,10 +43,10 @@ def add_planned_grasp(
     senses: Mapping[str, OutputPort],
     plan: GraspPlan,
 ) -> GraspStart:
-    """Adds a controller that closes the fingers as planned, by their wrenches.
+    """Adds a controller that closes the fingers as planned, using their wrenches.
 
     Raises:
-        InvalidInputError: if a joint is to rest beyond its limits.
+        InvalidInputError: if a joint's rest position is beyond its limits.
     """
     check_rest_positions(plant, hand)
     motions = {finger: part.motion for finger, part in plan.fingers.items()}
@@ -65,10 +65,10 @@ def add_planned_grasp(
 
 
 def add_grip(builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, hand: Hand) -> GraspStart:
-    """Adds a controller that closes the fingers until they stall; `set_motor_gains` was called before.
+    """Adds a controller that closes the fingers until they stall; needs `set_motor_gains` before.
 
     Raises:
-        InvalidInputError: if a joint is to rest, or to be kept, beyond its limits.
+        InvalidInputError: if a joint's rest position, or one that it is kept at, is beyond its limits.
     """
     check_rest_positions(plant, hand)
     assert scenario.grip is not None
@@ -92,7 +92,7 @@ def planned_pose(plan: GraspPlan) -> RigidTransform:
 def _connect_controller(
     builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand, controller: GraspController | GripController
 ) -> None:
-    """What both controllers have in common."""
+    """Connects and exports the ports that both controllers have in common."""
     state = plant.get_state_output_port(hand.model_instance)
     builder.Connect(state, controller.GetInputPort("hand_state"))
     builder.ExportOutput(state, "hand_state")

@@ -17,10 +17,10 @@ from tactopose_drake.station.scenario import Scenario
 
 
 def plan_scenario(scenario: Scenario, model: ObjectModel | None = None) -> list[GraspPlan]:
-    """The grasps of a scenario's hand on its object, by falling score; the scenario's seed decides.
+    """Plans grasps of a scenario's object, by falling score, with the scenario's seed.
 
     Raises:
-        InvalidInputError: if the hand finds no way to hold the object, or a joint is to rest beyond its limits.
+        InvalidInputError: if no grasp is found, or a joint's rest position is beyond its limits.
     """
     scenario.validate()
     config = load_hand_config(scenario.hand)
@@ -46,12 +46,12 @@ def plan_scenario(scenario: Scenario, model: ObjectModel | None = None) -> list[
 
 
 def grip_advice(scenario: Scenario) -> str:
-    """What may help where planned grasps do not hold; nothing where the hand's file says where it holds things."""
+    """Advice for when planned grasps do not hold; empty if the hand's file gives a grip region."""
     if scenario.grip is not None or load_hand_config(scenario.hand).grip_low:
         return ""
     return (
-        " Where the hand holds things was found from its model, as `tactopose check-hand` says; grip_low and grip_high "
-        "of its file name another place."
+        " The hand's grip region was found from its model, see `tactopose check-hand`; grip_low and grip_high in its "
+        "file set another one."
     )
 
 

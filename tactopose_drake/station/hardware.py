@@ -1,4 +1,4 @@
-"""Builds the diagram of a scenario whose senses are not simulated: devices on CAN buses, or recorded signals."""
+"""Builds the diagram of a scenario with real senses: devices on CAN buses, or recorded signals."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -35,25 +35,25 @@ from tactopose_drake.systems.sense_status import SenseStatus
 from tactopose_drake.systems.signals import Signal
 from tactopose_drake.systems.touch_sensing import corrected_joints
 
-_POSES = ("prior", "palm_pose")  # signals that are no vectors
+_POSES = ("prior", "palm_pose")  # signals that are not vectors
 
 
 @dataclass(frozen=True, eq=False)
 class HardwareStation:
-    """The diagram of a scenario on real senses, or recorded ones.
+    """The diagram of a scenario with real or recorded senses.
 
     Attributes:
-        diagram: output ports `wrench_<finger>`, `pressures_<pad>`, `joint_positions`, `prior`, all outputs of
-            `AddPoseEstimation`, as of a simulated `Station`; `fingertip_torques` of Barrett's hand; `status_<sense>`
-            and `age_<sense>` of each device, where a sense is a finger's name or "hand", and `sense_status`; where the
-            scenario tracks, `tracked_object_pose` and so on, likewise. Input ports `joint_positions` and `prior` where
-            nothing else gives them; `joint_velocities`, which may stay unconnected, where the tracking uses them; and
-            `palm_pose`, X_WP of a hand that an arm moves, where the fingertips' weight is taken off, the balance of
-            forces counts, or the scenario tracks, and no signal gives it. While that stays unconnected, the base stands
-            still at the scenario's `X_WBase`. Where a signal gives it, there is an output of that name instead, and
-            where the scenario tracks `tracked_object_pose_in_world`.
+        diagram: The diagram. Its outputs are `wrench_<finger>`, `pressures_<pad>`, `joint_positions`, `prior` and all
+            outputs of `AddPoseEstimation`, as in a simulated `Station`; `fingertip_torques` of Barrett's hand;
+            `status_<sense>` and `age_<sense>` of each device, where a sense is a finger's name or "hand", and
+            `sense_status`; with tracking, also `tracked_object_pose` and so on. Its inputs are `joint_positions` and
+            `prior`, unless something else gives them; `joint_velocities`, which may stay unconnected, if the tracking
+            uses them; and `palm_pose`, X_WP of a hand that an arm moves, if weight compensation, the balance of forces
+            or the tracking uses it and no signal gives it. If that stays unconnected, the base is fixed at the
+            scenario's `X_WBase`. If a signal gives it, `palm_pose` is an output instead, and with tracking there is
+            `tracked_object_pose_in_world`.
         model: the object's model.
-        scenario: what all this was made from.
+        scenario: the scenario.
     """
 
     diagram: Diagram
@@ -71,11 +71,11 @@ def make_hardware_station(
     """Builds the diagram.
 
     Args:
-        scenario: what is held in which hand, and how the pose is estimated.
-        devices: what measures; the diagram neither opens nor closes them.
-        signals: what is known otherwise, by the names of the ports that they stand in for: `joint_positions`, `prior`,
-            `palm_pose`, `wrench_<finger>`, `pressures_<pad>`.
-        model: of the scenario's object, if it is at hand already.
+        scenario: the hand, the object, and the parameters of the estimation.
+        devices: the devices; the diagram neither opens nor closes them.
+        signals: recorded signals by the names of the ports that they replace: `joint_positions`, `prior`, `palm_pose`,
+            `wrench_<finger>`, `pressures_<pad>`.
+        model: the object's model; None: it is loaded.
 
     Raises:
         InvalidInputError: if the scenario cannot be built, or a signal does not fit the hand.
@@ -130,7 +130,7 @@ def make_hardware_station(
 def _add_signals(
     builder: DiagramBuilder, config: HandConfig, plant: MultibodyPlant, signals: Mapping[str, Signal]
 ) -> dict[str, OutputPort]:
-    """What plays the signals, by name."""
+    """Adds systems that play the signals; returns their ports by name."""
     sizes = {f"wrench_{finger.name}": 6 for finger in config.fingers if finger.sensor_frame}
     sizes |= {f"pressures_{pad.name}": len(load_tactile_pad(pad.array).layout) for pad in config.pads}
     sizes["joint_positions"] = plant.num_positions()
@@ -146,7 +146,7 @@ def _add_signals(
 
 
 def check_barrett_pads(scenario: Scenario, hand: Hand) -> None:
-    """Checks that a scenario's hand has the pads that Barrett's hand feels with.
+    """Checks that a scenario's hand has all pads of Barrett's hand.
 
     Raises:
         UnknownNameError: if it lacks one.
@@ -158,7 +158,7 @@ def check_barrett_pads(scenario: Scenario, hand: Hand) -> None:
 def _add_barrett_hand(
     builder: DiagramBuilder, scenario: Scenario, driver: BarrettHand, plant: MultibodyPlant, hand: Hand
 ) -> dict[str, OutputPort]:
-    """Barrett's hand: joint positions, pressures and fingertip torques, by name."""
+    """Adds Barrett's hand; returns the ports of joint positions, pressures and fingertip torques, by name."""
     pucks = _senses(scenario).barrett_hand
     assert pucks is not None
     check_barrett_pads(scenario, hand)
@@ -180,7 +180,7 @@ def _add_boards(
     hand: Hand,
     joint_positions: OutputPort,
 ) -> dict[str, OutputPort]:
-    """The force-torque sensors: wrenches by name."""
+    """Adds the force-torque sensors; returns the ports of their wrenches, by name."""
     senses, ports = _senses(scenario), dict[str, OutputPort]()
     for finger, board in boards.items():
         config = senses.fingers[finger]
@@ -197,7 +197,7 @@ def _add_boards(
 
 
 def _tell_palm_pose(builder: DiagramBuilder, known: OutputPort | None) -> None:
-    """Connects all that asks where the palm is with what is known of that, or with one input port of the diagram."""
+    """Connects all inputs `palm_pose` to the known pose, or else to one input port of the diagram."""
     askers = ["fingertip_weight", "palm_pose", *(["pose_tracking"] if known is None else [])]
     systems = [builder.GetSubsystemByName(name) for name in askers if builder.HasSubsystemNamed(name)]
     for i, port in enumerate(system.GetInputPort("palm_pose") for system in systems):
@@ -210,7 +210,7 @@ def _tell_palm_pose(builder: DiagramBuilder, known: OutputPort | None) -> None:
 
 
 def _export_statuses(builder: DiagramBuilder, senses: Mapping[str, System]) -> None:
-    """Status and age of each device, and all statuses in one line."""
+    """Exports status and age of each device, and all statuses joined in one line."""
     joined = builder.AddNamedSystem("sense_status", SenseStatus(tuple(senses)))
     for sense, system in senses.items():
         builder.Connect(system.GetOutputPort("status"), joined.GetInputPort(sense))
@@ -226,7 +226,7 @@ def _add_tracking(
     model: ObjectModel,
     known: Mapping[str, OutputPort],
 ) -> None:
-    """The belief over time; what nothing gives comes in through the diagram's own ports."""
+    """Adds the tracking, and exports its inputs that nothing else gives."""
     known = {"vision" if name == "prior" else name: port for name, port in known.items()}
     tracking = add_tracking(builder, params, config, model, known)
     if "vision" not in known:

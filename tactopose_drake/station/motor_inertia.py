@@ -1,8 +1,9 @@
-"""Motors heavy enough for the simulator's time step.
+"""Reflected motor inertia that is large enough for the simulator's time step.
 
-Models of hands mostly leave out what their motors' rotors weigh at the joints, though through the gears that is most of
-a finger's inertia. Without it, a spring at a fingertip's joint swings faster than the simulator steps; and of joints in
-a row, each of which has inertia enough while the others stand still, there is a motion of all that has not.
+Models of hands mostly omit the reflected inertia of the motors' rotors, though through the gears it is most of a
+finger's inertia. Without it, the controller's spring at a fingertip's joint oscillates faster than the simulator steps.
+For joints in series it is not enough that each has sufficient inertia while the others are fixed: their combined
+motions must have it, too.
 """
 
 from collections.abc import Sequence
@@ -16,20 +17,20 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
 
-_SHARE = 0.5  # of what the spring and damper do in a step, which a joint's inertia and damping must at least be
-_POSTURES = 20  # at which the inertia of all joints together is asked for, beside the one at zero
+_SHARE = 0.5  # least ratio of a joint's inertia and damping to the effect of spring and damper in a step
+_POSTURES = 20  # random postures at which the mass matrix is checked, besides zero
 
 
 def add_motor_inertia(plant: MultibodyPlant, hand: Hand, params: GraspControllerParams) -> dict[str, float]:
-    """Gives a hand's motors the inertia that the grasp controller needs of them, where the model has less.
+    """Increases a hand's motor inertia to what the grasp controller's gains need, where the model has less.
 
     Args:
-        plant: not finalized yet.
+        plant: plant that is not finalized yet.
         hand: the hand in it.
         params: the controller's gains.
 
     Returns:
-        What was added, kg m^2 or kg, by the joint's name.
+        The added inertia, kg m^2 or kg, by the joint's name.
     """
     alone, parts = make_hand_plant(hand.config)
     names = list(dict.fromkeys(name for finger in hand.config.fingers for name in finger.joints))
@@ -55,7 +56,7 @@ def add_motor_inertia(plant: MultibodyPlant, hand: Hand, params: GraspController
 
 
 def _inertias(plant: MultibodyPlant, hand: Hand, names: Sequence[str]) -> FloatArray:
-    """The inertia against the named joints, coupled ones following, at zero and in other postures, shape (n, k, k)."""
+    """Mass matrices of the named joints, including coupled ones, at zero and in other postures, shape (n, k, k)."""
     places = [plant.GetJointByName(name, hand.model_instance).velocity_start() for name in names]
     follow = np.zeros((plant.num_velocities(), len(names)))
     follow[places, np.arange(len(names))] = 1.0

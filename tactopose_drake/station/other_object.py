@@ -1,4 +1,4 @@
-"""A simulated object of another size, with bumps, than its mesh says."""
+"""Shape errors of a simulated object: a scale and bumps that its mesh does not have."""
 
 import math
 
@@ -25,15 +25,15 @@ def change_object(
     surface_sigma: float,
     generator: np.random.Generator,
 ) -> None:
-    """Makes an object's collision meshes larger, and puts smooth bumps on them, and what cameras see; its mass stays.
+    """Scales an object's collision and visual meshes and adds smooth bumps to them; its mass stays.
 
     Args:
         plant: the simulator's plant, not finalized yet.
-        scene_graph: its geometry.
+        scene_graph: its SceneGraph.
         instance: the object.
-        scale: by which it is larger, about its centre of mass.
-        surface_sigma: root mean square height of the bumps, m; what is seen has them where it is a mesh of an OBJ file.
-        generator: where they are.
+        scale: scale about its centre of mass.
+        surface_sigma: root mean square height of the bumps, m; visual meshes have them only if they are OBJ files.
+        generator: draws the places of the bumps.
 
     Raises:
         InvalidInputError: if a collision shape is not a mesh of an OBJ file.
@@ -63,7 +63,7 @@ def _is_obj(shape: Shape) -> bool:
 
 
 def _other_mesh(shape: Mesh, X_OG: RigidTransform, middle_O: FloatArray, scale: float, waves: "_Waves") -> Mesh:
-    """A mesh of an OBJ file, in its own frame, that is larger about a point of the object, with bumps."""
+    """The mesh of an OBJ file, in its own frame, scaled about a point of the object and with bumps."""
     mesh = ReadObjToTriangleSurfaceMesh(shape.source().path())
     faces = np.array([[t.vertex(i) for i in range(3)] for t in mesh.triangles()])
     p_OV = X_OG.multiply(np.array(mesh.vertices()).T * np.asarray(shape.scale3())[:, None]).T
@@ -75,7 +75,7 @@ def _other_mesh(shape: Mesh, X_OG: RigidTransform, middle_O: FloatArray, scale: 
 
 
 class _Waves:
-    """A smooth random height, of a root mean square: plane waves of one length, in random directions."""
+    """A smooth random height field with a given rms: plane waves of one wavelength in random directions."""
 
     def __init__(self, generator: np.random.Generator, sigma: float) -> None:
         directions = generator.normal(size=(_WAVES, 3))
@@ -90,7 +90,7 @@ class _Waves:
 
 
 def _normals(vertices: FloatArray, faces: NDArray[np.int64]) -> FloatArray:
-    """Outward unit normals at the vertices, those of their faces weighted by area."""
+    """Outward unit normals at the vertices: area-weighted means of the adjacent faces' normals."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     normals = np.zeros_like(vertices)
     for i in range(3):
@@ -100,7 +100,7 @@ def _normals(vertices: FloatArray, faces: NDArray[np.int64]) -> FloatArray:
 
 
 def _obj(vertices: FloatArray, faces: NDArray[np.int64]) -> str:
-    """With normals, which renderers need."""
+    """The text of an OBJ file with normals, which renderers need."""
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices.tolist()]
     lines += [f"vn {x:.6g} {y:.6g} {z:.6g}" for x, y, z in _normals(vertices, faces).tolist()]
     lines += [f"f {i}//{i} {j}//{j} {k}//{k}" for i, j, k in (faces + 1).tolist()]

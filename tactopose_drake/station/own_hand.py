@@ -1,4 +1,4 @@
-"""A scenario for a hand and an object that nobody has written one for."""
+"""Automatic scenarios for any hand and object."""
 
 import math
 
@@ -18,27 +18,26 @@ from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.force_torque_sensor import sufficient_calibration
 
 _CAMERA_DISTANCE = 0.4  # from the grip region's middle, m
-_SLOWEST = 0.1  # s that a joint's damping may take to let the grasp controller's spring close it
-_POINTS = 200  # of a fingertip's surface that are looked at
-_LEAST_FINGERS = 3  # of a hand whose fingers may not all oppose each other
+_SLOWEST = 0.1  # largest time constant of joint damping over controller stiffness, s
+_POINTS = 200  # sampled points of a fingertip's surface
+_LEAST_FINGERS = 3  # of a grasp, as not all fingers of an unknown hand may oppose each other
 
 
 def scenario_for(hand: str, object_: str, seed: int = 0) -> Scenario:
-    """A planned grasp of an object by a hand, whose palm stands so that upright objects fit between its fingers.
+    """A scenario of a planned grasp, with the palm oriented so that upright objects fit between the fingers.
 
-    Where the hand's model itself fixes it to the world, it stands there.
-
-    The camera looks over the back of the palm. Joints that the model damps get a spring that is as much stiffer, and
-    the sensors bear the forces of planned grasps on any place of the fingertips.
+    If the hand's model fixes it to the world, it stays there. The camera looks over the back of the palm. The
+    controller's stiffness grows with the joints' damping, and the sensors' range covers the forces of planned grasps
+    anywhere on the fingertips.
 
     Args:
         hand: one of the package by name, or a *.hand.yaml by path.
         object_: one of the package by name, or a model or mesh by path.
-        seed: of the grasp and all noise.
+        seed: seed of the grasp and all noise.
 
     Raises:
-        InvalidInputError: if the hand cannot be read, or its fingertips sense no forces: a grip until the fingers stall
-            needs a scenario that says where the object is held.
+        InvalidInputError: if the hand cannot be read, or its fingertips sense no forces: closing until the fingers
+            stall needs a scenario with the object's pose in the hand.
     """
     config = load_hand_config(hand)
     reach = make_hand_reach(config, ReachParams())
@@ -67,16 +66,17 @@ def scenario_for(hand: str, object_: str, seed: int = 0) -> Scenario:
 
 
 def _longest_arm(hand: Hand) -> float:
-    """How far a fingertip's surface reaches from its sensor at the most, m."""
+    """The largest distance of a fingertip's surface from its sensor, m."""
     points = [surface.sample(np.random.default_rng(0), _POINTS) for surface in hand.surfaces.values()]
     return max(float(np.linalg.norm(p_SC, axis=1).max()) for p_SC in points)
 
 
 def object_axis(reach: HandReach) -> FloatArray:
-    """The direction in P in which a long object goes through the hand, shape (3,).
+    """The direction in P of a long object that lies in the hand, shape (3,).
 
-    It is across the ways from the grip region to the fingertips, which press on the object, and to the palm, which
-    would be in its way; where the fingers cannot close on a rod that lies so, it is a direction in which they can.
+    It is as perpendicular as possible to the directions from the grip region to the fingertips, which press on the
+    object, and to the palm, which would be in its way. If the fingers cannot close on such a rod, a direction in which
+    they can is returned.
     """
     middle = 0.5 * (reach.grip_low + reach.grip_high)
     sides = []
@@ -93,7 +93,7 @@ def object_axis(reach: HandReach) -> FloatArray:
 def _palm_middle(reach: HandReach) -> FloatArray:
     centres, _ = reach.palm_spheres
     if not len(centres):
-        raise InvalidInputError("hand: its palm has no collision geometry, which the object must not be in.")
+        raise InvalidInputError("hand: its palm has no collision geometry; needed is some, to keep the object out.")
     middle: FloatArray = centres.mean(axis=0)
     return middle
 
@@ -104,6 +104,6 @@ def _unit(v: FloatArray) -> FloatArray:
 
 
 def _transform(X: RigidTransform) -> Transform:
-    """As a scenario's file has it, to a hundredth of a degree and a tenth of a millimetre."""
+    """A pose as in a scenario's file, rounded to 0.01 degrees and 0.1 mm."""
     angles = np.round(np.degrees(RollPitchYaw(X.rotation()).vector()), 2)
     return Transform(translation=np.round(X.translation(), 4), rotation=Rotation(value=Rotation.Rpy(deg=angles)))

@@ -1,4 +1,4 @@
-"""A simulated object of an object's model: the SDF and the OBJ that a scenario needs."""
+"""Writes the SDF and OBJ files that a scenario needs from an object's model."""
 
 import logging
 import re
@@ -47,10 +47,10 @@ _SDF = """<?xml version="1.0"?>
 
 
 def write_simulated_object(model: ObjectModel, folder: Path) -> Path:
-    """Writes a model's repaired mesh, in metres, as OBJ, and an SDF of it with its mass; returns the SDF's path.
+    """Writes a model's repaired mesh, in metres, as OBJ, and an SDF with its mass; returns the SDF's path.
 
-    The frame of an object whose origin is far away is moved to its middle, and that is said: slips and errors of a pose
-    are those of the frame's origin.
+    If the object's origin is far away, its frame is moved to its middle and a warning logged, since slips and pose
+    errors are measured at the frame's origin.
     """
     if has_far_origin(model):
         logging.getLogger("tactopose_drake").warning(

@@ -1,4 +1,4 @@
-"""A simulated grasp as data: which hand, which object, where, and how each part behaves."""
+"""A scenario as data: the hand, the object, their poses, and the parameters of each part."""
 
 import dataclasses
 import os
@@ -47,25 +47,25 @@ from tactopose_drake.systems.touch_exploration import TouchExplorationParams
 class SensorConfig:
     """The force-torque sensors in the fingers."""
 
-    file: str = "nano17"  # of their calibrations: one of the package's sensors by name, or a YAML file by its path
-    calibration: str = "SI-12-0.12"  # by its name in that file
+    file: str = "nano17"  # their calibrations: one of the package's sensors by name, or a YAML file by its path
+    calibration: str = "SI-12-0.12"  # name of a calibration in that file
     period: float = 0.008  # s between two samples
 
     def model(self) -> ForceTorqueModel:
-        """What the sensors are good for.
+        """The model of the sensors.
 
         Raises:
             InvalidInputError: if the file cannot be read, or has no such calibration.
         """
-        # Recordings of before sensors had names say nothing.
+        # Old recordings have no name of a sensor.
         return load_force_torque_model(self.calibration, self.file or "nano17")
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class Grip:
-    """A grip without a plan: the object is held in its place while the fingers close until each stalls."""
+    """A grip without a plan: the object is fixed in the hand while the fingers close until each stalls."""
 
-    # Where, by the object's name; what is random in it (`!UniformVector`), the scenario's seed decides.
+    # The object's pose by its name; random parts (`!UniformVector`) are drawn with the scenario's seed.
     X_PO: dict[str, Transform] = dataclasses.field(default_factory=dict)
     controller: GripControllerParams = dataclasses.field(default_factory=GripControllerParams)
 
@@ -78,8 +78,8 @@ class Grip:
 class GraspCheck:
     """When a simulated grasp counts as stable."""
 
-    hold_time: float = 0.8  # from the object's release to the judgement, s
-    least_fingers: int = 3  # fingertips and pads that carry at least `least_force`; of a hand with fewer, all
+    hold_time: float = 0.8  # time from the object's release to the check, s
+    least_fingers: int = 3  # fingertips and pads that carry at least `least_force`; all, if the hand has fewer
     least_force: float = 1.0  # N
     most_speed: float = 0.001  # of the object's origin in the palm, m/s
     most_angular_speed: float = 0.02  # rad/s
@@ -88,64 +88,64 @@ class GraspCheck:
 
 
 def _default_plant() -> MultibodyPlantConfig:
-    # The sensors read the reactions of the step before (use_sampled_output_ports, Drake's default): solving the contact
-    # problem once more at each sample would double the run time.
+    # The sensors read the reactions of the previous step (use_sampled_output_ports, Drake's default): solving the
+    # contact problem again at each sample would double the run time.
     return MultibodyPlantConfig(time_step=0.004, contact_model="hydroelastic")
 
 
 def _palm_to_the_side() -> Transform:
-    # Fingers along x of the world, thumb side up: the way one holds a glass.
+    # Fingers along x of the world, thumb side up, as one holds a glass.
     return Transform(rotation=Rotation(value=Rotation.Rpy(deg=[180.0, -90.0, 0.0])))
 
 
 def _camera() -> Transform:
-    # Behind and below the hand, which then hides a third of the object or more.
+    # Behind and below the hand, which hides a third of the object or more from there.
     return Transform(translation=[0.1, -0.3, -0.15])
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class Scenario:
-    """Everything that `make_station` needs; only data. Paths in a file count from that file's folder."""
+    """Everything that `make_station` needs; only data. Paths in a file are relative to that file's folder."""
 
     hand: str = "shadow_like"  # a hand of the package by name, or a *.hand.yaml by its path from this file's folder
-    object: str = "wine_glass"  # an object of the package by name, or an SDF by path; its mesh lies beside it as OBJ
-    surface_sigma: float = 0.0  # by which the object's surface may be off its mesh, along the normal, m
-    scale_sigma: float = 0.0  # by which share the object may be larger or smaller than its mesh
+    object: str = "wine_glass"  # an object of the package by name, or an SDF by path, with its mesh beside it as OBJ
+    surface_sigma: float = 0.0  # standard deviation of the object's surface from its mesh, along the normal, m
+    scale_sigma: float = 0.0  # relative standard deviation of the object's scale
     seed: int = 0  # of the grasp and of all noise
     duration: float = 4.0  # longest simulated time, s
-    # Where the estimation's inputs come from; all that follows on the hand's motion is of the simulator alone.
+    # Source of the estimation's inputs; fields below that concern the hand's motion are for the simulator only.
     senses: SimulatedSenses | CanSenses | LcmSenses | Ros2Senses | RecordedSenses = dataclasses.field(
         default_factory=SimulatedSenses
     )
-    publish: LcmPublishing | Ros2Publishing | None = None  # where the belief is sent to other processes; None: nowhere
+    publish: LcmPublishing | Ros2Publishing | None = None  # sends the belief to other processes; None: it is not sent
     plant: MultibodyPlantConfig = dataclasses.field(default_factory=_default_plant)  # of the simulator
     X_WBase: Transform = dataclasses.field(default_factory=_palm_to_the_side)  # where the hand's base is welded
     X_WC: Transform = dataclasses.field(default_factory=_camera)  # the vision source's camera; z forward, y down
-    grip: Grip | None = None  # how the object is gripped; None: as planned, by the three fields that follow
+    grip: Grip | None = None  # a grip without a plan; None: a planned grasp by the next three fields
     reach: ReachParams = dataclasses.field(default_factory=ReachParams)
     planner: PlannerParams = dataclasses.field(default_factory=PlannerParams)
     controller: GraspControllerParams = dataclasses.field(default_factory=GraspControllerParams)
     check: GraspCheck = dataclasses.field(default_factory=GraspCheck)
     sensor: SensorConfig = dataclasses.field(default_factory=SensorConfig)
-    errors: SimulatedErrors | None = None  # of the simulated hand, object and camera; None: all are as told
-    # Where the first guess comes from: the true pose with an error, or what a tracker finds in depth images.
+    errors: SimulatedErrors | None = None  # of the simulated hand, object and camera; None: no errors
+    # Source of the prior: the true pose with an error, or a tracker of depth images.
     vision: SimulatedVisionParams | DepthTrackerParams = dataclasses.field(default_factory=SimulatedVisionParams)
     estimation: PoseEstimationParams = dataclasses.field(default_factory=PoseEstimationParams)
-    tracking: PoseTrackingParams | None = None  # of the belief over time; None: there is none
+    tracking: PoseTrackingParams | None = None  # of the belief over time; None: no tracking
     exploration: TouchExplorationParams | None = None  # by free fingers of a planned grasp, once it holds; None: none
 
     def hand_config(self) -> HandConfig:
-        """The hand that the pose is estimated by.
+        """The hand's configuration for the estimation.
 
-        A calibration in its file is of a real hand. A simulated one is as its model, and so as the file without that,
-        but where `errors` says what it is off by: that may be what the calibration has found. Boards on a bus that the
-        scenario tares are told as such.
+        A calibration in the hand's file belongs to a real hand, so it is dropped for a simulated one, unless `errors`
+        gives the simulated hand errors that the calibration may have found. Sensors that the scenario tares are marked
+        as tared.
         """
         config = load_hand_config(self.hand)
         is_told = self.errors is not None and (self.errors.joint_offsets_deg or self.errors.fingers)
         is_simulated = isinstance(self.senses, SimulatedSenses)
         if isinstance(self.senses, CanSenses):
-            is_simulated = self.senses.simulated == SimulatedDevices()  # They feel with the simulated hand.
+            is_simulated = self.senses.simulated == SimulatedDevices()  # They replay the simulated hand.
             for finger in config.fingers:
                 finger.tared |= finger.name in self.senses.fingers and self.senses.tare_samples > 0
         if is_simulated and not is_told:
@@ -186,7 +186,7 @@ class Scenario:
         if isinstance(self.senses, CanSenses | Ros2Senses):
             self.senses.validate(hand)
         if isinstance(self.senses, CanSenses):
-            # A scenario without devices does without their drivers.
+            # Imported only here, so that a scenario without devices does not need their drivers.
             from tactopose_drake.station.can_devices import check_drivers
 
             check_drivers(self.senses)
@@ -197,11 +197,11 @@ class Scenario:
             check_apart(self.senses, self.publish)
         self._check_object()
         if self.grip is not None and self.exploration is not None:
-            raise InvalidInputError("Scenario.exploration: explores a planned grasp; allowed is None with a grip.")
+            raise InvalidInputError("Scenario.exploration: needs a planned grasp; allowed is None with a grip.")
         if self.grip is not None and self.object not in self.grip.X_PO:
             raise InvalidInputError(
-                f"Scenario.object: is {self.object!r}, for which Scenario.grip.X_PO has no place in the hand "
-                f"{self.hand!r}; it has places for {', '.join(sorted(self.grip.X_PO)) or 'none'}."
+                f"Scenario.object: is {self.object!r}, for which Scenario.grip.X_PO has no pose in the hand "
+                f"{self.hand!r}; it has poses for {', '.join(sorted(self.grip.X_PO)) or 'none'}."
             )
 
     def _check_object(self) -> None:
@@ -219,21 +219,21 @@ class Scenario:
                 raise InvalidInputError(f"Scenario.object: {path} does not exist; {known}")
 
     def object_sdf(self) -> Path:
-        """The object's model for the simulator."""
+        """Path of the object's model for the simulator."""
         return Path(self.object) if Path(self.object).suffix else model_path("objects", f"{self.object}.sdf")
 
     def object_mesh(self) -> Path:
-        """The object's mesh for the estimator."""
+        """Path of the object's mesh for the estimator."""
         return self.object_sdf().with_suffix(".obj")
 
     def without_errors(self) -> "Scenario":
-        """The same with a hand that is as its files say and is taken for that, as the thesis' experiments have it."""
+        """The scenario with an exact hand and an estimation that assumes one, as in the thesis' experiments."""
         tracking = None if self.tracking is None else dataclasses.replace(self.tracking, use_uncertainty=False)
         estimation = dataclasses.replace(self.estimation, use_uncertainty=False)
         return dataclasses.replace(self, errors=None, estimation=estimation, tracking=tracking)
 
     def object_model(self) -> ObjectModel:
-        """The object for the estimator, with the mass that the simulator's model has where the forces' balance counts.
+        """The object's model for the estimator; with the balance of forces, it has the mass of the simulator's model.
 
         Raises:
             InvalidInputError: if a file cannot be used.
@@ -245,7 +245,7 @@ class Scenario:
 
 
 def scenario_file(name_or_path: str | Path) -> Path:
-    """Where a scenario is read from: one of the package's diagrams by name, or any file by path.
+    """Path of a scenario's file: one of the package's diagrams by name, or any file by path.
 
     Raises:
         InvalidFileError: if there is no such file.
@@ -257,7 +257,7 @@ def scenario_file(name_or_path: str | Path) -> Path:
 def load_scenario(name_or_path: str | Path) -> Scenario:
     """Reads a `*.scenario.yaml`: one of the package's diagrams by name, or any file by path.
 
-    Paths in the file count from its folder; those of a `Scenario` made otherwise, from where you run.
+    Paths in the file are relative to its folder; those in a `Scenario` made in Python, to the current directory.
 
     Raises:
         InvalidFileError: if the file cannot be read or does not fit `Scenario`, or a value is out of its range.

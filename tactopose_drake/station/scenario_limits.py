@@ -1,4 +1,4 @@
-"""The limits that every number of a scenario keeps, whatever it stands for."""
+"""General limits of all numbers in a scenario."""
 
 import dataclasses
 from typing import Any
@@ -9,21 +9,21 @@ from tactopose_drake.core.validation import positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import passing_builder
 
-_SHORTEST = 1e-5  # s between two events: a simulation with shorter ones would hardly move
-_LARGEST = 1e12  # of a number, in SI units; beyond, squares and products soon are infinite
-_MOST = 1_000_000  # of anything that is counted
-_LONGEST_STEP = 0.1  # of the simulator, s; contact is not solved with longer ones
+_SHORTEST = 1e-5  # shortest period, s; a simulation with shorter ones would hardly advance
+_LARGEST = 1e12  # largest number, in SI units; squares and products of larger ones overflow
+_MOST = 1_000_000  # largest integer
+_LONGEST_STEP = 0.1  # longest time step of the simulator, s; contact is not solved with longer ones
 
 
 def check_limits(name: str, value: Any) -> None:
-    """Checks a scenario's part and all that is in it.
+    """Checks all numbers in a part of a scenario.
 
     Args:
-        name: of the part, for messages.
-        value: a dataclass, list, dict, number or anything else, which has no limits.
+        name: name of the part, for messages.
+        value: a dataclass, list, dict or number; values of other types have no limits.
 
     Raises:
-        InvalidInputError: a number that no scenario can have.
+        InvalidInputError: if a number is beyond its limit.
     """
     if isinstance(value, dict):
         for key, item in value.items():
@@ -48,7 +48,7 @@ def check_limits(name: str, value: Any) -> None:
 
 
 def check_plant(name: str, config: MultibodyPlantConfig) -> None:
-    """Raises InvalidInputError if the simulator would not take its configuration."""
+    """Raises InvalidInputError if the simulator would not accept its configuration."""
     step = positive_number(f"{name}.time_step", config.time_step)
     if not _SHORTEST <= step <= _LONGEST_STEP:
         raise InvalidInputError(

@@ -1,4 +1,4 @@
-"""The paths in a scenario: they count from the folder of its file, and names stay names."""
+"""Resolution of a scenario's paths, which are relative to the folder of its file; names stay names."""
 
 import os
 from pathlib import Path
@@ -10,9 +10,9 @@ from tactopose_drake.station.senses import RecordedSenses
 
 
 def count_paths_from(folder: Path, scenario: Any) -> None:
-    """Makes the paths of a `Scenario` that are relative count from a folder.
+    """Makes the relative paths of a `Scenario` absolute, starting from a folder.
 
-    What may be a name of the package's (hand, object, sensor) is a path if it has an ending or a slash.
+    A hand, object or sensor, which may also be one of the package's names, is a path if it has a suffix or a slash.
     """
     for part, key in ((scenario, "hand"), (scenario, "object"), (scenario.sensor, "file")):
         setattr(part, key, _named(folder, getattr(part, key)))
@@ -38,5 +38,5 @@ def _named(folder: Path, name_or_path: str) -> str:
 
 
 def _path(folder: Path, path: str) -> str:
-    """The same from anywhere; none stays none."""
+    """The absolute path; an empty one stays empty."""
     return os.path.abspath(folder / path) if path else path

@@ -1,4 +1,4 @@
-"""Senses of a scenario that need no device: of the simulator, and of a recording; only data."""
+"""Senses of a scenario that need no device: the simulator's, and those of a recording; only data."""
 
 import dataclasses
 
@@ -12,9 +12,9 @@ class SimulatedSenses:
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class RecordedSenses:
-    """A recording that `tactopose run --record` has made, `!RecordedSenses` in YAML."""
+    """A recording by `tactopose run --record`, `!RecordedSenses` in YAML."""
 
-    folder: str = ""  # that `run --record` made
+    folder: str = ""  # folder of the recording
 
     def validate(self) -> None:
         """Raises InvalidInputError if no folder is named."""

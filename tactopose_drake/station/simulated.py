@@ -1,4 +1,4 @@
-"""Builds the diagram of a scenario: a simulated hand with its senses, what closes it, and the pose estimation."""
+"""Builds the diagram of a scenario: a simulated hand with its senses, its controller, and the pose estimation."""
 
 import gc
 from collections.abc import Mapping
@@ -47,24 +47,24 @@ from tactopose_drake.systems.random_sources import seed_random_sources
 
 @dataclass(frozen=True, eq=False)
 class Station:
-    """The diagram of a scenario, and the parts of it that one wants to get at.
+    """The diagram of a scenario, and the parts of it that users need.
 
     Attributes:
-        diagram: ports `hand_state`, `joint_positions`, `wrench_<finger>`, `pressures_<pad>`, `holding`, `grasp_status`,
-            `prior`, `hidden_share`, all outputs of `AddPoseEstimation`, `contact_results`, `body_poses`, `query`, and
-            of a planned grasp `actuation`; where the scenario tracks, `tracked_object_pose` and so on:
-            `object_pose`, `object_pose_in_world`, `covariance`, `hypotheses`, `status` and `belief` of
-            `AddPoseTracking`; where it explores, `explored_object_pose` and so on: all outputs of
-            `AddTouchExploration`.
-        plant: the simulator's plant: hand and object.
-        scene_graph: their geometry.
+        diagram: The diagram, with output ports `hand_state`, `joint_positions`, `wrench_<finger>`, `pressures_<pad>`,
+            `holding`, `grasp_status`, `prior`, `hidden_share`, all outputs of `AddPoseEstimation`, `contact_results`,
+            `body_poses`, `query`, and for a planned grasp `actuation`. With tracking, it also has `object_pose`,
+            `object_pose_in_world`, `covariance`, `hypotheses`, `status` and `belief` of `AddPoseTracking` as
+            `tracked_object_pose` and so on; with exploration, all outputs of `AddTouchExploration` as
+            `explored_object_pose` and so on.
+        plant: the simulator's plant with hand and object.
+        scene_graph: its SceneGraph.
         hand: the hand in the plant.
         object_body: the object; its body frame is O.
-        object_joint: its six degrees of freedom; locked, it holds the object while the fingers close.
+        object_joint: the object's floating joint, which is locked while the fingers close.
         model: the object's model for estimation.
-        grasp_start: the open hand, and where the object is held.
-        plan: how the fingers close; None where the scenario grips without a plan.
-        scenario: what all this was made from.
+        grasp_start: the open hand, and the object's pose in it.
+        plan: how the fingers close; None for a grip without a plan.
+        scenario: the scenario.
     """
 
     diagram: Diagram
@@ -79,7 +79,7 @@ class Station:
     scenario: Scenario
 
     def start(self, context: Context) -> None:
-        """Prepares a root context: hand open, object held in its place in the hand, noise seeded."""
+        """Prepares a root context: opens the hand, locks the object at its pose in the hand, and seeds the noise."""
         plant_context = self.plant.GetMyMutableContextFromRoot(context)
         self.plant.SetPositions(plant_context, self.hand.model_instance, self.grasp_start.q)
         X_WP = self.hand.palm_frame.CalcPoseInWorld(plant_context)
@@ -88,14 +88,14 @@ class Station:
         seed_random_sources(self.diagram, context, self.scenario.seed)
 
     def release_when_held(self, context: Context) -> EventStatus:
-        """For `Simulator.set_monitor`: lets the object go once the controller holds it."""
+        """For `Simulator.set_monitor`: releases the object once the controller holds it."""
         plant_context = self.plant.GetMyMutableContextFromRoot(context)
         if self.object_joint.is_locked(plant_context) and self.diagram.GetOutputPort("holding").Eval(context)[0]:
             self.object_joint.Unlock(plant_context)
         return EventStatus.Succeeded()
 
     def object_pose(self, context: Context) -> RigidTransform:
-        """The simulator's own X_PO."""
+        """The true X_PO in the simulator."""
         plant_context = self.plant.GetMyContextFromRoot(context)
         return self.plant.CalcRelativeTransform(plant_context, self.hand.palm_frame, self.object_body.body_frame())
 
@@ -107,20 +107,20 @@ def make_station(
     model: ObjectModel | None = None,
     meshcat: Meshcat | None = None,
 ) -> Station:
-    """Builds a scenario's diagram, once those before it that nobody uses any more are freed.
+    """Builds a scenario's diagram, after freeing diagrams that are no longer used.
 
     Args:
-        scenario: what to build.
-        plan: the grasp; by default the best of `plan_scenario`. A scenario with a grip has none.
-        model: of the scenario's object, if it is at hand already.
-        meshcat: where to show hand, object, contacts, patches, prior and estimate; nothing is shown without.
+        scenario: the scenario.
+        plan: the grasp; None: the best of `plan_scenario`. A scenario with a grip has none.
+        model: the object's model; None: it is loaded.
+        meshcat: shows hand, object, contacts, patches, prior and estimate; None: nothing is shown.
 
     Raises:
         InvalidInputError: if the scenario cannot be built.
     """
     scenario.validate()
-    # A diagram and its builder hold each other, with a hundred megabytes, but of few objects in Python, which looks for
-    # such garbage too rarely then: some hundred grasps, one after the other, would come to gigabytes.
+    # A diagram and its builder refer to each other and hold a hundred megabytes in few Python objects, so that Python
+    # collects such garbage too rarely: a hundred grasps in sequence would need gigabytes.
     gc.collect()
     model = scenario.object_model() if model is None else model
     if scenario.grip is None and plan is None:
@@ -155,7 +155,7 @@ def make_station(
 
 
 def check_bodies(scenario: Scenario) -> None:
-    """Makes the simulator's bodies and senses, in a tenth of a second, before anything takes its time.
+    """Builds only the simulator's bodies and senses, which takes a tenth of a second, to find errors early.
 
     Raises:
         InvalidInputError: if hand or object cannot be simulated; the message says why.
@@ -168,14 +168,14 @@ def check_bodies(scenario: Scenario) -> None:
 
 
 def _add_bodies(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyPlant, SceneGraph, Hand, Joint]:
-    """The plant with hand and object, finalized; the joint is the object's."""
+    """The finalized plant with hand and object, and the object's joint."""
     plant, scene_graph = add_plant(builder, scenario)
     hand = add_hand(plant, scenario.hand_config(), fixed_pose("Scenario.X_WBase", scenario.X_WBase))
     return plant, scene_graph, hand, finish_plant(plant, scene_graph, scenario, hand)
 
 
 def add_plant(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyPlant, SceneGraph]:
-    """A plant without bodies; what files do not say of their shapes' contact makes them compliant."""
+    """Adds a plant without bodies, in which shapes are compliant unless their files say otherwise."""
     default = DefaultProximityProperties(compliance_type="compliant")
     plant, scene_graph = AddMultibodyPlant(
         plant_config=scenario.plant,
@@ -186,7 +186,7 @@ def add_plant(builder: DiagramBuilder, scenario: Scenario) -> tuple[MultibodyPla
 
 
 def finish_plant(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scenario, hand: Hand) -> Joint:
-    """Adds the object to a plant that has the hand, gives both what a simulation needs, and finalizes it.
+    """Adds the object to a plant that has the hand, completes both for simulation, and finalizes the plant.
 
     Returns:
         The object's joint.
@@ -217,7 +217,7 @@ def finish_plant(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scena
 def _check_compliance(
     plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, object_instance: ModelInstanceIndex
 ) -> None:
-    """Raises InvalidInputError where hand and object are both rigid: the simulator cannot tell their contact."""
+    """Raises InvalidInputError if hand and object are both rigid, as hydroelastic contact is then impossible."""
     inspector = scene_graph.model_inspector()
     of_hand, of_object = (
         rigid_shapes(plant, inspector, instance) for instance in (hand.model_instance, object_instance)
@@ -225,7 +225,7 @@ def _check_compliance(
     if of_hand and of_object:
         raise InvalidInputError(
             f"{hand.config.model}: says that {', '.join(of_hand)} is rigid, as the object is; with the contact_model "
-            "hydroelastic one of two that touch must be compliant. Leave out <drake:rigid_hydroelastic/>, or choose "
+            "hydroelastic one of the two must be compliant. Leave out <drake:rigid_hydroelastic/>, or choose "
             "the contact_model hydroelastic_with_fallback."
         )
 
@@ -233,14 +233,14 @@ def _check_compliance(
 def _add_estimation(
     builder: DiagramBuilder, scenario: Scenario, hand: Hand, model: ObjectModel, senses: Mapping[str, OutputPort]
 ) -> None:
-    """The pose estimation, from the senses and vision."""
+    """Adds the pose estimation, connected to the senses and vision."""
     estimation = AddPoseEstimation(builder, hand.config, model, scenario.estimation)
     prior = builder.GetSubsystemByName("vision").GetOutputPort("prior")
     feed_estimation(builder, estimation, {**senses, "prior": prior})
 
 
 def feed_estimation(builder: DiagramBuilder, estimation: Diagram, inputs: Mapping[str, OutputPort]) -> None:
-    """Connects the inputs of an estimation or a tracking by their names, and gives the diagram its outputs."""
+    """Connects the inputs of an estimation or a tracking by their names, and exports its outputs."""
     for name, port in inputs.items():
         builder.Connect(port, estimation.GetInputPort(name))
     export_outputs(builder, estimation)
@@ -254,7 +254,7 @@ def finish_station(
     scene_graph: SceneGraph,
     hand: Hand,
 ) -> Diagram:
-    """The diagram, when it has its noise and the ports that tell the truth; what overlaps at rest does not collide."""
+    """Adds noise and the ground-truth ports, builds the diagram, and filters collisions that exist at rest."""
     for port in ("contact_results", "body_poses"):
         builder.ExportOutput(plant.GetOutputPort(port), port)
     builder.ExportOutput(scene_graph.get_query_output_port(), "query")
@@ -275,9 +275,9 @@ def _add_display(
     model: ObjectModel,
     meshcat: Meshcat,
 ) -> None:
-    """Hand, contacts, patches, prior, estimate and truth in Meshcat; the object as a solid would hide the estimate.
+    """Shows hand, contacts, patches, prior, estimate and true pose in Meshcat.
 
-    Where the station tracks, the belief over time stands for the estimate.
+    The object itself is not shown, as it would hide the estimate. With tracking, the belief over time is the estimate.
     """
     for geometry in plant.GetVisualGeometriesForBody(object_body):
         scene_graph.RemoveRole(plant.get_source_id(), geometry, Role.kIllustration)

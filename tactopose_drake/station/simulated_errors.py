@@ -1,4 +1,4 @@
-"""How the simulated world differs from what the estimation is told, as data: given in numbers, or drawn."""
+"""Errors of the simulated world relative to the models of the estimation, given or drawn; only data."""
 
 import dataclasses
 import math
@@ -15,21 +15,21 @@ from tactopose_drake.hand.tactile_pads import load_tactile_pad
 
 _MOST_OFFSET = 90.0  # deg
 _MOST_SHIFT = 0.05  # m
-_MOST_LOAD = 1e3  # N and N m, and of a second of drift
+_MOST_LOAD = 1e3  # N and N m; of drift, per second
 _LEAST_SCALE, _MOST_SCALE = 0.5, 2.0
-_LEAST_RADIUS = 0.2  # of a fingertip's half-width, that an error must leave
+_LEAST_RADIUS = 0.2  # least share of a fingertip's half-width that must remain
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class FingerErrors:
-    """How one finger with a force-torque sensor differs from what its hand's description says."""
+    """Errors of one finger with a force-torque sensor, relative to the hand's description."""
 
-    radius: float | None = None  # by which the fingertip is thicker, m; null: drawn, or 0
-    # Where its sensor sits, with the fingertip, in S, (3,), m; empty: drawn, or 0.
+    radius: float | None = None  # increase of the fingertip's radius, m; null: drawn, or 0
+    # Displacement of its sensor with the fingertip, in S, (3,), m; empty: drawn, or 0.
     mounting: list[float] = dataclasses.field(default_factory=list)
-    # How it is turned there, a rotation vector in S, (3,), deg; empty: drawn, or 0.
+    # Rotation of its sensor with the fingertip, as a rotation vector in S, (3,), deg; empty: drawn, or 0.
     mounting_deg: list[float] = dataclasses.field(default_factory=list)
-    # Bias at the start, whether the sensor was tared or not, in S, (3,), N; empty: 0, or drawn where it was not tared.
+    # Bias at the start, whether the sensor was tared or not, in S, (3,), N; empty: 0, or drawn if it was not tared.
     sensor_force: list[float] = dataclasses.field(default_factory=list)
     sensor_moment: list[float] = dataclasses.field(default_factory=list)  # likewise, N m
     drift_force: list[float] = dataclasses.field(default_factory=list)  # of the bias, in S, (3,), N/s; empty: 0
@@ -38,41 +38,41 @@ class FingerErrors:
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class PadErrors:
-    """How one tactile pad differs from what its hand's description says."""
+    """Errors of one tactile pad, relative to the hand's description."""
 
-    # Where it sits, with its array, in T, (3,), m; empty: drawn, or 0.
+    # Displacement of the pad with its array, in T, (3,), m; empty: drawn, or 0.
     mounting: list[float] = dataclasses.field(default_factory=list)
-    # How it is turned about the middle of its cells, a rotation vector in T, (3,), deg; empty: drawn, or 0.
+    # Rotation about the middle of its cells, as a rotation vector in T, (3,), deg; empty: drawn, or 0.
     mounting_deg: list[float] = dataclasses.field(default_factory=list)
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class SimulatedErrors:
-    """How simulated hand, object and camera differ from what the estimation is told; by default in nothing.
+    """Errors of the simulated hand, object and camera relative to the estimation's models; by default none.
 
-    The hand is another one than its files say, the same in every grasp; its grasp is planned, and its pose estimated,
-    by the files.
+    The simulated hand differs from its files in the same way in every grasp. Grasps are planned, and poses estimated,
+    with the files.
     """
 
-    # Whether each joint's offset, and what is not given of a finger or a pad, is drawn from the `uncertainty` that the
-    # hand's file declares, one of a Gaussian each.
+    # Whether joint offsets, and errors of fingers and pads that are not given, are drawn from Gaussians with the
+    # `uncertainty` that the hand's file declares.
     drawn: bool = False
-    seed: int = 0  # of what is drawn, and of the bumps
-    # By joint, what its encoder shows too much, deg; of one that slides, 1 deg counts as 1 mm.
+    seed: int = 0  # of the drawn errors, and of the bumps
+    # Offset of each joint's encoder (reading minus position), deg; for a prismatic joint, 1 deg stands for 1 mm.
     joint_offsets_deg: dict[str, float] = dataclasses.field(default_factory=dict)
-    # Whether the force-torque sensors are tared at the start, while nothing touches them: no bias is drawn then, and
-    # drift counts from there. False: as some minutes after a tare, when they have drifted by what is declared.
+    # Whether the force-torque sensors are tared at the start without a touch: no bias is drawn then, and drift starts
+    # from there. False: they have drifted since an earlier tare, and biases are drawn.
     tared: bool = True
     encoder_noise_deg: float = 0.0  # standard deviation of each reading, deg
     encoder_step_deg: float = 0.0  # quantisation, deg; 0: none
     fingers: dict[str, FingerErrors] = dataclasses.field(default_factory=dict)  # by finger
     pads: dict[str, PadErrors] = dataclasses.field(default_factory=dict)  # by pad
-    object_scale: float = 1.0  # of the object that is held, about its centre of mass, in units of its mesh
+    object_scale: float = 1.0  # scale of the held object relative to its mesh, about its centre of mass
     object_surface_sigma: float = 0.0  # root mean square of smooth bumps on it, m
-    vision_degrees_of_freedom: float | None = None  # of Student's t, whose tails the camera's errors have; null: none
+    vision_degrees_of_freedom: float | None = None  # of Student's t for the camera's errors; null: Gaussian
 
     def validate(self, hand: HandConfig) -> None:
-        """Raises InvalidInputError if a value is out of its range, or a name not one of the hand's."""
+        """Raises InvalidInputError if a value is out of its range, or the hand lacks a name."""
         name = "SimulatedErrors"
         if self.drawn and hand.uncertainty is None:
             raise InvalidInputError(
@@ -129,16 +129,16 @@ _VECTORS = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DrawnErrors:
-    """What a simulated hand errs, in numbers.
+    """The errors of a simulated hand as numbers.
 
     Attributes:
-        offsets: what the encoder of each measured joint shows too much, by joint, rad; of one that slides, 1 degree
-            counts as 1 mm.
-        radius: by which each fingertip is thicker, by finger, m.
-        X_SM: where each sensor sits in truth, M, with its fingertip, of where its file has it, by finger.
-        X_TM: likewise each tactile array, with its pad, by pad.
-        bias: of each sensor at the start, by finger, shape (6,), N m and N.
-        drift: of the bias, by finger, shape (6,), N m/s and N/s.
+        offsets: offset of each measured joint's encoder, by joint, rad; for a prismatic joint, 1 degree stands for
+            1 mm.
+        radius: increase of each fingertip's radius, by finger, m.
+        X_SM: pose of each true sensor frame M, with its fingertip, in the nominal frame S, by finger.
+        X_TM: pose of each true array frame M, with its pad, in the nominal frame T, by pad.
+        bias: bias of each sensor at the start, by finger, shape (6,), N m and N.
+        drift: rate of change of the bias, by finger, shape (6,), N m/s and N/s.
     """
 
     offsets: dict[str, float]
@@ -150,7 +150,7 @@ class DrawnErrors:
 
 
 def hand_errors(errors: SimulatedErrors, hand: HandConfig) -> DrawnErrors:
-    """The errors of a hand: those that are given, and the others drawn, or none; `errors` is valid."""
+    """The errors of a hand: those given, and all others drawn or zero; `errors` must be valid."""
     generator = np.random.default_rng(errors.seed)
     sigma = hand.uncertainty if errors.drawn else None
     if sigma is None:
@@ -165,7 +165,7 @@ def hand_errors(errors: SimulatedErrors, hand: HandConfig) -> DrawnErrors:
         radius = sigma.fingertip_radius * generator.normal()
         found.radius[finger] = radius if given.radius is None else given.radius
         found.X_SM[finger] = _mounted(given, sigma, generator)
-        # Drawn in any case, so that a tare changes nothing else of the hand.
+        # Always drawn, so that `tared` does not change the hand's other errors.
         moment, force = sigma.sensor_moment * generator.normal(size=3), sigma.sensor_force * generator.normal(size=3)
         moment = _given(given.sensor_moment, np.zeros(3) if errors.tared else moment)
         force = _given(given.sensor_force, np.zeros(3) if errors.tared else force)
@@ -180,7 +180,7 @@ def hand_errors(errors: SimulatedErrors, hand: HandConfig) -> DrawnErrors:
 
 
 def _mounted(given: FingerErrors | PadErrors, sigma: HandUncertainty, generator: np.random.Generator) -> RigidTransform:
-    """Where something sits, of where it is told to."""
+    """The true pose of a sensor or array in its nominal frame."""
     moved, turned = sigma.mounting * generator.normal(size=3), sigma.mounting_deg * generator.normal(size=3)
     rotation = RotationMatrix(exp_so3(np.radians(_given(given.mounting_deg, turned))))
     return RigidTransform(rotation, _given(given.mounting, moved))

@@ -1,4 +1,4 @@
-"""The simulated senses of a station's hand, and where its palm is, as named ports."""
+"""The simulated senses of a station's hand, and its palm's pose, as named ports."""
 
 import dataclasses
 import math
@@ -24,13 +24,13 @@ from tactopose_drake.systems.palm_on_base import PalmOnBase
 from tactopose_drake.systems.palm_pose import PalmPose
 from tactopose_drake.systems.plant_senses import add_touch_sensors
 
-_SENSOR, _ARRAY = "sensor of {} as mounted", "array of {} as mounted"  # names of frames, where these are in truth
+_SENSOR, _ARRAY = "sensor of {} as mounted", "array of {} as mounted"  # names of the true frames
 
 
 def add_senses(
     builder: DiagramBuilder, scenario: Scenario, plant: MultibodyPlant, hand: Hand
 ) -> Mapping[str, OutputPort]:
-    """Adds whatever the hand senses with; their noise is left to `add_noise`.
+    """Adds the hand's sensors; `add_noise` connects their noise.
 
     Returns:
         The ports by the names of `AddPoseEstimation`'s inputs: `joint_positions`, `wrench_<finger>` of each finger with
@@ -54,7 +54,7 @@ def add_senses(
 
 
 def _as_mounted(plant: MultibodyPlant, hand: Hand) -> Hand:
-    """The hand with its sensors' and arrays' frames where they are in truth, as `simulate_errors` has it."""
+    """The hand with the true frames of its sensors and arrays, which `simulate_errors` has added."""
     names = {plant.get_frame(index).name() for index in plant.GetFrameIndices(hand.model_instance)}
     sensors, arrays = (
         {
@@ -71,7 +71,7 @@ def _as_mounted(plant: MultibodyPlant, hand: Hand) -> Hand:
 def _add_encoders(
     builder: DiagramBuilder, errors: SimulatedErrors, drawn: DrawnErrors, hand: Hand, positions: OutputPort
 ) -> OutputPort:
-    """What is measured of the joint positions."""
+    """Adds the joint encoders; returns the port of the measured positions."""
     joints, gains = encoder_gains(*make_hand_plant(hand.config))
     offsets = np.array([drawn.offsets.get(joint, 0.0) for joint in joints])
     noise = (math.radians(errors.encoder_noise_deg), math.radians(errors.encoder_step_deg))
@@ -87,18 +87,18 @@ def simulate_errors(
     hand: Hand,
     object_instance: ModelInstanceIndex,
 ) -> None:
-    """Gives the simulator's hand and object other shapes than their files say, where the scenario says so.
+    """Applies the scenario's errors to the shapes and mountings of the simulator's hand and object.
 
     Args:
-        scenario: what is simulated.
+        scenario: the scenario.
         plant: the simulator's plant, not finalized yet.
-        scene_graph: its geometry.
+        scene_graph: its SceneGraph.
         hand: the hand in it.
         object_instance: the object in it.
 
     Raises:
-        InvalidInputError: if the object's collision shapes are not meshes of OBJ files, and were to change, or two
-            senses on one link were to be mounted apart.
+        InvalidInputError: if the object has shape errors but its collision shapes are not meshes of OBJ files, or if
+            one of two sensors on the same link has a mounting error.
     """
     errors = scenario.errors
     if errors is None:
@@ -120,7 +120,7 @@ def simulate_errors(
 
 
 def add_palm_pose(builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand) -> OutputPort:
-    """Adds what tells where the palm is in the world."""
+    """Adds a system that gives the palm's true pose in the world."""
     palm = builder.AddNamedSystem("palm_pose", PalmPose(hand.palm_frame))
     builder.Connect(plant.get_body_poses_output_port(), palm.GetInputPort("body_poses"))
     return palm.GetOutputPort("palm_pose")
@@ -129,7 +129,7 @@ def add_palm_pose(builder: DiagramBuilder, plant: MultibodyPlant, hand: Hand) ->
 def add_measured_palm_pose(
     builder: DiagramBuilder, scenario: Scenario, hand: Hand, joint_positions: OutputPort
 ) -> OutputPort:
-    """Adds what tells where the palm is by the measured joints, as a hand on devices does."""
+    """Adds a system that computes the palm's pose from the measured joints, as for a hand on devices."""
     X_WBase = fixed_pose("Scenario.X_WBase", scenario.X_WBase)
     palm = builder.AddNamedSystem("measured_palm_pose", PalmOnBase(*make_hand_plant(hand.config), X_WBase))
     builder.Connect(joint_positions, palm.GetInputPort("joint_positions"))
@@ -137,7 +137,7 @@ def add_measured_palm_pose(
 
 
 def add_noise(builder: DiagramBuilder, scenario: Scenario, hand: Hand) -> None:
-    """Connects all random inputs that are still open, of the senses and of whatever else there is."""
+    """Connects all random inputs that are still unconnected, of the senses and of all other systems."""
     periods = [scenario.vision.period, *(load_tactile_pad(pad.array).period for pad in hand.config.pads)]
     periods += [scenario.sensor.period] if hand.sensor_frames else []
     AddRandomInputs(min(periods), builder)

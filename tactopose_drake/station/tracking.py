@@ -1,4 +1,4 @@
-"""The belief over time in a station, simulated or of real senses."""
+"""The belief over time in a station with simulated or real senses."""
 
 from collections.abc import Mapping
 
@@ -18,18 +18,18 @@ def add_tracking(
     model: ObjectModel,
     known: Mapping[str, OutputPort],
 ) -> Diagram:
-    """Adds the belief, and gives the station its outputs as `tracked_object_pose` and so on.
+    """Adds the tracking, and exports its outputs as `tracked_object_pose` and so on.
 
     Args:
-        builder: of the station.
+        builder: the station's builder.
         params: parameters of each part.
         hand: the hand.
         model: the object.
-        known: what the station has, by the names of `AddPoseTracking`'s inputs; what else there is, is left out. With a
-            `palm_pose` there is a `tracked_object_pose_in_world`, too.
+        known: the station's ports by the names of `AddPoseTracking`'s inputs; others are ignored. With a `palm_pose`,
+            `tracked_object_pose_in_world` is exported, too.
 
     Returns:
-        The belief's diagram.
+        The tracking's diagram.
     """
     tracking = AddPoseTracking(builder, hand, model, params)
     for name, port in known.items():

@@ -1,4 +1,4 @@
-"""What a station sees of the object before and beside the touch."""
+"""The vision source of a simulated station."""
 
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
@@ -24,19 +24,19 @@ def add_vision(
     object_body: RigidBody,
     model: ObjectModel,
 ) -> OutputPort:
-    """Adds the vision source that the scenario names, as the system `vision`, and gives the station its outputs.
+    """Adds the scenario's vision source as the system `vision`, and exports its outputs.
 
     Args:
-        builder: of the station.
-        scenario: what is simulated.
-        plant: hand and object, finalized.
-        scene_graph: their geometry.
+        builder: the station's builder.
+        scenario: the scenario.
+        plant: finalized plant with hand and object.
+        scene_graph: its SceneGraph.
         hand: the hand in the plant.
-        object_body: the object there.
+        object_body: the object in the plant.
         model: the object's model for estimation.
 
     Returns:
-        The port for a belief's `vision`.
+        The port for the input `vision` of the tracking.
     """
     view = CameraView(
         plant=plant,

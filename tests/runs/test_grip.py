@@ -152,7 +152,7 @@ def test_impossible_grips_are_refused() -> None:
     ):
         make_station(dataclasses.replace(scenario, object="sodacan"))
     with pytest.raises(
-        InvalidInputError, match=r"is 'mug', for which Scenario\.grip\.X_PO has no place in the hand 'barr"
+        InvalidInputError, match=r"is 'mug', for which Scenario\.grip\.X_PO has no pose in the hand 'barr"
     ):
         make_station(dataclasses.replace(scenario, object="mug"))
     assert scenario.grip is not None

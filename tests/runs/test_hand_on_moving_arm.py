@@ -123,5 +123,5 @@ def test_files_of_the_palm_that_do_not_fit_are_named(
 
 def test_a_hand_that_is_simulated_on_a_base_has_no_arm(scenario: Scenario) -> None:
     scenario.senses.simulated = SimulatedDevices()
-    with pytest.raises(InvalidInputError, match=r"CanSenses\.palm: is given, but the base"):
+    with pytest.raises(InvalidInputError, match=r"CanSenses\.palm: is given, but the simulated devices"):
         scenario.validate()

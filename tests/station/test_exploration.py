@@ -45,7 +45,7 @@ def test_a_grip_has_no_finger_to_spare() -> None:
     scenario = load_scenario("shadow_like")
     scenario.grip = Grip()
     scenario.exploration = TouchExplorationParams()
-    with pytest.raises(InvalidInputError, match=r"Scenario\.exploration: explores a planned grasp"):
+    with pytest.raises(InvalidInputError, match=r"Scenario\.exploration: needs a planned grasp"):
         scenario.validate()
 
 

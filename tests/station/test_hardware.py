@@ -323,7 +323,7 @@ def test_unknown_joints_are_named() -> None:
         *(
             (
                 lambda senses, name=name: senses.buses.update({name: CanBus(interface="virtual", channel="other")}),
-                r"CanSenses\.buses: has the name .*, which its log would have too; allowed are up to 60 letters",
+                r"CanSenses\.buses: has the name .*; allowed, since it also names the log, are up to 60 letters",
             )
             for name in ("../evil", "a/b", "a\\b", "/", "..", "", "a\n", "a\0", "b" * 61)
         ),

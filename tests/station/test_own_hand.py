@@ -42,7 +42,7 @@ def test_objects_stand_across_the_fingers_and_the_palm(tmp_path: Path) -> None:
 
 
 def test_where_nothing_is_held_a_place_that_was_found_may_be_wrong(tmp_path: Path) -> None:
-    advice = "check-hand` says; grip_low and grip_high of its file name another place."
+    advice = "tactopose check-hand`; grip_low and grip_high in its file set another one."
     scenario = scenario_for(str(write_gripper(tmp_path)), "mug")
     scenario.planner.most_poses = 10
     with pytest.raises(InvalidInputError, match=re.escape(advice)):

@@ -1,1 +1,1 @@
-"""An arm that carries the hand: its motions, and what it takes and places."""
+"""An arm that carries the hand: its motions, and the task of taking and placing a rod."""

@@ -1,4 +1,4 @@
-"""What the package needs to know of an arm, how it gets into a plant, and how it gets a hand."""
+"""An arm's configuration, adding an arm to a plant, and mounting a hand on it."""
 
 import dataclasses
 from pathlib import Path
@@ -18,11 +18,11 @@ from tactopose_drake.resources import add_model, load_typed_yaml, make_parser, m
 class ArmConfig:
     """An arm's model file and the names in it."""
 
-    model: str = ""  # URL, or path from this file's folder, of an SDF or URDF file; it limits each joint's speed
+    model: str = ""  # URL, or path from this file's folder, of an SDF or URDF file with limits of all joints' speeds
     base_link: str = ""  # the link that stands on the ground
     flange_frame: str = ""  # F, the frame or link that carries the hand's base
-    # A ball that holds what of the arm comes low with the hand, however its last joints turn: its middle in F, m, and
-    # its radius, m; 0: there is none.
+    # A ball that contains the parts of the arm near the hand, for any position of its last joints: its centre in F, m,
+    # and its radius, m; 0: there is none.
     p_FWrist: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.0])
     wrist_radius: float = 0.0
 
@@ -79,10 +79,10 @@ def add_arm(plant: MultibodyPlant, config: ArmConfig, X_WBase: RigidTransform) -
 
 
 def mount_hand(plant: MultibodyPlant, arm: Arm, hand: Hand, X_FBase: RigidTransform) -> None:
-    """Welds a hand, which was added without a place, to an arm's flange.
+    """Welds a hand, which was added without `X_WBase`, to an arm's flange.
 
     Raises:
-        InvalidInputError: if the hand's model itself fixes it to the world.
+        InvalidInputError: if the hand's model fixes it to the world.
     """
     joint = joint_to_world(plant, hand)
     if joint is not None:
@@ -96,12 +96,12 @@ def mount_hand(plant: MultibodyPlant, arm: Arm, hand: Hand, X_FBase: RigidTransf
 def make_arm_plant(
     config: ArmConfig, X_WBase: RigidTransform, payload: SpatialInertia | None = None
 ) -> tuple[MultibodyPlant, Arm]:
-    """A finalized plant of the arm alone, for control and kinematics.
+    """Makes a finalized plant of the arm alone, for control and kinematics.
 
     Args:
-        config: which arm.
-        X_WBase: where it stands.
-        payload: what it carries, as one rigid body: about the flange's origin, in the flange's axes.
+        config: the arm's configuration.
+        X_WBase: pose of its base.
+        payload: spatial inertia of what it carries, as one rigid body about the flange's origin, in the flange's axes.
     """
     plant = MultibodyPlant(time_step=0.0)
     arm = add_arm(plant, config, X_WBase)
@@ -113,7 +113,7 @@ def make_arm_plant(
 
 
 def hand_inertia(plant: MultibodyPlant, arm: Arm, hand: Hand, q_hand: FloatArray) -> SpatialInertia:
-    """The hand as one rigid body, about the flange's origin and in its axes.
+    """Spatial inertia of the hand as one rigid body about the flange's origin, in the flange's axes.
 
     Args:
         plant: finalized plant in which the hand is mounted on the arm.

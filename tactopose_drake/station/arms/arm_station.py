@@ -1,4 +1,4 @@
-"""Builds a simulated station whose hand an arm carries: senses, estimation, decision and control in one diagram."""
+"""Builds a simulated station with a hand on an arm: senses, estimation, decision and control in one diagram."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -28,28 +28,28 @@ from tactopose_drake.systems.pose_tracking import AddPoseTracking
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class SceneModel:
-    """A model that stands in the world."""
+    """A model that is fixed in the world."""
 
     model: str = ""  # URL or path of an SDF or URDF file
-    X_WModel: Transform = dataclasses.field(default_factory=Transform)  # of its root link
+    X_WModel: Transform = dataclasses.field(default_factory=Transform)  # pose of its root link
 
 
 def _thumb_up() -> Transform:
-    # The Shadow-like hand reaches 0.165 m back from the origin of its forearm.
+    # The Shadow-like hand's forearm extends 0.165 m behind its origin.
     return Transform(translation=[0.0, 0.0, 0.165], rotation=Rotation(value=Rotation.Rpy(deg=[0.0, 0.0, 180.0])))
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class ArmSetup:
-    """The arm, how it carries the hand, and what stands around it."""
+    """The arm, the hand's mounting on it, and its surroundings."""
 
     arm: str = "seven_axis"  # an arm of the package by name, or a *.arm.yaml by path
-    X_WBase: Transform = dataclasses.field(default_factory=Transform)  # where the arm stands
+    X_WBase: Transform = dataclasses.field(default_factory=Transform)  # pose of the arm's base
     X_FBase: Transform = dataclasses.field(default_factory=_thumb_up)  # where the hand's base is welded to the flange
-    # Where the arm begins, rad: the hand in front of it, its fingers forward.
+    # Initial joint positions, rad: the hand in front of the arm, its fingers forward.
     q_start: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.3, 0.0, 1.4, 0.0, -0.13, 0.0])
-    stiffness: float = 400.0  # of the controller: acceleration for an error, 1/s^2
-    damping: float = 40.0  # 1/s
+    stiffness: float = 400.0  # controller's acceleration per position error, 1/s^2
+    damping: float = 40.0  # controller's acceleration per velocity error, 1/s
     scene: list[SceneModel] = dataclasses.field(default_factory=list)
 
     def validate(self) -> None:
@@ -61,19 +61,19 @@ class ArmSetup:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ArmParts:
-    """What whoever decides finds in the diagram.
+    """The parts of the diagram under construction that a `Decision` gets.
 
     Attributes:
         plant: the simulator's plant.
-        scene_graph: its geometry.
+        scene_graph: its SceneGraph.
         arm: the arm in it.
         arm_plant: a plant of the arm alone, which carries the hand as one rigid body.
-        arm_alone: the arm in that one.
+        arm_alone: the arm in that plant.
         hand: the hand in the simulator's plant.
-        object_body: the object there.
+        object_body: the object in the simulator's plant.
         model: the object's model for estimation.
-        palm_pose: X_WP, by the joints of arm and hand.
-        senses: the hand's senses by the names of `AddPoseEstimation`'s inputs.
+        palm_pose: port of X_WP.
+        senses: ports of the hand's senses by the names of `AddPoseEstimation`'s inputs.
         estimation: the diagram of `AddPoseEstimation` or `AddPoseTracking`; its `prior` or `vision` is not connected.
     """
 
@@ -92,25 +92,25 @@ class ArmParts:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ArmStation(Station):
-    """A station whose hand an arm carries.
+    """A station with the hand on an arm.
 
     Attributes:
         arm: the arm in the plant.
-        setup: what it was made from.
+        setup: the arm's setup.
     """
 
     arm: Arm
     setup: ArmSetup
 
     def start(self, context: Context) -> None:
-        """Prepares a root context: the arm where it begins, and as `Station.start`."""
+        """Prepares a root context: moves the arm to its initial positions, then as `Station.start`."""
         plant_context = self.plant.GetMyMutableContextFromRoot(context)
         self.plant.SetPositions(plant_context, self.arm.model_instance, np.array(self.setup.q_start))
         super().start(context)
 
 
 Decision = Callable[[DiagramBuilder, ArmParts], OutputPort]
-"""Adds to a diagram whatever decides; returns the port of the arm's reference: positions, then velocities."""
+"""Adds the deciding systems to a diagram; returns the port of the arm's reference: positions, then velocities."""
 
 
 def make_arm_station(
@@ -124,19 +124,19 @@ def make_arm_station(
 ) -> ArmStation:
     """Builds the diagram.
 
-    Its ports are those of `make_station`, but for those of vision, and those that `add_decision` exports.
+    Its ports are those of `make_station`, except those of vision, and those that `add_decision` exports.
 
     Args:
-        scenario: hand, object, senses, and how the pose is known: with `tracking` by a belief over time, without by
-            `estimation`, which begins anew each time. Its `X_WBase`, `vision` and `X_WC` are not looked at.
+        scenario: hand, object and senses. The pose comes from a belief over time if it has `tracking`, or else from
+            independent estimates by `estimation`. `X_WBase`, `vision` and `X_WC` are ignored.
         plan: how the fingers close.
         setup: the arm.
-        add_decision: adds whatever decides; if there is vision, it adds that too.
-        model: of the scenario's object, if it is at hand already.
-        meshcat: where to show it all; nothing is shown without.
+        add_decision: adds the deciding systems, and the vision source, if any.
+        model: the object's model; None: it is loaded.
+        meshcat: shows the station; None: nothing is shown.
 
     Raises:
-        InvalidInputError: if scenario or setup cannot be built, or the scenario grips without a plan, or explores.
+        InvalidInputError: if scenario or setup cannot be built, or the scenario has a grip or an exploration.
     """
     scenario.validate()
     setup.validate()
@@ -179,7 +179,7 @@ def make_arm_station(
 def _add_estimation(
     builder: DiagramBuilder, scenario: Scenario, hand: Hand, model: ObjectModel, palm_pose: OutputPort
 ) -> Diagram:
-    """The belief over time, where it is asked for, or each instant's estimate, with what it takes beyond the senses."""
+    """Adds the tracking, or without it the estimation, and connects its inputs beside the senses."""
     tracked = scenario.tracking
     if tracked is None:
         estimation = AddPoseEstimation(builder, hand.config, model, scenario.estimation)
@@ -202,7 +202,7 @@ def _add_scene(plant: MultibodyPlant, setup: ArmSetup) -> None:
 
 
 def _add_arm_control(builder: DiagramBuilder, parts: ArmParts, setup: ArmSetup, reference: OutputPort) -> None:
-    """Inverse dynamics of arm and hand, as one rigid body, about the reference."""
+    """Adds inverse dynamics control of the arm, with the hand as one rigid body, about the reference."""
     count = parts.arm_plant.num_positions()
     gains = np.full(count, setup.stiffness), np.zeros(count), np.full(count, setup.damping)
     controller = builder.AddNamedSystem(

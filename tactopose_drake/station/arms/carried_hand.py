@@ -1,4 +1,4 @@
-"""The hand on an arm, as one rigid body: where it is, and straight ways down that it takes with what it holds."""
+"""The hand on an arm as one rigid body: its pose, and straight descents with a held object."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.station.arms.arm import Arm
 from tactopose_drake.station.arms.motion import AxisGoal, reach_axis, smooth_motion
 
-# Positions along a straight way down, and guesses of the inverse kinematics at its beginning.
+# Positions along a straight descent, and guesses of the inverse kinematics at its start.
 _STEPS, _GUESSES = 5, 8
-# From which difference of a joint on two of them are two ways to reach it, rad.
+# Inverse kinematics solutions count as different if a joint differs by more than this, rad.
 _APART = 0.1
-# By how much the hand may turn while it is raised, rad.
+# Largest rotation of the hand while it is raised, rad.
 _RAISED_TURN = 0.3
-# How much higher than a straight way down the way to its beginning may lead, m, and at how many times it is checked.
+# Heights above a descent's start over which the path to it may lead, m, and the number of times at which it is checked.
 _DETOURS, _CHECKED_TIMES = (0.15, 0.3), 40
-# The fingers' direction.
+# Direction of the fingers.
 _FORWARD_P = np.array([0.0, 0.0, 1.0])
 
 
@@ -32,9 +32,9 @@ class PlacedHand:
     """The hand on the flange F with its joints at rest.
 
     Attributes:
-        X_FP: the palm.
-        p_PH: spheres that fill the hand, and the ball of the arm's wrist, shape (h, 3), m.
-        radius: of those, shape (h,), m.
+        X_FP: pose of the palm.
+        p_PH: centres of the spheres that fill the hand, and of the ball at the arm's wrist, shape (h, 3), m.
+        radius: their radii, shape (h,), m.
     """
 
     X_FP: RigidTransform
@@ -44,19 +44,19 @@ class PlacedHand:
 
 @dataclass(frozen=True, eq=False)
 class StraightDescent:
-    """A straight way down of a point of the palm, with a direction of the palm looking down.
+    """A straight descent of a point of the palm, with a direction of the palm pointing down.
 
     Attributes:
         p_PQ: the point, shape (3,), m.
-        p_PE: the lowest point of what the hand holds, shape (3,), m.
-        down_P: the direction, shape (3,), of length 1.
-        p_WQ: below where the point goes down, shape (3,), m.
-        highest: where it begins, above `p_WQ`, m.
-        lowest: where it ends.
-        clear: height in the world above which hand and lowest point stay until it begins, m.
-        near: how near to below `p_WQ` they do so, horizontally, m.
-        floor: height in the world above which they stay elsewhere, m.
-        most_turn: angle between the fingers and the direction from the arm to `p_WQ`, rad.
+        p_PE: the lowest point of the held object, shape (3,), m.
+        down_P: the direction that points down, a unit vector of shape (3,).
+        p_WQ: the target below the descent, shape (3,), m.
+        highest: height above `p_WQ` at which the descent starts, m.
+        lowest: height above `p_WQ` at which it ends, m.
+        clear: height in the world above which hand and lowest point must stay near the target until the descent, m.
+        near: horizontal distance from `p_WQ` within which that holds, m.
+        floor: height in the world above which they must stay elsewhere, m.
+        most_turn: largest angle between the fingers and the direction from the arm to `p_WQ`, rad.
     """
 
     p_PQ: FloatArray
@@ -73,7 +73,7 @@ class StraightDescent:
 
 @dataclass(frozen=True, eq=False)
 class ArmSpeeds:
-    """How fast an arm goes: the share of its joints' largest speeds, and any joint's largest acceleration, rad/s^2."""
+    """Limits of an arm's motion: a share of its joints' speed limits, and the joints' acceleration limit, rad/s^2."""
 
     share: float
     acceleration: float
@@ -81,13 +81,13 @@ class ArmSpeeds:
 
 @dataclass(frozen=True, eq=False)
 class WayDown:
-    """How an arm goes down.
+    """A planned descent of an arm.
 
     Attributes:
-        move: the motion to where the descent begins.
-        down: positions along it, shape (n, na), rad.
-        above: those from which it can be left for elsewhere, well above its beginning, shape (na,); None if there are
-            none.
+        move: the motion to the start of the descent.
+        down: joint positions along the descent, shape (n, na), rad.
+        above: joint positions well above its start, from which the arm can go elsewhere, shape (na,), rad; None if
+            there are none.
     """
 
     move: PiecewisePolynomial
@@ -96,7 +96,7 @@ class WayDown:
 
 
 class CarriedHand:
-    """Knows arm and hand; finds the ways of the arm."""
+    """Kinematics and motion planning of an arm that carries a hand."""
 
     def __init__(
         self, arm_plant: MultibodyPlant, arm: Arm, hand: HandConfig, X_FBase: RigidTransform, q_home: FloatArray
@@ -108,7 +108,7 @@ class CarriedHand:
             arm: the arm in it.
             hand: the hand.
             X_FBase: where its base is welded to the flange.
-            q_home: positions of the arm that it stays near to where it has a choice, shape (na,), rad.
+            q_home: preferred positions of the arm, shape (na,), rad.
         """
         self._arm_plant, self._arm, self._X_FBase, self._q_home = arm_plant, arm, X_FBase, q_home
         self._hand_plant, self._hand = make_hand_plant(hand)
@@ -116,11 +116,11 @@ class CarriedHand:
 
     @property
     def num_hand_positions(self) -> int:
-        """Of the hand's joints."""
+        """The number of the hand's joint positions."""
         return int(self._hand_plant.num_positions())
 
     def place(self, q_hand: FloatArray) -> PlacedHand:
-        """The hand with its joints at positions of shape (nq,), rad."""
+        """The hand on the flange with its joints at positions of shape (nq,), rad."""
         context = self._hand_plant.CreateDefaultContext()
         self._hand_plant.SetPositions(context, q_hand)
         base = self._hand_plant.GetFrameByName(self._hand.config.base_link, self._hand.model_instance)
@@ -145,11 +145,11 @@ class CarriedHand:
         return self._arm.flange.CalcPoseInWorld(context)
 
     def reach(self, goal: AxisGoal, q_near: FloatArray, guesses: list[FloatArray]) -> FloatArray | None:
-        """As `reach_axis`."""
+        """Calls `reach_axis` for this arm."""
         return reach_axis(self._arm_plant, self._arm.flange, goal, q_near, guesses)
 
     def move(self, q: FloatArray, speeds: ArmSpeeds, most_speed: float | None = None) -> PiecewisePolynomial:
-        """The motion through positions of shape (n, na), rad; its flange is no faster than `most_speed`, m/s."""
+        """The motion through positions of shape (n, na), rad; the flange's speed is limited to `most_speed`, m/s."""
         flange = None if most_speed is None else (self._arm.flange, most_speed)
         return smooth_motion(
             self._arm_plant, q, speed_share=speeds.share, most_acceleration=speeds.acceleration, most_speed=flange
@@ -163,14 +163,14 @@ class CarriedHand:
         speeds: ArmSpeeds,
         generator: np.random.Generator,
     ) -> WayDown | None:
-        """How the arm goes; None if it cannot, or not without coming too low before the descent begins.
+        """Plans a descent; None if the arm cannot, or only by coming too low before the descent starts.
 
         Args:
-            q: where the arm is, shape (na,), rad.
-            hand: as it is on the flange.
-            descent: the straight way down.
-            speeds: on the way to it.
-            generator: of the guesses of the inverse kinematics.
+            q: current positions of the arm, shape (na,), rad.
+            hand: the hand on the flange.
+            descent: the straight descent.
+            speeds: limits of the motion to its start.
+            generator: draws the guesses of the inverse kinematics.
         """
         raised = self._raised(q, hand, descent)
         for begin in self._begins(q, hand, descent, generator):
@@ -188,10 +188,10 @@ class CarriedHand:
     def _begins(
         self, q: FloatArray, hand: PlacedHand, descent: StraightDescent, generator: np.random.Generator
     ) -> list[FloatArray]:
-        """Positions where the straight way down may begin, shape (na,) each, rad: those nearest to the arm's first.
+        """Joint positions at which the descent may start, shape (na,) each, rad, by distance from the current ones.
 
-        An arm reaches a place in several ways, with its wrist turned over, say; from one of them to another it swings
-        what it holds through half of its reach.
+        An arm reaches a pose in several ways, such as with its wrist turned over. Moving from one to another would
+        swing the held object through half of the arm's reach.
         """
         goal, home = _goal(hand, descent, descent.highest), self._q_home
         guesses = [home, *(home + generator.uniform(-0.8, 0.8, (_GUESSES, len(q))))]
@@ -203,7 +203,7 @@ class CarriedHand:
         return begins
 
     def _way_down(self, begin: FloatArray, hand: PlacedHand, descent: StraightDescent) -> FloatArray | None:
-        """Positions along the straight way down, shape (n, na), rad; None if the arm cannot."""
+        """Joint positions along the straight descent, shape (n, na), rad; None if the arm cannot reach them."""
         ways = [begin]
         for height in np.linspace(descent.highest, descent.lowest, _STEPS)[1:]:
             found = self.reach(_goal(hand, descent, float(height)), ways[-1], [ways[-1]])
@@ -213,7 +213,7 @@ class CarriedHand:
         return np.array(ways)
 
     def _raised(self, q: FloatArray, hand: PlacedHand, descent: StraightDescent) -> FloatArray | None:
-        """Positions that hold the hand as it is, but higher, shape (na,), rad; None if the arm cannot."""
+        """Joint positions with the hand raised at about its current orientation, shape (na,), rad, or None."""
         X_WF, rotate = self.flange(q), hand.X_FP.rotation()
         p_FQ, down_F = hand.X_FP.multiply(descent.p_PQ), rotate.multiply(descent.down_P)
         forward_F = rotate.multiply(_FORWARD_P)
@@ -229,7 +229,7 @@ class CarriedHand:
         return self.reach(goal, q, [q])
 
     def _is_clear(self, motion: PiecewisePolynomial, hand: PlacedHand, descent: StraightDescent) -> bool:
-        """Whether the hand and what it holds stay high enough."""
+        """Whether the hand and the held object stay high enough during a motion."""
         p_FH = hand.X_FP.multiply(np.vstack([hand.p_PH, descent.p_PE]).T)
         radius = np.append(hand.radius, 0.0)
         context = self._arm_plant.CreateDefaultContext()
@@ -243,7 +243,7 @@ class CarriedHand:
 
 
 def _goal(hand: PlacedHand, descent: StraightDescent, height: float) -> AxisGoal:
-    """The point at a height above where it goes down, the fingers level but for what the direction asks."""
+    """The goal at a height above the target, with the fingers as horizontal as the downward direction allows."""
     rotate = hand.X_FP.rotation()
     forward_P = _FORWARD_P - (_FORWARD_P @ descent.down_P) * descent.down_P
     forward_W = np.array([*descent.p_WQ[:2], 0.0])
@@ -261,7 +261,7 @@ def _goal(hand: PlacedHand, descent: StraightDescent, height: float) -> AxisGoal
 def _paths(
     q: FloatArray, raised: FloatArray | None, over: list[FloatArray], begin: FloatArray
 ) -> Iterator[list[FloatArray]]:
-    """Ways from where the arm is to where a descent begins: straight, from above it, and up first."""
+    """Paths from the current positions to a descent's start: direct, via points above it, and first up."""
     yield [q, begin]
     yield from ([q, detour, begin] for detour in over)
     if raised is not None:

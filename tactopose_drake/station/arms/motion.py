@@ -1,4 +1,4 @@
-"""Where an arm has to go to put a held axis somewhere, and smooth ways there."""
+"""Inverse kinematics for the axis of a held rod, and smooth time-optimal motions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,26 +13,26 @@ from pydrake.trajectories import PathParameterizedTrajectory, PiecewisePolynomia
 
 from tactopose_drake.core.validation import FloatArray
 
-# How far a solution may leave its goal.
+# Tolerances of a solution.
 _POSITION, _ANGLE = 1e-4, 1e-3  # m, rad
 # Distance from the joints' limits, rad.
 _MARGIN = 0.05
-# Samples of a motion's time, s.
+# Time between samples of a motion, s.
 _STEP = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class AxisGoal:
-    """An axis that is fixed on the flange F, and where it is to be in the world; its spin is free.
+    """A goal in the world for an axis fixed on the flange F; rotation about the axis is free up to `most_turn`.
 
     Attributes:
         p_FQ: a point of the axis, shape (3,), m.
-        direction_F: along the axis, shape (3,).
-        p_WQ: where the point is to be, shape (3,), m.
-        direction_W: where the axis is to point, shape (3,).
+        direction_F: direction of the axis, shape (3,).
+        p_WQ: goal of the point, shape (3,), m.
+        direction_W: goal of the direction, shape (3,).
         forward_F: a direction on the flange, shape (3,), that stays within `most_turn` of `forward_W`.
-        forward_W: shape (3,).
-        most_turn: rad.
+        forward_W: its reference in the world, shape (3,).
+        most_turn: largest angle between them, rad.
     """
 
     p_FQ: FloatArray
@@ -47,14 +47,14 @@ class AxisGoal:
 def reach_axis(
     plant: MultibodyPlant, flange: Frame, goal: AxisGoal, q_near: FloatArray, guesses: Sequence[FloatArray]
 ) -> FloatArray | None:
-    """The joint positions nearest to `q_near` that any guess leads to, shape (nq,), rad; None where none does.
+    """Solves the inverse kinematics; returns the solution nearest to `q_near`, shape (nq,), rad, or None.
 
     Args:
         plant: finalized plant of the arm alone.
         flange: F.
-        goal: see there.
-        q_near: shape (nq,), rad.
-        guesses: where the search begins, shape (nq,) each.
+        goal: the goal.
+        q_near: preferred joint positions, shape (nq,), rad.
+        guesses: initial guesses of the solver, shape (nq,) each, rad.
     """
     world = plant.world_frame()
     best: FloatArray | None = None
@@ -86,19 +86,19 @@ def smooth_motion(
     most_acceleration: float,
     most_speed: tuple[Frame, float] | None = None,
 ) -> PiecewisePolynomial:
-    """The fastest motion along a smooth path through joint positions, from rest to rest; its time begins at 0.
+    """The fastest motion along a smooth path through joint positions, from rest to rest, starting at time 0.
 
     Args:
         plant: finalized plant of the arm alone, with limits of the joints' speeds.
-        q: shape (n, nq), rad, two or more and no two neighbours alike.
-        speed_share: of the joints' largest speeds that may be used.
-        most_acceleration: of any joint, rad/s^2.
-        most_speed: of a frame's origin in the world, m/s; None: it may be as fast as the joints let it.
+        q: joint positions, shape (n, nq), rad; n >= 2, and successive ones differ.
+        speed_share: share of the joints' speed limits that may be used.
+        most_acceleration: acceleration limit of all joints, rad/s^2.
+        most_speed: a frame, and the speed limit of its origin in the world, m/s; None: no such limit.
 
     Returns:
-        Cubic in time, which a system's state may hold.
+        A piecewise cubic trajectory, which can be copied as part of a system's state.
     """
-    if len(q) == 2:  # the interpolation needs three
+    if len(q) == 2:  # The interpolation needs three points.
         q = np.insert(q, 1, q.mean(axis=0), axis=0)
     lengths = np.linalg.norm(np.diff(q, axis=0), axis=1)
     path = PiecewisePolynomial.CubicShapePreserving(

@@ -1,4 +1,4 @@
-"""Puts the decision of handing over and placing into an arm's station."""
+"""Adds the task of taking and placing a rod to an arm's station."""
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder
@@ -14,17 +14,17 @@ from tactopose_drake.station.arms.place_task import PlaceTask
 def AddPlaceTask(
     builder: DiagramBuilder, parts: ArmParts, setup: ArmSetup, grip: HeldAxis, params: PlaceParams
 ) -> PlaceTask:
-    """Adds a `PlaceTask` named "place_task" that decides by the station's estimation; for `make_arm_station`.
+    """Adds a `PlaceTask` named "place_task", connected to the station's estimation; for `make_arm_station`.
 
     Args:
-        builder: of the station, which has a "grasp_controller".
-        parts: of the station.
-        setup: it was made by.
-        grip: where the hand holds a rod best, in P.
-        params: where table and hole are, and how they are approached.
+        builder: the station's builder, which has a "grasp_controller".
+        parts: the station's parts.
+        setup: the arm's setup.
+        grip: the axis along which the hand holds a rod best, in P.
+        params: places of table and hole, and limits of the motions.
 
     Returns:
-        The task; its output `arm_reference` is what the arm is to follow.
+        The task; its output `arm_reference` is the arm's reference.
     """
     X_FBase = fixed_pose("ArmSetup.X_FBase", setup.X_FBase)
     q_home = np.array(setup.q_start)

@@ -1,4 +1,4 @@
-"""Plans how an arm meets a rod that is handed over, sets it upon a table, and puts it into a hole that looks up."""
+"""Plans how an arm meets a rod that is handed over, sets it on a table, and puts it into an upward hole."""
 
 import dataclasses
 
@@ -18,31 +18,31 @@ from tactopose_drake.station.arms.carried_hand import ArmSpeeds, CarriedHand, Pl
 from tactopose_drake.station.arms.motion import AxisGoal
 from tactopose_drake.station.arms.table_leans import LEAST_LEAN_DEG, Lean, choose_lean, lean_ways
 
-# Standard deviations of the rod's end by which the arm keeps away from what it may meet.
+# Safety margin of the rod's end, in standard deviations.
 _SIGMAS = 3.0
-# How far beside the box hand and rod are still to be higher than it, m.
+# Horizontal margin around the box within which hand and rod must stay above it, m.
 _BESIDE = 0.03
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class PlaceParams:
-    """Where the hole and the table are, and how fast the arm goes."""
+    """Places of the hole and the table, and limits of the arm's motions."""
 
     p_WHole: list[float] = dataclasses.field(default_factory=lambda: [0.5, -0.4, 0.1])  # middle of its rim, m
-    box_width: float = 0.12  # of the box that the hole is in, m
-    # Where the rod is to touch it: so far from the box that the arm's wrist, behind the hand, does not meet that.
+    box_width: float = 0.12  # of the box with the hole, m
+    # Where the rod touches the table, m: far enough from the box for the arm's wrist, behind the hand, to clear it.
     p_WTable: list[float] = dataclasses.field(default_factory=lambda: [0.55, 0.3, 0.0])
-    table_give: float = 0.0  # how far the rod has sunk into the table by when it is felt to touch it, m
-    down_P: list[float] = dataclasses.field(default_factory=lambda: [-1.0, 0.0, 0.0])  # where the rod is to point, in P
+    table_give: float = 0.0  # how far the rod has sunk into the table when the touch is detected, m
+    down_P: list[float] = dataclasses.field(default_factory=lambda: [-1.0, 0.0, 0.0])  # of the rod, towards its end
     end_clearance: float = 0.02  # of the rod's end above the box, m
     table_clearance: float = 0.008  # of the rod's end above the table, before it is lowered onto it, m
     hand_clearance: float = 0.008  # of the hand above the box and the table, m
-    most_lean_deg: float = 60.0  # of the rod on the table
-    most_turn: float = 1.2  # angle between the fingers and the direction from the arm to the hole, rad
-    meet_turn: float = 0.3  # by which the hand may turn about the rod while it meets it, rad
-    speed_share: float = 0.8  # of the joints' largest speeds
-    insert_speed_share: float = 0.12
-    touch_speed: float = 0.02  # with which the table is approached, m/s
+    most_lean_deg: float = 60.0  # largest lean of the rod on the table, deg
+    most_turn: float = 1.2  # largest angle between the fingers and the direction from the arm to the hole, rad
+    meet_turn: float = 0.3  # largest rotation of the hand about the rod while it meets it, rad
+    speed_share: float = 0.8  # share of the joints' speed limits
+    insert_speed_share: float = 0.12  # likewise, for the insertion
+    touch_speed: float = 0.02  # speed of lowering the rod onto the table, m/s
     most_acceleration: float = 3.0  # of any joint of the arm, rad/s^2
     seed: int = 0  # of the guesses of the inverse kinematics
 
@@ -63,16 +63,16 @@ class PlaceParams:
 
 
 class PlacePlanner:
-    """Knows hand, rod, table and hole; answers how the rod is held, and which motions lead to it, to table and hole."""
+    """Computes how the rod is held, and plans the motions to the rod, the table and the hole."""
 
     def __init__(self, hand: CarriedHand, model: ObjectModel, grip: HeldAxis, params: PlaceParams) -> None:
         """Keeps references to hand and model.
 
         Args:
-            hand: on its arm.
+            hand: the hand on its arm.
             model: the rod; its axis is its first axis of symmetry.
-            grip: the axis along which the hand holds a rod best; its end is where misplacements are measured.
-            params: table and hole, and how to go there.
+            grip: the axis along which the hand holds a rod best; misplacements are measured at its end.
+            params: places of table and hole, and limits.
 
         Raises:
             InvalidInputError: if the object has no axis of symmetry, or a parameter is out of its range.
@@ -94,7 +94,7 @@ class PlacePlanner:
 
     @property
     def num_hand_positions(self) -> int:
-        """Of the hand's joints."""
+        """The number of the hand's joint positions."""
         return self._hand.num_hand_positions
 
     def fingertips(self, q_hand: FloatArray) -> dict[str, RigidTransform]:
@@ -103,12 +103,12 @@ class PlacePlanner:
 
     @property
     def p_WTouch(self) -> FloatArray:
-        """A point of the level that the rod's lowest point is at once it is felt to touch the table, shape (3,), m."""
+        """A point at the height of the rod's lowest point when a touch of the table is detected, shape (3,), m."""
         return self._p_WTable - np.array([0.0, 0.0, self._params.table_give])
 
     def held_axis(self, estimate: PoseEstimate, contacts: Contacts) -> HeldAxis:
-        """The rod's axis, and where it ends, as the hypotheses have it."""
-        # About an origin that is far away, a mere spin would seem to move the end.
+        """The rod's axis and its end, according to the hypotheses."""
+        # If the origin were far away, a mere spin would seem to move the end.
         hypotheses = [about_middle(hypothesis, self._model) for hypothesis in estimate.hypotheses]
         middle = self._middle - self._model.middle if has_far_origin(self._model) else self._middle
         return find_held_axis(
@@ -123,21 +123,21 @@ class PlacePlanner:
         )
 
     def end_distance(self, held: HeldAxis, before: HeldAxis) -> float:
-        """How far apart two axes are where the rod ended before, across the rod, m."""
+        """Distance between two axes, across the rod, at the rod's end according to `before`, m."""
         apart = held.point(before.end) - before.point(before.end)
         return float(np.linalg.norm(apart - (apart @ before.direction) * before.direction))
 
     def misplacement(self, held: HeldAxis) -> float:
-        """How far a rod is from where the hand would hold it best, at that one's lower end, across the rod, m."""
+        """Distance of a held rod from the best grip, across the rod, at the grip's lower end, m."""
         return self.end_distance(held, self._grip)
 
     def meet(self, q: FloatArray, q_hand: FloatArray, held: HeldAxis) -> PiecewisePolynomial | None:
-        """The motion of the open hand to where a rod that stays where it is lies in it as the grip wants it.
+        """The motion of the open hand to a pose in which the rod, which does not move, is at the best grip.
 
-        None if the arm cannot. The hand does not move along the rod.
+        The hand does not move along the rod. None if the arm cannot reach it.
 
         Args:
-            q: where the arm is, shape (na,), rad.
+            q: current positions of the arm, shape (na,), rad.
             q_hand: positions of the hand's joints, shape (nq,), rad.
             held: the rod's axis in the palm, as felt at `q`.
         """
@@ -160,18 +160,20 @@ class PlacePlanner:
     def touch_table(
         self, q: FloatArray, q_hand: FloatArray, held: HeldAxis, estimate: PoseEstimate
     ) -> tuple[PiecewisePolynomial, PiecewisePolynomial, FloatArray] | None:
-        """The motions to above the table, and slowly down until the rod touches it, or the hand nearly does.
+        """Plans the motion to above the table, and slowly down until the rod touches it or the hand nearly does.
 
-        And positions of the arm, shape (na,), rad, to which the rod may be lifted from wherever it touches.
-
-        None if the arm cannot. The rod leans as the hypotheses about it ask for: where they do not tell its end, and
-        leave open which one it is, that is how the table parts them best; see `choose_lean`.
+        The rod's lean is chosen such that the touch distinguishes best which of the rod's ends is down, see
+        `choose_lean`.
 
         Args:
-            q: where the arm is, shape (na,), rad.
+            q: current positions of the arm, shape (na,), rad.
             q_hand: positions of the hand's joints, shape (nq,), rad.
             held: the rod's axis in the palm.
-            estimate: the hypotheses that it is of.
+            estimate: the hypotheses of its pose.
+
+        Returns:
+            Both motions, and positions of the arm, shape (na,), rad, to which the rod can be lifted after the touch;
+            None if the arm cannot reach the table.
         """
         hand = self._hand.place(q_hand)
         farthest = min(held.end + _SIGMAS * held.sigma_end, 2.0 * self._half_length)
@@ -189,7 +191,7 @@ class PlacePlanner:
     def _lower(
         self, q: FloatArray, hand: PlacedHand, held: HeldAxis, lean: Lean, farthest: float
     ) -> tuple[PiecewisePolynomial, PiecewisePolynomial, FloatArray] | None:
-        """The motions of a touch with one lean, of a rod whose end is at its farthest."""
+        """Plans a touch with one lean; `farthest` is the largest distance of the rod's end from the grip, m."""
         params, tilt = self._params, float(-lean.n_P @ held.direction)
         reach = farthest * tilt + self._radius * float(np.sqrt(max(0.0, 1.0 - tilt**2)))
         floor = self._p_WTable[2] + 0.5 * params.table_clearance + self._radius
@@ -213,13 +215,12 @@ class PlacePlanner:
     def plan(
         self, q: FloatArray, q_hand: FloatArray, held: HeldAxis
     ) -> tuple[PiecewisePolynomial, PiecewisePolynomial, PiecewisePolynomial] | None:
-        """The motions to above the hole, straight down into it, and straight up again.
+        """Plans the motions to above the hole, straight down into it, and straight up again.
 
-        None if the arm cannot: on its way to the hole, hand and rod stay higher than the box when near it, and off the
-        table.
+        On the way to the hole, hand and rod stay above the box when near it, and off the table. None if the arm cannot.
 
         Args:
-            q: where the arm is, shape (na,), rad.
+            q: current positions of the arm, shape (na,), rad.
             q_hand: positions of the hand's joints, shape (nq,), rad.
             held: the rod's axis in the palm.
         """
@@ -244,7 +245,7 @@ class PlacePlanner:
         return found.move, insert, retreat
 
     def _hand_depth(self, hand: PlacedHand, held: HeldAxis) -> float:
-        """How far the hand reaches below the grip where it may be over the box, m."""
+        """How far the part of the hand that may be over the box extends below the grip, m."""
         offset = hand.p_PH - held.p_PQ
         along = offset @ held.direction
         across = np.linalg.norm(offset - along[:, None] * held.direction, axis=1)

@@ -1,4 +1,4 @@
-"""Where the task of handing over and placing stands, and its times and limits."""
+"""The state and the parameters of the task of taking and placing a rod."""
 
 import dataclasses
 from typing import Any
@@ -16,29 +16,29 @@ class PlaceTaskParams:
     """Times and limits of the task."""
 
     period: float = 0.02  # s between two decisions
-    # To get a grip in which every finger carries its share and the rod lies where the hand holds it best.
+    # Attempts at a grip in which every finger carries its share and the rod is at the best grip.
     tries: int = 5
-    most_misplaced: float = 0.005  # of the lower end from there, across the rod, m
-    # From the hand's hold, from the rod being let go, and from each touch of the table, to the look at the estimate, s.
+    most_misplaced: float = 0.005  # largest distance of the lower end from the best grip, across the rod, m
+    # Wait after the grasp, after the rod is released by the giver, and after each touch of the table, s.
     settle_time: float = 0.5
-    patience: float = 2.0  # how long an estimate that is good enough is waited for, s
-    most_sigma: float = 0.005  # standard deviation of the rod's lower end across its axis, m
-    # The table is touched until the rod's lower end is known along its axis, and which one it is.
-    most_sigma_end: float = 0.002  # m
-    sure: float = 0.98  # probability of the end
-    touches: int = 8  # of the table at the most
-    pause: float = 0.2  # over the table, until what the arm's halt has shaken is at rest, s
-    touch_force: float = 0.1  # on the rod by which the table is felt, N
-    # Standard deviation of the rod's lowest point over the table then, m: a rod's edge sinks in by 0.2 mm less than
-    # `PlaceParams.table_give`, and its point by as much more, and within a period the arm goes down by 0.4 mm.
+    patience: float = 2.0  # longest wait for an estimate that is good enough, s
+    most_sigma: float = 0.005  # largest standard deviation of the rod's lower end across its axis, m
+    # The table is touched until the rod's lower end is known along its axis, and which of its ends it is.
+    most_sigma_end: float = 0.002  # largest standard deviation along the axis, m
+    sure: float = 0.98  # least probability of the end
+    touches: int = 8  # largest number of touches of the table
+    pause: float = 0.2  # wait above the table until vibrations have decayed, s
+    touch_force: float = 0.1  # force on the rod from which the table counts as touched, N
+    # Standard deviation of the rod's lowest point over the table at a touch, m: a rod's edge sinks in by 0.2 mm less
+    # than `PlaceParams.table_give`, its point by 0.2 mm more, and the arm descends by 0.4 mm within a period.
     sigma_touch: float = 0.00025
-    # By what else than the fingertips' motion each further touch moves the rod in the hand, standard deviation, m: it
-    # creeps and rolls on them as it is held and pressed, and mostly on in the direction in which it has begun.
+    # Standard deviation of the rod's motion in the hand by each further touch, beyond the fingertips' motion, m: it
+    # creeps and rolls on them, mostly in the same direction each time.
     sigma_moved: float = 0.0003
-    # Of the lower end in the palm while it is carried, beyond three standard deviations of the estimates, m.
+    # Largest motion of the lower end in the palm while carried, beyond three standard deviations of the estimates, m.
     most_drift: float = 0.005
-    most_offset: float = 0.003  # of the lower end above the hole, by the estimate then; else the arm aligns it anew, m
-    alignments: int = 2  # of that at the most
+    most_offset: float = 0.003  # largest offset of the lower end above the hole, before the arm aligns it again, m
+    alignments: int = 2  # largest number of such alignments
     open_time: float = 1.5  # for the fingers to open, s
 
     def validate(self) -> None:
@@ -46,26 +46,26 @@ class PlaceTaskParams:
         check_numbers("PlaceTaskParams", self, most={"sure": 1.0})
 
     def is_known(self, held: HeldAxis) -> bool:
-        """Whether the table need not be asked any more about a rod's lower end."""
+        """Whether a rod's lower end is known well enough, so that no further touch of the table is needed."""
         return held.sigma_end <= self.most_sigma_end and max(held.same_way, 1.0 - held.same_way) >= self.sure
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TaskState:
-    """Where the task stands.
+    """The state of the task.
 
     Attributes:
         phase: see `PlaceTask`.
-        since: when it began, s.
-        q: the arm's positions at its end, or all along it if there is no motion, shape (nq,), rad.
-        motion: of the arm, from `since` on.
-        held: the rod's axis by which the motions were planned.
-        ahead: the motions that follow: the insertion, the retreat; or the one down to the table, or to meet the rod.
-        tried: how many grips were given up.
-        aligned: how often the rod was aligned anew above the hole.
-        touches: of the table by the rod.
-        above: positions of the arm over the table, shape (nq,), rad, to which the rod is lifted once it has touched it.
-        carried: force of the rod on the hand, upwards, while nothing else touches it, N.
+        since: when the phase began, s.
+        q: the arm's positions at the end of the phase, or throughout it if there is no motion, shape (nq,), rad.
+        motion: the arm's motion, starting at `since`; None: it stays.
+        held: the rod's axis with which the motions were planned.
+        ahead: the next motions: insertion and retreat; or the one down to the table, or to meet the rod.
+        tried: number of grips that were given up.
+        aligned: how often the rod was aligned again above the hole.
+        touches: touches of the table by the rod so far.
+        above: positions of the arm over the table, shape (nq,), rad, to which the rod is lifted after a touch.
+        carried: upward force of the rod on the hand while nothing else touches it, N.
     """
 
     phase: str
@@ -81,11 +81,11 @@ class TaskState:
     carried: float = 0.0
 
     def __deepcopy__(self, memo: Any) -> "TaskState":
-        """Itself: nothing in it changes, and a simulator copies all state with each event."""
+        """Returns itself: it is immutable, and a simulator copies all state with each event."""
         return self
 
     def to(self, phase: str, time: float, motion: PiecewisePolynomial | None = None) -> "TaskState":
-        """The next phase, from a time on, with the arm following a motion or resting where it is."""
+        """The state at the start of the next phase, with the arm following a motion or staying where it is."""
         q = self.q if motion is None else motion.value(motion.end_time())[:, 0]
         return dataclasses.replace(self, phase=phase, since=time, q=q, motion=motion)
 

@@ -1,6 +1,6 @@
-"""Decides what arm and hand do to put a handed-over rod into a hole: the decision in figure 6.5 of the thesis.
+"""Task logic of arm and hand to put a handed-over rod into a hole: the decision in figure 6.5 of the thesis.
 
-The forces of the fingertips on the rod add up to its weight; from when it touches the table on they carry less.
+The fingertips' forces on the rod sum to its weight; once the rod touches the table, they carry less.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.3.2.3.
 """
@@ -29,7 +29,7 @@ _OPEN = ("open", "meet", "again", "release", "retreat", "done")
 
 
 class PlaceTask(CollectableSystem):
-    """Waits until a rod is held, feels where it is, and has the arm put it into a hole.
+    """Waits until a rod is held, estimates its pose by touch, and has the arm put it into a hole.
 
     .. pydrake_system::
 
@@ -51,36 +51,35 @@ class PlaceTask(CollectableSystem):
     All inputs are read once a period.
 
     - holding: shape (1,), above 0 once the hand holds something.
-    - grasp_status: str, "holding" where every finger carries its share; the `status` of `GraspController`.
+    - grasp_status: str, "holding" if every finger carries its share; the `status` of `GraspController`.
     - contacts: `Contacts` in P, with forces.
     - fingers_in_contact: tuple of the fingers' names, in the order of the contacts.
     - hypotheses: `PoseEstimate` of X_PO, or None while there is none.
-    - joint_positions: of the hand, shape (nq,), rad.
-    - palm_pose: `RigidTransform` X_WP, by the joints of arm and hand.
+    - joint_positions: positions of the hand's joints, shape (nq,), rad.
+    - palm_pose: `RigidTransform` X_WP.
     - arm_reference: positions, then velocities of the arm's joints, shape (2 na,), rad and rad/s.
-    - open: shape (1,), 1 where the hand is to open.
-    - planes: tuple of `PlaneContact` in P, the table each time that the held rod touched it, as the rod has it that has
-      moved with the fingertips since; empty once it is let go.
+    - open: shape (1,), 1 if the hand is to open.
+    - planes: tuple of `PlaneContact` in P: the table at each touch by the held rod, moved with the rod as the
+      fingertips have moved since; empty after the release.
     - phase: str, "receive", "touch", "open", "meet", "again", "feel", "approach", "lower", "lift", "move", "insert",
-      "release", "retreat" and "done"; or "failed: " and why, from when on the arm stays where it is and the hand holds
-      on.
+      "release", "retreat" and "done"; or "failed: " and why, after which the arm stays and the hand keeps its grip.
 
-    Whoever hands over holds on until "feel". Before, the rod's place is felt ("touch"); where it does not lie in the
-    hand as it should, the hand opens ("open"), the arm brings it to where it does ("meet"), and it closes once more.
-    Where a grip tells too little for that, or is not firm although the rod lies well, the hand opens too ("again"), and
-    the rod is to be offered anew.
+    The giver holds the rod until "feel". Before that, the rod's pose is estimated ("touch"). If the rod is not at the
+    best grip, the hand opens ("open"), the arm moves it to where the rod is ("meet"), and it closes again. If the grip
+    does not tell enough for that, or is not firm although the rod is well placed, the hand opens ("again"), and the
+    rod must be offered again.
 
-    The hand alone feels neither how far the rod has slid along itself nor which of its ends is up. So the arm brings it
-    over the table ("approach"), and down ("lower") until the force on it says that it touches, lifts it ("lift"), and
-    feels again with what is known now; with another lean each time, until both are known.
+    The hand alone cannot tell how far the rod has slid along its axis, nor which of its ends is up. So the arm moves it
+    over the table ("approach"), lowers it ("lower") until the force on it shows a touch, lifts it ("lift"), and
+    estimates again with the new plane; with another lean each time, until both are known.
     """
 
     def __init__(self, planner: PlacePlanner, q_receive: FloatArray, params: PlaceTaskParams | None = None) -> None:
         """Keeps a reference to the planner.
 
         Args:
-            planner: knows arm, hand, rod and hole.
-            q_receive: where the arm waits for the rod, shape (na,), rad.
+            planner: plans the motions of arm and hand.
+            q_receive: positions in which the arm waits for the rod, shape (na,), rad.
             params: times and limits.
         """
         super().__init__()
@@ -110,11 +109,11 @@ class PlaceTask(CollectableSystem):
 
     @property
     def planner(self) -> PlacePlanner:
-        """What knows arm, hand, rod and hole."""
+        """The planner of the motions."""
         return self._planner
 
     def state(self, context: Context) -> TaskState:
-        """Where the task stands in a context of this system."""
+        """The state of the task in a context of this system."""
         state: TaskState = context.get_abstract_state(self._state).get_value()
         return state
 
@@ -136,7 +135,7 @@ class PlaceTask(CollectableSystem):
         return before.to("touch", context.get_time()) if self._holding.Eval(context)[0] > 0.0 else before
 
     def _touch(self, context: Context, before: TaskState) -> TaskState:
-        """Decides, while the rod is still held by whoever hands it over, whether the grip is good."""
+        """Decides whether the grip is good, while the giver still holds the rod."""
         time = context.get_time()
         if time - before.since < self._params.settle_time:
             return before
@@ -151,7 +150,7 @@ class PlaceTask(CollectableSystem):
             reason = felt if status == "holding" else status
             return self._fail(context, before, f"no good grip in {self._params.tries} tries: {reason}")
         after = dataclasses.replace(before.to("again", time), tried=before.tried + 1)
-        # By an estimate that is less exact than the rod is misplaced, the hand gets nearer to it.
+        # Meeting the rod helps only if the estimate is more exact than the misplacement.
         if held is not None and max(held.sigma, self._params.most_misplaced) < misplacement:
             meet = self._planner.meet(before.q, self._positions.Eval(context), held)
             if meet is not None:
@@ -163,7 +162,7 @@ class PlaceTask(CollectableSystem):
         return before if time - before.since < self._params.open_time else before.to("receive", time)
 
     def _feel(self, context: Context, before: TaskState) -> TaskState:
-        """Waits for an estimate that tells the rod's axis well enough, then plans."""
+        """Waits for an estimate that determines the rod's axis well enough, then plans."""
         waited = context.get_time() - before.since
         if waited < self._params.settle_time:
             return before
@@ -198,7 +197,7 @@ class PlaceTask(CollectableSystem):
         return dataclasses.replace(before.to("move", context.get_time(), move), held=held, ahead=(insert, retreat))
 
     def _lower(self, context: Context, before: TaskState) -> TaskState:
-        """Down until the table is felt, and up again."""
+        """Lowers the rod until the table is felt, then lifts it."""
         time, force = context.get_time(), self._pressed(context)
         lost = self._lost(context, before)
         if lost:
@@ -213,12 +212,12 @@ class PlaceTask(CollectableSystem):
         return self._fail(context, before, "the rod does not reach the table")
 
     def _pressed(self, context: Context) -> float:
-        """The force of the rod on the hand, upwards, N."""
+        """The upward force of the rod on the hand, N."""
         X_WP = eval_input(self._palm_pose, context, RigidTransform)
         return force_on_hand(eval_input(self._contacts, context, Contacts), X_WP.rotation().matrix()[2])
 
     def _table(self, context: Context) -> TableTouch:
-        """The table that the rod touches now."""
+        """The touch of the table at this instant."""
         X_PW = eval_input(self._palm_pose, context, RigidTransform).inverse()
         p_PQ, n_P = X_PW.multiply(self._planner.p_WTouch), X_PW.rotation().col(2)
         contacts, fingers = eval_input(self._contacts, context, Contacts), eval_input(self._fingers, context, tuple)
@@ -226,7 +225,7 @@ class PlaceTask(CollectableSystem):
         return TableTouch(PlaneContact(p_PQ, n_P, self._params.sigma_touch), contacts, fingers, X_PS)
 
     def _go_on(self, context: Context, before: TaskState) -> TaskState:
-        """Follows the motions; stops where the rod has moved in the hand."""
+        """Follows the motions; fails if the rod moves in the hand."""
         time, passed = context.get_time(), context.get_time() - before.since
         if before.phase in ("open", "release"):
             if passed < self._params.open_time:
@@ -250,12 +249,12 @@ class PlaceTask(CollectableSystem):
         return before.to({"meet": "receive", "lift": "feel", "retreat": "done"}[before.phase], time)
 
     def _next(self, before: TaskState, phase: str, time: float) -> TaskState:
-        """The first of the motions that follow."""
+        """Starts the next of the planned motions."""
         motion, *ahead = before.ahead
         return dataclasses.replace(before.to(phase, time, motion), ahead=tuple(ahead))
 
     def _align(self, context: Context, before: TaskState) -> TaskState | None:
-        """Above the hole: a motion to where the rod has slipped to on the way; None where it is well aligned."""
+        """Plans again above the hole if the rod has slipped on the way; None if it is well aligned."""
         held = self._held(context)
         if held is None or held.sigma > self._params.most_sigma or before.aligned >= self._params.alignments:
             return None
@@ -271,7 +270,7 @@ class PlaceTask(CollectableSystem):
         return None if estimate is None or len(contacts) < 2 else self._planner.held_axis(estimate, contacts)
 
     def _lost(self, context: Context, before: TaskState) -> str:
-        """What is wrong with the hold; empty while the rod's lower end is where it was."""
+        """Why the hold is lost; empty while the rod's lower end is where it was."""
         assert before.held is not None
         held = self._held(context)
         if held is None:

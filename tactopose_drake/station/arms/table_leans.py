@@ -1,4 +1,4 @@
-"""How a held rod may lean on a table, and which lean tells most about it."""
+"""Possible leans of a held rod on a table, and the choice of the most informative one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,9 +15,9 @@ from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.station.arms.carried_hand import PlacedHand
 
 LEAST_LEAN_DEG = 15.0
-"""The least lean of a rod on the table that is looked at."""
-_SIDES, _STEP = 12, np.radians(7.5)  # leans that are looked at: about the rod, and the step of their angles, rad
-# Standard deviation of a touch by which leans are compared, m.
+"""The smallest lean of a rod on the table that is considered, deg."""
+_SIDES, _STEP = 12, np.radians(7.5)  # number of directions of leans around the rod, and step of their angles, rad
+# Standard deviation of a touch that is assumed to compare leans, m.
 _SIGMA = 0.0005
 
 
@@ -26,8 +26,8 @@ class Lean:
     """A table under a rod.
 
     Attributes:
-        n_P: its normal, towards the rod, shape (3,).
-        least_end: how far from the grip the rod has to end for it to touch the table before the hand comes near it, m.
+        n_P: the table's normal, towards the rod, shape (3,).
+        least_end: least distance of the rod's end from the grip at which the rod touches the table before the hand, m.
     """
 
     n_P: FloatArray
@@ -35,7 +35,7 @@ class Lean:
 
 
 def lean_ways(held: HeldAxis, hand: PlacedHand, clearance: float, most: float) -> list[Lean]:
-    """Ways for a rod to lean, by up to so much, rad, with how long it must be for the hand to clear the table."""
+    """Leans of a rod up to an angle, rad, each with the length that the rod needs for the hand to clear the table."""
     side, other = axes_across(held.direction)
     angles, leans = np.arange(np.radians(LEAST_LEAN_DEG), most + 1e-9, _STEP), []
     for turn in np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False):
@@ -48,17 +48,17 @@ def lean_ways(held: HeldAxis, hand: PlacedHand, clearance: float, most: float) -
 
 
 def choose_lean(model: ObjectModel, estimate: PoseEstimate, leans: Sequence[Lean], least_end: float) -> list[Lean]:
-    """The leans that a rod which ends so far from the grip allows, those that tell most about it first.
+    """The leans that are possible for a rod, the most informative first.
 
-    A rod may be held either end up. Where one of the ends is on the table its lowest point is elsewhere than where the
-    other one would have it: by how many standard deviations, is what a lean is judged by. Where none of the leans is
-    sure to be allowed, as before the first touch, the one for the shortest rods comes first.
+    Either end of the rod may be down. A lean is rated by how many standard deviations apart the rod's lowest points
+    are for the two cases. If no lean is certain to be possible, as before the first touch, the one for the shortest
+    rods comes first.
 
     Args:
         model: the rod.
-        estimate: the hypotheses about it.
-        leans: to choose among.
-        least_end: the least distance of the rod's end from the grip, m.
+        estimate: the hypotheses of its pose.
+        leans: the leans to choose among.
+        least_end: least possible distance of the rod's end from the grip, m.
     """
     allowed = [lean for lean in leans if lean.least_end <= least_end]
     if not allowed:
@@ -68,7 +68,7 @@ def choose_lean(model: ObjectModel, estimate: PoseEstimate, leans: Sequence[Lean
 
 
 def ends_apart(model: ObjectModel, estimate: PoseEstimate, n_P: FloatArray) -> FloatArray:
-    """How far apart hypotheses of either end have a rod's lowest points over planes (n, 3), in standard deviations."""
+    """Distance between the rod's lowest points for either end down, over planes with normals (n, 3), in sigmas."""
     support = PlaneSupport(model, [PlaneContact(np.zeros(3), normal, 1.0) for normal in n_P])
     X_PO = np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in estimate.hypotheses])
     weight = np.array([hypothesis.probability for hypothesis in estimate.hypotheses])

@@ -1,4 +1,4 @@
-"""A touch of the table by what a hand holds, and where the table is in the palm once the fingers have moved on."""
+"""Touches of the table by a held object, and the table's plane in the palm after the fingers have moved."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -20,9 +20,9 @@ class TableTouch:
     """The table in the palm when the held object touched it.
 
     Attributes:
-        plane: as it was then.
-        contacts: of the fingertips on the object.
-        fingers: their names, in the order of the contacts.
+        plane: the table's plane at that time.
+        contacts: contacts of the fingertips on the object.
+        fingers: names of the fingers, in the order of the contacts.
         X_PS: poses of the fingertips' sensors, by finger.
     """
 
@@ -32,13 +32,13 @@ class TableTouch:
     X_PS: Poses
 
     def as_of(self, X_PS: Poses, sigma_moved: float) -> PlaneContact:
-        """The plane as the object has it that has moved with the fingertips to where they are now.
+        """The plane, moved with the object as the fingertips have moved since.
 
-        A hand is compliant: its fingers sag this way or that as it leans, and what they hold goes with them.
+        A hand is compliant: its fingers sag in different directions as it leans, and the held object moves with them.
 
         Args:
-            X_PS: where the fingertips' sensors are now, by finger.
-            sigma_moved: standard deviation of what else the object has moved by, along the plane's normal, m.
+            X_PS: current poses of the fingertips' sensors, by finger.
+            sigma_moved: standard deviation of the object's further motion along the plane's normal, m.
         """
         velocities = {finger: _twist(X_PS[finger] @ self.X_PS[finger].inverse()) for finger in self.fingers}
         moved = move_with_fingertips(self.contacts, self.fingers, velocities, MotionNoise(), 1.0, slips=False).pose
@@ -47,28 +47,28 @@ class TableTouch:
 
 
 def touched_planes(touches: Sequence[TableTouch], X_PS: Poses, sigma_moved: float) -> tuple[PlaneContact, ...]:
-    """The planes that an object has touched, one after the other, as it has them now.
+    """The planes that an object has touched so far, moved with the object.
 
     Args:
-        touches: in their order.
-        X_PS: where the fingertips' sensors are now, by finger.
-        sigma_moved: standard deviation of what a touch moves the object by in the hand beyond the fingertips' motion,
-            m. What turns it once turns it the same way at the next touch: it grows with how many touches came after,
-            rather than with the root of that.
+        touches: the touches in their order.
+        X_PS: current poses of the fingertips' sensors, by finger.
+        sigma_moved: standard deviation of the object's motion in the hand by each touch, beyond the fingertips'
+            motion, m. Successive touches move it in the same direction, so that it grows in proportion to the number
+            of later touches rather than to its square root.
     """
     later = range(len(touches) - 1, -1, -1)
     return tuple(touch.as_of(X_PS, sigma_moved * count) for touch, count in zip(touches, later, strict=True))
 
 
 def force_on_hand(contacts: Contacts, n_P: np.ndarray) -> float:
-    """Force of the held object on the hand along a direction (3,), N: along the table's normal, what that presses with.
+    """Force of the held object on the hand along a direction (3,), N.
 
-    While nothing but the hand touches the object, it is less by its weight.
+    Along the table's normal, it is the table's force minus the object's weight.
     """
     return 0.0 if contacts.f_PC is None else float(np.sum(contacts.f_PC @ n_P))
 
 
 def _twist(X: RigidTransform) -> np.ndarray:
-    """The small motion [w, v] that a pose is, within a second."""
+    """The twist [w, v] that produces a small motion within a second."""
     matrix = X.GetAsMatrix34()
     return np.concatenate([log_so3(matrix[:, :3]), matrix[:, 3]])
