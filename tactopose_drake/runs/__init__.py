@@ -1,4 +1,4 @@
-"""Runs of whole scenarios, simulated and on devices, their recordings and replays; simulated grasps and their truth."""
+"""Runs of scenarios, simulated and on devices, their recordings and replays; simulated grasps with ground truth."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Where the simulator itself says that fingertips and pads touch, to judge what was estimated from the senses."""
+"""Ground truth of the contacts of fingertips and pads in the simulator, to evaluate estimates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ from tactopose_drake.hand.hand_in_plant import Hand
 
 @dataclass(frozen=True, eq=False)
 class PartContact:
-    """The contact between one fingertip or pad and the object: its patch, or all patches where there are several.
+    """The contact between one fingertip or pad and the object.
 
-    So it is where either of the two has several collision shapes.
+    If either has several collision shapes, it combines several contact patches.
 
     Attributes:
         p_PC: centre of pressure in the palm, shape (3,), m.
-        n_PC: the mean normal, weighted by pressure, out of the object, shape (3,).
+        n_PC: pressure-weighted mean normal, out of the object, shape (3,).
         f_PC: force of the object on the fingertip or pad, shape (3,), N.
-        area: of all patches, m^2.
+        area: total area of the patches, m^2.
     """
 
     p_PC: FloatArray
@@ -37,8 +37,8 @@ class ContactTruth:
     """All contacts between hand and object at one instant.
 
     Attributes:
-        tips: by finger, the fingertips with a force-torque sensor that touch.
-        pads: by pad, the tactile pads that touch.
+        tips: contacts of the fingertips with a force-torque sensor, by finger.
+        pads: contacts of the tactile pads, by pad.
         other_contacts: names of other links that touch the object.
     """
 
@@ -51,8 +51,8 @@ def contact_truth(plant: MultibodyPlant, plant_context: Context, hand: Hand, obj
     """Reads the contact results of a hydroelastic simulation.
 
     Args:
-        plant: finalized plant in a diagram, `use_sampled_output_ports` False or at least one step taken.
-        plant_context: its context in that diagram's.
+        plant: finalized plant in a diagram, with `use_sampled_output_ports` False or at least one step taken.
+        plant_context: the plant's context in that diagram.
         hand: the hand in the plant.
         object_body: the object.
     """
@@ -81,7 +81,7 @@ def contact_truth(plant: MultibodyPlant, plant_context: Context, hand: Hand, obj
 
 
 def _joined(parts: Sequence[PartContact]) -> PartContact:
-    """The contact of several patches, each of which counts by its normal force."""
+    """Combines several patches, weighted by their normal forces."""
     if len(parts) == 1:
         return parts[0]
     p, n, f = (np.array([getattr(part, name) for part in parts]) for name in ("p_PC", "n_PC", "f_PC"))

@@ -1,4 +1,4 @@
-"""A recording as one table of comma-separated values."""
+"""Export of a recording as one CSV table."""
 
 import csv
 from collections.abc import Iterator, Sequence
@@ -18,29 +18,30 @@ from tactopose_drake.systems.signals import Value
 _POSE = ("p_x_m", "p_y_m", "p_z_m", "q_w", "q_x", "q_y", "q_z")
 _WRENCH = ("m_x_Nm", "m_y_Nm", "m_z_Nm", "f_x_N", "f_y_N", "f_z_N")
 _OBJECT = (*_POSE, *(f"sigma_w_{axis}_rad" for axis in "xyz"), *(f"sigma_v_{axis}_m" for axis in "xyz"), "probability")
+# Hypotheses whose best one gets columns, and the prefix of these.
 _BEST = {
     "hypotheses": "object",
     "tracked_hypotheses": "tracked",
-}  # whose best one has columns, and what they are called
+}
 
-# The time of a change, the column's group, and its numbers or texts.
+# The time of a change, the group of columns, and its numbers or texts.
 _Cells = tuple[float, str, Sequence[str]]
 
 
 def write_csv(run: RecordedRun, path: Path) -> None:
     """Writes a row for each time at which anything changed.
 
-    A cell is empty where its column has no new value then, and "nan" where there was no reading. Columns are called
+    A cell is empty if its column has no new value at that time, and "nan" if there was no reading. Columns are named
     `<what>/<part>_<unit>`: `time_s`, `joint/<joint>_rad`, `wrench/<finger>/f_x_N`, `pressure/<pad>/<cell>_Pa`,
-    `prior/p_x_m`, `true/p_x_m`, of the best hypothesis `object/p_x_m`, `status`, of a run on devices `sense_status`,
-    and of one that tracks `tracked/p_x_m` and `tracked_status`.
+    `prior/p_x_m`, `true/p_x_m`, `object/p_x_m` of the best hypothesis, `status`, `sense_status` of a run on devices,
+    and with tracking `tracked/p_x_m` and `tracked_status`.
 
     Args:
         run: the recording.
-        path: of the file, which is replaced.
+        path: path of the file, which is replaced.
 
     Raises:
-        InvalidFileError: if it cannot be written.
+        InvalidFileError: if the file cannot be written.
     """
     columns: dict[str, tuple[str, ...]] = {}
     for name, signal in run.signals.items():

@@ -26,7 +26,7 @@ from tactopose_drake.station.hardware import HardwareStation, check_barrett_pads
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.signals import Signal
 
-_MOST_LATE = 0.25  # s, by which a run may fall behind the devices before that is said
+_MOST_LATE = 0.25  # s by which a run may fall behind the devices without a warning
 
 
 def run_devices(
@@ -39,7 +39,7 @@ def run_devices(
 ) -> RunView:
     """Opens the devices, tares them, and runs; see `run_scenario`.
 
-    Everything that takes its time is done before the tare, so that the run begins right after it.
+    All slow preparations are done before the tare, so that the run starts right after it.
     """
     senses = scenario.senses
     assert isinstance(senses, CanSenses)
@@ -73,25 +73,25 @@ def run_devices(
 
 
 def slowness_of(time: float, taken: float) -> str:
-    """What is wrong with a run of some time that has taken longer, s, for the devices go on meanwhile; or nothing."""
+    """A warning if a run of `time` s has taken much longer, during which the devices continued; otherwise empty."""
     if taken <= time + _MOST_LATE:
         return ""
     return (
         f"the run of {time:.2f} s took {taken:.2f} s: estimates take longer than their period, or the machine is busy. "
-        "What devices felt is then of later times than joints, palm and prior beside it; a longer period helps."
+        "The devices' readings are then newer than joints, palm and prior; a longer period helps."
     )
 
 
 def check_devices(scenario: Scenario, duration: float | None) -> None:
-    """Makes the drivers, and reads what is known without them, before anything takes its time; nothing is opened.
+    """Creates the drivers and reads the scenario's files, without opening a bus, to find errors early.
 
     Args:
-        scenario: with CAN devices.
-        duration: of the run, s; if not given, the scenario's with simulated devices, and endless with real ones.
+        scenario: a scenario with CAN devices.
+        duration: duration of the run, s; None: the scenario's with simulated devices, and unlimited with real ones.
 
     Raises:
-        InvalidInputError: if a value of a device is out of its range, a name leads nowhere, or a file begins long
-            after the run or ends long before it does.
+        InvalidInputError: if a value of a device is out of its range, a name is unknown, or a file does not cover the
+            run.
     """
     senses = scenario.senses
     assert isinstance(senses, CanSenses)
@@ -107,7 +107,7 @@ def check_devices(scenario: Scenario, duration: float | None) -> None:
 
 
 def _end(scenario: Scenario, duration: float | None) -> float:
-    """When a run ends, s; infinite where an interrupt ends it."""
+    """The end time of a run, s; infinite if an interrupt ends it."""
     assert isinstance(scenario.senses, CanSenses)
     if duration is not None:
         return duration
@@ -129,7 +129,7 @@ def _prepare(
 
 
 def _start(station: HardwareStation, true_pose: Signal | None, recording: Recording | None) -> Simulator:
-    """A simulator in real time, which records what is not on a bus."""
+    """Starts a simulator in real time, which records the signals that are not on a bus."""
     simulator = Simulator(station.diagram)
     simulator.set_target_realtime_rate(1.0)
     ports = [port for port in sense_ports(station.diagram) if port.get_name() in BESIDE_DEVICES]
@@ -148,9 +148,9 @@ def _start(station: HardwareStation, true_pose: Signal | None, recording: Record
 
 
 def warm_up(station: HardwareStation) -> None:
-    """One estimate of a made-up touch: the first call of everything is slow.
+    """Makes one estimate of a synthetic touch, as first calls are slow.
 
-    A robot would otherwise wait for it in the middle of its first grasp.
+    A robot would otherwise have to wait in the middle of its first grasp.
     """
     estimation = station.diagram.GetSubsystemByName("pose_estimation")
     simulator = Simulator(estimation)

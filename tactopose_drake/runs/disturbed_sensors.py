@@ -1,4 +1,4 @@
-"""Which simulated force-torque sensors read something else than the object's touch, and why."""
+"""Finds simulated force-torque sensors whose readings are not due to the object's contact alone."""
 
 import numpy as np
 from pydrake.multibody.tree import BodyIndex
@@ -7,14 +7,14 @@ from pydrake.systems.framework import Context
 from tactopose_drake.estimation.drake_contacts import reported_contacts
 from tactopose_drake.station.simulated import Station
 
-_LEAST = 0.05  # force of another part of the hand that counts, N
+_LEAST = 0.05  # least force of another part of the hand that is reported, N
 
 
 def disturbed_sensors(station: Station, context: Context) -> tuple[str, ...]:
     """A sentence for each sensor that is saturated, and for each fingertip that another part of the hand touches.
 
     Args:
-        station: the diagram, whose senses are simulated.
+        station: the simulated station.
         context: its root context.
     """
     plant, hand, said = station.plant, station.hand, []
@@ -29,7 +29,7 @@ def disturbed_sensors(station: Station, context: Context) -> tuple[str, ...]:
             most = f"{limits[3:].min():g} N and {limits[:3].min():g} N m"
             said.append(
                 f"The sensor of {finger} is {status.replace(':', ' in')}, so that its contact is off: it measures up "
-                f"to {most}; a scenario's `sensor.calibration` names another."
+                f"to {most}; set another calibration by the scenario's `sensor.calibration`."
             )
         touched = [
             plant.get_body(BodyIndex(contact.partner)).name()

@@ -1,4 +1,4 @@
-"""The estimates of a run as JSON lines, one for each of its periods."""
+"""Writes the estimates of a run as JSON lines, one for each period."""
 
 import json
 from pathlib import Path
@@ -13,14 +13,14 @@ _TEXTS = ("status", "contact_status", "patch_status", "sense_status", "tracked_s
 
 
 class EstimateWriter:
-    """Writes what a station says of the object's pose; a context manager.
+    """Writes a station's estimates; a context manager.
 
     A line has `time` (s), the station's status ports, `fingers_in_contact`, and `hypotheses` as in result.json (null
-    before the first); where the station tracks, `tracked_status` and `tracked_hypotheses` are those of the belief over
-    time. It depends on what was measured alone: how long the search took is left out.
+    before the first); with tracking, also `tracked_status` and `tracked_hypotheses`. The lines depend only on the
+    measurements: the search's duration is left out.
 
     Attributes:
-        file: the lines; it says whether they could be written.
+        file: the file, with the reason if it could not be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -38,12 +38,12 @@ class EstimateWriter:
         self.file.close()
 
     def write(self, diagram: Diagram, context: Context) -> None:
-        """Adds a line of what a station's ports say now."""
+        """Adds a line with the current values of a station's ports."""
         self.file.write(json.dumps(estimates_now(diagram, context), allow_nan=False))
 
 
 def estimates_now(diagram: Diagram, context: Context) -> dict[str, Any]:
-    """A line of `EstimateWriter`, of what a station's ports say now."""
+    """A line of `EstimateWriter` with the current values of a station's ports."""
     line: dict[str, Any] = {"time": context.get_time()}
     line |= {name: diagram.GetOutputPort(name).Eval(context) for name in _TEXTS if diagram.HasOutputPort(name)}
     line["fingers_in_contact"] = list(diagram.GetOutputPort("fingers_in_contact").Eval(context))

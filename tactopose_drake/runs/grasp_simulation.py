@@ -1,4 +1,4 @@
-"""Runs a scenario until the hand holds the object by itself, or says why it does not."""
+"""Simulates a scenario's grasp until the hand holds the object, or tells why it does not."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,18 +20,18 @@ from tactopose_drake.station.simulated import Station, make_station
 
 @dataclass(frozen=True, eq=False)
 class GraspResult:
-    """How a simulated grasp went.
+    """The result of a simulated grasp.
 
     Attributes:
-        stable: whether the object stays in the hand, still and carried by enough fingertips and pads.
+        stable: whether the object is at rest in the hand, carried by enough fingertips and pads.
         reason: "ok", or why it is not stable.
-        station: the diagram.
-        simulator: at the end of the run; its context holds all ports' values.
-        truth: the simulator's own contacts at the end.
+        station: the station.
+        simulator: the simulator at the end of the run; its context holds all ports' values.
+        truth: the true contacts at the end.
         X_PO: true pose of the object at the end.
-        release_time: when the object was let go, s; None if never.
-        slip: how far the object's origin moved in the palm after its release, m; turns about it do not count.
-        speed: of the object's origin in the palm at the end, m/s.
+        release_time: when the object was released, s; None if never.
+        slip: motion of the object's origin in the palm after its release, m; rotation about it is not included.
+        speed: speed of the object's origin in the palm at the end, m/s.
         failed_attempts: why each grasp that was tried before this one failed.
     """
 
@@ -60,20 +60,20 @@ def simulate_grasp(
     on_progress: Callable[[str], None] | None = None,
     observer: Observer = lambda view: None,
 ) -> GraspResult:
-    """Simulates a scenario's grip; or plans and simulates its grasp, and where it fails, the next best, in order.
+    """Simulates a scenario's grip; or plans its grasps and simulates them, best first, until one is stable.
 
     Args:
-        scenario: what to simulate.
-        model: of the scenario's object, if it is at hand already.
-        meshcat: where to show and record it.
-        on_progress: is told what begins.
-        observer: is shown each attempt, step by step.
+        scenario: the scenario.
+        model: the object's model; None: it is loaded.
+        meshcat: shows and records the simulation; None: nothing is shown.
+        on_progress: called with the name of each step that starts.
+        observer: called with each attempt, after each time step.
 
     Returns:
         The first stable grasp, or the last one tried; a grip is tried once.
 
     Raises:
-        InvalidInputError: if the scenario cannot be built, or the hand finds no way to hold the object.
+        InvalidInputError: if the scenario cannot be built, or no grasp is found.
     """
     tell = on_progress or (lambda message: None)
     model = scenario.object_model() if model is None else model
@@ -100,13 +100,13 @@ def run_grasp(
     meshcat: Meshcat | None = None,
     observer: Observer = lambda view: None,
 ) -> GraspResult:
-    """Simulates one grasp from the open hand to the end of the hold, and judges it.
+    """Simulates one grasp from the open hand to the end of the hold, and evaluates it.
 
     Args:
-        station: the diagram, not simulated yet.
-        failed_attempts: handed on to the result.
+        station: the station, not simulated yet.
+        failed_attempts: passed on to the result.
         meshcat: the station's display, if it is to record.
-        observer: is shown the run after each step.
+        observer: called with the run after each time step.
     """
     simulator = Simulator(station.diagram)
     context = simulator.get_mutable_context()
@@ -122,7 +122,7 @@ def run_grasp(
         watch.see(context)
         observer(view)
         if display is not None:
-            # The last estimate may be younger than what is shown.
+            # The last estimate may be newer than the displayed one.
             display.ForcedPublish(display.GetMyContextFromRoot(context))
     if meshcat is not None:
         meshcat.StopRecording()

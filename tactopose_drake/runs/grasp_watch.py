@@ -1,4 +1,4 @@
-"""How a simulated run's grasp goes: when the object is let go, whether it stays, and how far its estimate is off."""
+"""Monitors the grasp of a simulated run: release, slip, stability, and the error of the estimate."""
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -10,14 +10,14 @@ from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.runs.contact_truth import ContactTruth, contact_truth
 from tactopose_drake.station.simulated import Station
 
-_FALLEN = 0.3  # slip after which nothing more is to be seen, m
+_FALLEN = 0.3  # slip from which the object counts as fallen, m
 
 
 class GraspWatch:
-    """Watches a simulated run, and says at its end what came of it; all contexts are the whole diagram's.
+    """Monitors a simulated run and evaluates its grasp at the end; all contexts are root contexts.
 
     Attributes:
-        release_time: when the object was seen to be let go, s; None as long as it was not.
+        release_time: time at which the release of the object was observed, s; None before.
     """
 
     def __init__(self, station: Station) -> None:
@@ -27,13 +27,13 @@ class GraspWatch:
         self._X_PO = RigidTransform()  # at that time
 
     def see(self, context: Context) -> None:
-        """Notes when the object is let go, and where."""
+        """Records the time and the object's pose at its release."""
         locked = self._station.object_joint.is_locked(self._station.plant.GetMyContextFromRoot(context))
         if self.release_time is None and not locked:
             self.release_time, self._X_PO = context.get_time(), self._station.object_pose(context)
 
     def slip(self, context: Context) -> float:
-        """How far the object's origin has moved in the palm since it was let go, m; a turn about it moves it not."""
+        """Motion of the object's origin in the palm since its release, m, without rotation about it."""
         if self.release_time is None:
             return 0.0
         return float(np.linalg.norm(self._station.object_pose(context).translation() - self._X_PO.translation()))
@@ -45,21 +45,21 @@ class GraspWatch:
         return float(np.linalg.norm(V_PO.translational())), float(np.linalg.norm(V_PO.rotational()))
 
     def is_over(self, context: Context) -> bool:
-        """Whether nothing more is to be seen: the object has fallen, or was held long enough and is still."""
+        """Whether the simulation can end: the object has fallen, or was held long enough and is at rest."""
         if self.release_time is None:
             return False
         held = context.get_time() >= self.release_time + self._station.scenario.check.hold_time
         return self.slip(context) > _FALLEN or (held and self._is_still(context))
 
     def judge(self, context: Context) -> tuple[ContactTruth, str]:
-        """The contacts at the end, and why the grasp is not stable; "ok" where it is."""
+        """The contacts at the end, and why the grasp is not stable; "ok" if it is."""
         station = self._station
         plant_context = station.plant.GetMyContextFromRoot(context)
         truth = contact_truth(station.plant, plant_context, station.hand, station.object_body)
         return truth, self._fault(context, truth) or "ok"
 
     def outcome(self, context: Context) -> str:
-        """Whether the object is held, and how far the estimate is off, in a sentence."""
+        """A sentence on whether the object is held, and on the error of the estimate."""
         _, reason = self.judge(context)
         held = "the grasp is stable" if reason == "ok" else f"the grasp is not stable: {reason}"
         estimate: PoseEstimate | None = self._station.diagram.GetOutputPort("hypotheses").Eval(context)
@@ -68,7 +68,7 @@ class GraspWatch:
         return f"{held}; {error_text(estimate, self._station.object_pose(context), self._station.model.size)}"
 
     def _fault(self, context: Context, truth: ContactTruth) -> str:
-        """Why the grasp is not stable; empty where it is."""
+        """Why the grasp is not stable; empty if it is."""
         station, check = self._station, self._station.scenario.check
         if self.release_time is None:
             return "the fingers did not close in time"
@@ -78,7 +78,7 @@ class GraspWatch:
         carrying = [name for name, part in parts.items() if np.linalg.norm(part.f_PC) >= check.least_force]
         if len(carrying) < min(check.least_fingers, len(station.hand.sensor_frames) + len(station.hand.pad_frames)):
             return f"only {len(carrying)} {'pads' if truth.pads else 'fingertips'} carry the object"
-        # A plan is for the fingertips alone; a grip takes what comes.
+        # A planned grasp may only touch with the fingertips; a grip may touch anywhere.
         if truth.other_contacts and station.plan is not None:
             return f"the object also touches {', '.join(truth.other_contacts)}"
         if not self._is_still(context):
@@ -93,7 +93,7 @@ class GraspWatch:
 
 
 def error_text(estimate: PoseEstimate, X_PO_true: RigidTransform, size: float) -> str:
-    """How far the best hypothesis is from the truth, in all and along what the touch determines."""
+    """Error of the best hypothesis, in total and in the determined directions, as text."""
     increment = increments_between(estimate.best.X_PO.GetAsMatrix34(), X_PO_true.GetAsMatrix34())
     determined = determined_part(increment, estimate.best.free_directions, size)
     in_all, where_told = (

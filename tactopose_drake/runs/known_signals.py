@@ -1,4 +1,4 @@
-"""What a scenario with CAN devices knows without them: joint angles, the palm's pose, the object's by other means."""
+"""The signals of a scenario with CAN devices that come from files: joint positions, palm pose, and prior."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,20 +19,20 @@ from tactopose_drake.station.can_senses import CanSenses, FixedJoints, JointFile
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.signals import UNKNOWN_POSE, Signal, Value
 
-# A gap between two rows of a file is longer than this, s, and than so many of the file's usual steps.
+# Rows of a file count as separated by a gap if the step exceeds this, s, and this multiple of the file's median step.
 _LEAST_GAP = 0.15
 _STEPS_OF_A_GAP = 10.0
 _PALM = ["time", "x", "y", "z", "qw", "qx", "qy", "qz"]
 
 
 def known_signals(scenario: Scenario) -> dict[str, Signal]:
-    """The signals that the scenario's `senses.joints`, `palm` and `prior` stand for, by the station's names.
+    """Reads the signals of the scenario's `senses.joints`, `palm` and `prior`, by the names of the station's ports.
 
     Joints and palm hold from row to row; in a gap of a file they are not known.
 
     Raises:
-        InvalidInputError: if the joint angles come through a port, or a joint's name is unknown, or its angle one that
-            it cannot have.
+        InvalidInputError: if the joint positions come through a port, a joint's name is unknown, or a position is
+            impossible.
         InvalidFileError: if a file cannot be read.
     """
     senses = scenario.senses
@@ -55,22 +55,22 @@ def known_signals(scenario: Scenario) -> dict[str, Signal]:
         signals["joint_positions"] = _unknown_in_gaps(table[:, 0], list(positions), unknown)
     elif senses.barrett_hand is None:
         raise InvalidInputError(
-            "CanSenses.joints: is not given, or !JointPort: joint positions come through an input port of a diagram of "
-            "your own; to run the scenario by itself, allowed are !FixedJoints and !JointFile."
+            "CanSenses.joints: is not given, or !JointPort, for which joint positions come through an input port of "
+            "your own diagram; allowed for a run of the scenario by itself are !FixedJoints and !JointFile."
         )
     return signals
 
 
 def check_spans(scenario: Scenario, signals: Mapping[str, Signal], end: float) -> None:
-    """Checks that each file begins with the run, and that its last row is not too old by the end of it.
+    """Checks that the files cover the run, up to the longest `max_age` of the devices.
 
     Args:
-        scenario: with CAN devices; the longest `max_age` among them counts.
+        scenario: a scenario with CAN devices.
         signals: its `known_signals`.
-        end: of the run, s; infinite where an interrupt ends it.
+        end: end of the run, s; infinite if an interrupt ends it.
 
     Raises:
-        InvalidInputError: if one does not.
+        InvalidInputError: if a file starts too late or ends too early.
     """
     senses = scenario.senses
     assert isinstance(senses, CanSenses)
@@ -92,7 +92,7 @@ def check_spans(scenario: Scenario, signals: Mapping[str, Signal], end: float) -
 
 
 def _positions(scenario: Scenario, where: str, names: list[str], rows: FloatArray) -> FloatArray:
-    """Positions of the whole hand, shape (n, nq), from those of some joints (n, k); others follow, or are 0."""
+    """Positions of the whole hand, shape (n, nq), from those of k joints (n, k); others are coupled, or 0."""
     plant, hand = make_hand_plant(load_hand_config(scenario.hand))
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
     resting = [
@@ -111,7 +111,7 @@ def _positions(scenario: Scenario, where: str, names: list[str], rows: FloatArra
 
 
 def _unknown_in_gaps(times: FloatArray, values: list[Value], unknown: Value) -> Signal:
-    """Values over time; unknown in a gap, from when the row before it is older than rows usually get."""
+    """The signal of values over time; `unknown` in gaps, from when the row before a gap is older than usual."""
     steps = np.diff(times)
     longest = max(_LEAST_GAP, _STEPS_OF_A_GAP * float(np.median(steps))) if len(steps) else 0.0
     known = times.tolist()
@@ -122,7 +122,7 @@ def _unknown_in_gaps(times: FloatArray, values: list[Value], unknown: Value) -> 
 
 
 def _palm(path: Path) -> Signal:
-    """X_WP over time."""
+    """Reads X_WP over time."""
     names, table = read_csv_table(path)
     _check_columns(path, names, _PALM)
     p, lengths = table[:, 1:4], np.linalg.norm(table[:, 4:], axis=1)
@@ -137,6 +137,6 @@ def _palm(path: Path) -> Signal:
 
 
 def _check_columns(path: Path, names: list[str], allowed: list[str]) -> None:
-    """Raises InvalidFileError if a file has other columns."""
+    """Raises InvalidFileError if a file's columns are not the allowed ones."""
     if names != allowed:
         raise InvalidFileError(f"{path}: has the columns {', '.join(names)}; allowed are {', '.join(allowed)}.")

@@ -14,10 +14,10 @@ def run_lcm(scenario: Scenario, duration: float | None, observer: Observer, tell
     """Runs as `run_messages` does, with messages `lcmt_hand_senses` and `lcmt_object_pose`.
 
     Args:
-        scenario: with `LcmSenses`.
-        duration: s; until it is interrupted, if not given.
-        observer: is shown each belief.
-        tell: is told what begins.
+        scenario: a scenario with `LcmSenses`.
+        duration: duration, s; None: until it is interrupted.
+        observer: called with the run after each belief.
+        tell: called with the name of each step that starts.
 
     Raises:
         InvalidInputError: if the scenario cannot be run.

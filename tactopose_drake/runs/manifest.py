@@ -1,4 +1,4 @@
-"""What a recording's folder holds: the scenario as it was run, which file is what, and what no log has."""
+"""The manifest of a recording's folder: the scenario that was run, the files, and data that no log has."""
 
 import dataclasses
 import importlib.metadata
@@ -21,7 +21,7 @@ from tactopose_drake.station.senses import RecordedSenses
 
 MANIFEST, SIGNALS, ESTIMATES = "manifest.yaml", "signals.jsonl", "estimates.jsonl"
 _FORMAT = 1
-_LEAST_FREE = 20_000_000  # bytes, for the first minute of a recording
+_LEAST_FREE = 20_000_000  # free bytes that are needed, enough for the first minute of a recording
 _PACKAGES = ("tactopose_drake", "drake", "numpy", "numba", "python-can")
 
 
@@ -30,17 +30,17 @@ class Manifest:
     """`manifest.yaml` of a recording; only data."""
 
     format: int = _FORMAT
-    scenario: Scenario = dataclasses.field(default_factory=Scenario)  # its seeds are those of all noise
-    versions: dict[str, str] = dataclasses.field(default_factory=dict)  # of what it was made with
+    scenario: Scenario = dataclasses.field(default_factory=Scenario)  # with the seeds of all noise
+    versions: dict[str, str] = dataclasses.field(default_factory=dict)  # of Python and the packages that were used
     start: float = 0.0  # the diagram's time 0, s since the epoch
-    buses: dict[str, str] = dataclasses.field(default_factory=dict)  # file of each bus, by the scenario's names
-    # Gauge readings that counted as no load, by finger: the tare, with the fingertip's weight in it.
+    buses: dict[str, str] = dataclasses.field(default_factory=dict)  # log file of each bus, by the scenario's names
+    # Tared gauge readings by finger, which include the fingertip's weight.
     biases: dict[str, list[float]] = dataclasses.field(default_factory=dict)
 
     def validate(self) -> None:
-        """Raises InvalidInputError if it does not say all that its devices need."""
-        if not self.versions:  # They follow on the scenario, of which less would be read than there was.
-            raise InvalidInputError("Manifest.versions: are not there: the file is cut off; allowed is a whole one.")
+        """Raises InvalidInputError if the manifest is incomplete, or does not fit its scenario's devices."""
+        if not self.versions:  # They come after the scenario; without them, the scenario may be incomplete.
+            raise InvalidInputError("Manifest.versions: are missing, so the file is cut off; allowed is a whole one.")
         senses = self.scenario.senses
         if isinstance(senses, RecordedSenses):
             raise InvalidInputError("Manifest.scenario.senses: are !RecordedSenses; allowed are others.")
@@ -59,7 +59,7 @@ class Manifest:
         positive_number("Manifest.start", self.start, allow_zero=True)
 
     def version_change(self) -> str:
-        """Which versions are others here than at the run, in a sentence; empty where none is."""
+        """A sentence that lists the versions that differ from those of the run; empty if there are none."""
         here = versions()
         changed = [
             f"{name} {then}, which here is {here.get(name, 'none')}"
@@ -69,10 +69,10 @@ class Manifest:
         return f"It was recorded with {'; '.join(changed)}." if changed else ""
 
     def check_scenario(self, scenario: Scenario, folder: Path) -> None:
-        """Raises InvalidInputError if a scenario is not one that the recording can be replayed with.
+        """Raises InvalidInputError if the recording cannot be replayed with a scenario.
 
-        What is estimated and how may differ; which hand held which object, and the devices, may not. Of files only the
-        names count: a project's folder may have moved since, or be on another machine.
+        The estimation's parameters may differ, but not the hand, the object, and the devices. Of absolute paths only
+        the file names are compared, since a project's folder may have moved.
         """
         for name in ("hand", "object"):
             given, recorded = getattr(scenario, name), getattr(self.scenario, name)
@@ -91,7 +91,7 @@ class Manifest:
 
 
 def versions() -> dict[str, str]:
-    """Of Python and of what the estimate depends on."""
+    """The versions of Python and of the packages on which the estimate depends."""
     found = {"python": platform.python_version()}
     return found | {package: importlib.metadata.version(package) for package in _PACKAGES}
 
@@ -121,7 +121,7 @@ def load_manifest(folder: Path) -> Manifest:
     """Reads the manifest of a recording.
 
     Raises:
-        InvalidFileError: if the folder is none of a recording, or of another format.
+        InvalidFileError: if the folder is no recording, or has another format.
     """
     if not os.path.isfile(folder / MANIFEST):
         raise InvalidFileError(f"{folder}: is no recording; it has no {MANIFEST}.")
@@ -138,7 +138,7 @@ def load_manifest(folder: Path) -> Manifest:
 
 
 def _check_format(path: Path) -> None:
-    """Raises InvalidFileError if a manifest is of another format, whose keys may be unknown here."""
+    """Raises InvalidFileError if a manifest has another format, whose keys may be unknown."""
     root = read_yaml(path)
     pairs = root.value if isinstance(root, yaml.MappingNode) else []
     for key, value in pairs:
@@ -147,13 +147,13 @@ def _check_format(path: Path) -> None:
 
 
 def prepare_folder(folder: Path) -> bool:
-    """Makes a folder for a new recording.
+    """Creates a folder for a new recording.
 
     Returns:
-        Whether it was not there before.
+        Whether the folder did not exist before.
 
     Raises:
-        InvalidInputError: if something is in it already, it cannot be made, or its disk is full.
+        InvalidInputError: if the folder is not empty or cannot be created, or its disk is full.
     """
     try:
         is_new = not folder.exists()

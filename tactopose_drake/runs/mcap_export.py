@@ -1,4 +1,4 @@
-"""A recording as MCAP with messages of ROS 2, which Foxglove, PlotJuggler and rosbag2 open without a plugin."""
+"""Export of a recording as MCAP with ROS 2 messages, which Foxglove, PlotJuggler and rosbag2 open without a plugin."""
 
 import json
 from collections.abc import Iterator
@@ -24,8 +24,8 @@ from tactopose_drake.runs.ros2_poses import ros_covariance, ros_pose, ros_xyz
 from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
 
 _OBJECT_COLOUR = (0.85, 0.55, 0.25)
-_POSES_IN = {"true_pose": "", "palm_pose": "world"}  # in which frame they are; empty: the palm's
-_END_OF_STAMPS = 2**31  # s since the epoch, in `builtin_interfaces/Time`
+_POSES_IN = {"true_pose": "", "palm_pose": "world"}  # frames of these poses; empty: the palm's
+_END_OF_STAMPS = 2**31  # end of `builtin_interfaces/Time`, s since the epoch
 
 
 class _Message(NamedTuple):
@@ -38,7 +38,7 @@ class _Message(NamedTuple):
 
 
 def write_mcap(run: RecordedRun, path: Path) -> None:
-    """Writes all that was sensed and estimated, by the times of the run since the epoch.
+    """Writes all senses and estimates, with the times of the run since the epoch.
 
     | topic | type |
     | --- | --- |
@@ -55,18 +55,18 @@ def write_mcap(run: RecordedRun, path: Path) -> None:
     | /tf | tf2_msgs/TFMessage: the hand's links and frames by the joints, and the object by the best hypothesis |
     | /scene | visualization_msgs/MarkerArray: the shapes of hand and object, in the frames of /tf |
 
-    In /tf the hand stands where the scenario has it, also where an arm carries it; sensors' frames that a calibration
-    has found elsewhere than the hand's model are beside those of the model, and wrenches are in them. A pose that is
-    held is of the time at which it was found, and not said again. Covariances are as ROS has them: of the position,
-    then of a rotation about the palm's axes, m and rad.
+    In /tf, the hand's base is at the scenario's pose, even if an arm moves it. If a calibration has corrected the pose
+    of a sensor, /tf has the corrected frame, too, and wrenches are in it. A held pose is written only once, at the time
+    at which it was found. Covariances follow ROS's convention: position, then rotation about the palm's axes, m and
+    rad.
 
     Args:
         run: the recording.
-        path: of the file, which is replaced.
+        path: path of the file, which is replaced.
 
     Raises:
-        InvalidFileError: if it cannot be written.
-        InvalidInputError: if the recording is of a time that ROS 2's stamps do not reach.
+        InvalidFileError: if the file cannot be written.
+        InvalidInputError: if the recording's times are beyond the range of ROS 2's stamps.
     """
     messages = sorted(_messages(run), key=lambda message: message.time)
     last = run.manifest.start + messages[-1].time
@@ -95,7 +95,7 @@ def write_mcap(run: RecordedRun, path: Path) -> None:
 
 
 def _nanoseconds(run: RecordedRun, time: float) -> int:
-    """Since the epoch; what was known before the run began is of its beginning."""
+    """Time of the run in ns since the epoch; times before the run's start are moved to it."""
     return round(1e9 * run.manifest.start) + round(1e9 * max(time, 0.0))
 
 
@@ -150,7 +150,7 @@ def _messages(run: RecordedRun) -> Iterator[_Message]:
 
 
 def _belief(time: float, prefix: str, header: dict[str, Any], hypotheses: list[dict[str, Any]]) -> Iterator[_Message]:
-    """Messages of some hypotheses; `prefix` of their topics and of the object's frame."""
+    """Messages of hypotheses; `prefix` is that of their topics and of the object's frame."""
     poses, covariance = [_recorded_pose(hypothesis) for hypothesis in hypotheses], np.array(hypotheses[0]["covariance"])
     best = {"pose": ros_pose(poses[0]), "covariance": ros_covariance(covariance, poses[0].rotation().matrix())}
     stamped = {"header": header, "pose": best}
@@ -164,8 +164,8 @@ class _Hand:
     """Frames and shapes of the recording's hand.
 
     Attributes:
-        palm, sensor_frames: names of P, and of the sensors' frames by finger.
-        shapes: triangles by the name of their link.
+        palm, sensor_frames: name of P, and names of the sensors' frames by finger.
+        shapes: names of links with their triangles.
     """
 
     def __init__(self, run: RecordedRun) -> None:
@@ -189,9 +189,9 @@ class _Hand:
         self.sensor_frames = {finger: frame.name() for finger, frame in known.sensor_frames.items()}
 
     def links(self, q: FloatArray) -> Iterator[tuple[str, str, RigidTransform]]:
-        """Parent, child, and pose of each link in the world and of each further frame in its link.
+        """Yields parent, child, and pose of each link in the world and of each further frame in its link.
 
-        They are where readings of the joints are by the hand's calibration; those that are not known count as 0.
+        Joint readings are corrected by the hand's calibration; unknown ones count as 0.
         """
         self._plant.SetPositions(self._context, np.nan_to_num(q - self._offsets))
         for body in self._bodies:

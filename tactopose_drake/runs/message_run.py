@@ -1,4 +1,4 @@
-"""Runs a scenario whose senses are messages: a belief for each, as fast as it goes; and sends beliefs."""
+"""Runs a scenario whose senses are messages, updates the belief for the newest of them, and publishes it."""
 
 import contextlib
 import dataclasses
@@ -22,36 +22,36 @@ from tactopose_drake.systems.lcm_belief import belief_message
 from tactopose_drake.systems.lcm_hand_senses import misfits
 from tactopose_drake.systems.object_tracker import ObjectTracker
 
-_HEARTBEAT = 0.1  # s between two messages while nothing comes in
+_HEARTBEAT = 0.1  # s between two published messages during a silence of the senses
 
 
 class Inbox(Protocol):
-    """What a hand senses and what vision says, as it comes in; `LcmInbox` says more of each."""
+    """Receives messages of senses and vision; see `LcmInbox`."""
 
     received: int
     lost: int
     passed_over: int
 
     def wait(self, timeout: float) -> None:
-        """Takes in all that is there; waits for a first message for as long as that, s."""
+        """Receives all messages that have arrived; waits up to `timeout`, s, for a first one."""
 
     def take(self) -> HandSensesMessage | None:
-        """The newest senses, once."""
+        """Returns the newest senses, each only once; None if there are no new ones."""
 
     def take_vision(self, utime: int) -> ObjectPoseMessage | None:
-        """What vision says, once."""
+        """Returns the pose from vision for senses of this time, each only once."""
 
     def take_remarks(self) -> tuple[str, ...]:
-        """What is to be said of what came, once."""
+        """Returns remarks on the received messages, each only once."""
 
 
 class Publisher(Protocol):
-    """What sends beliefs; `max_modes` that a message has."""
+    """Publishes beliefs with up to `max_modes` modes."""
 
     max_modes: int
 
     def send(self, message: ObjectBeliefMessage) -> None:
-        """Sends one."""
+        """Publishes a message."""
 
 
 def run_messages(
@@ -65,18 +65,18 @@ def run_messages(
 ) -> RunView:
     """Runs until the duration is over, or the keyboard interrupts.
 
-    Every message of the senses is taken in. A belief is made of the newest that is there, and sent at once where the
-    scenario publishes; during a silence one is sent ten times a second whose status is "lost". The run begins when all
-    is prepared, however long the senses are silent then.
+    All messages of the senses are received. The belief is updated with the newest one and published at once; during a
+    silence a belief with the status "lost" is published ten times a second. The duration counts from the end of the
+    preparations, even if the senses are still silent.
 
     Args:
-        scenario: whose senses are messages.
-        max_age: of a message; after a longer silence the belief is called lost, s.
-        open_inbox: begins to take messages in, of a hand whose joints have these names.
-        out: sends beliefs; None: nobody does.
-        duration: s; until it is interrupted, if not given.
-        observer: is shown each belief, and ten times a second a silence.
-        tell: is told what begins.
+        scenario: a scenario whose senses are messages.
+        max_age: silence after which the belief's status is "lost", s.
+        open_inbox: opens the inbox for a hand with these joint names.
+        out: publishes beliefs; None: they are not published.
+        duration: duration, s; None: until it is interrupted.
+        observer: called with the run after each belief, and ten times a second during a silence.
+        tell: called with the name of each step that starts.
     """
     tell("reading the object")
     hand, model = load_hand_config(scenario.hand), scenario.object_model()
@@ -92,18 +92,18 @@ def run_messages(
         while time.monotonic() < end:
             if run.step(min(_HEARTBEAT, end - time.monotonic())):
                 tell("running")
-                start = tracker.context.get_time() - (time.monotonic() - began)  # The sender's clock may begin anew.
+                start = tracker.context.get_time() - (time.monotonic() - began)  # The sender's clock may restart.
                 view = dataclasses.replace(view, status=run.status, start=start)
                 observer(view)
     return dataclasses.replace(view, status=run.status)
 
 
 class _MessageRun:
-    """Takes messages in, and sends beliefs.
+    """Receives messages, updates the belief, and publishes it.
 
     Attributes:
-        tracker: makes them.
-        status: of the last one, with all that is remarked; or that nothing comes any more.
+        tracker: the tracker that keeps the belief.
+        status: status of the last belief with all remarks, or that no messages arrive.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class _MessageRun:
         self._is_silent = False
 
     def step(self, timeout: float) -> bool:
-        """Waits for a message, s; makes a belief of it. Whether there is a new one, or none any more."""
+        """Waits up to `timeout`, s, for a message and updates the belief; returns whether the status is new."""
         self._inbox.wait(timeout)
         senses = self._inbox.take()
         if senses is None:
@@ -132,7 +132,7 @@ class _MessageRun:
         return True
 
     def _believe(self, senses: HandSensesMessage, remarks: list[str]) -> ObjectBeliefMessage:
-        """A belief of one message; what of it does not fit the hand is left out, and remarked."""
+        """Updates the belief with a message; parts that do not fit the hand are ignored, with a remark."""
         joints = self.tracker.joint_names
         remarks += misfits(senses, joints, self._fingers, self._cells)
         vision = _measurement(self._inbox.take_vision(senses.utime), remarks)
@@ -145,7 +145,7 @@ class _MessageRun:
                 pressures=pressures,
                 vision=vision,
             )
-        except InvalidInputError as error:  # a time that is none
+        except InvalidInputError as error:  # an invalid time
             return ObjectBeliefMessage(status=f"lost: {str(error).removesuffix('.')}")
         status = belief.message + "".join(
             ("; " if belief.remarks or i else ": ") + text for i, text in enumerate(remarks)
@@ -155,7 +155,7 @@ class _MessageRun:
         return message
 
     def _be_patient(self) -> bool:
-        """Says that nothing comes in, now and then; whether it did, of what came once."""
+        """Publishes a silence of the senses from time to time; returns whether it did after earlier messages."""
         now = time.monotonic()
         silence = now - self._last_time
         if silence <= self._max_age or now - self._beat_time < _HEARTBEAT:
@@ -177,7 +177,7 @@ class _MessageRun:
 
 
 def _measurement(message: ObjectPoseMessage | None, remarks: list[str]) -> PoseMeasurement | None:
-    """What vision says; None where it says nothing, or what cannot be."""
+    """Converts a message of vision; None without one, or if it is invalid, which adds a remark."""
     if message is None:
         return None
     length = float(np.linalg.norm(message.quaternion_wxyz))
@@ -193,7 +193,7 @@ def _measurement(message: ObjectPoseMessage | None, remarks: list[str]) -> PoseM
 
 
 def _warm_up(tracker: ObjectTracker) -> None:
-    """Some beliefs of a made-up touch, before anything is measured: the first call of everything is slow."""
+    """Updates the belief a few times with a synthetic touch, as first calls are slow."""
     joints = np.zeros(len(tracker.joint_names))
     touch = np.array([0.0, 0.0, 0.0, 0.0, 2.0, -2.0])
     names = [tracker.diagram.get_input_port(index).get_name() for index in range(tracker.diagram.num_input_ports())]

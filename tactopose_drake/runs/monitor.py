@@ -1,4 +1,4 @@
-"""What a run measures and estimates, live in the terminal."""
+"""Live display of a run's measurements and estimates in the terminal."""
 
 from collections.abc import Iterator
 from typing import Any, Self
@@ -13,15 +13,15 @@ from tactopose_drake.drivers.device import Device
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.runs.stepping import RunView, belief_port
 
-_RATE_WINDOW = 1.0  # s, over which rates are counted
-_LINE_PERIOD = 1.0  # s of a run between two lines, where there is no terminal
-_REFRESH = 5.0  # tables a second
+_RATE_WINDOW = 1.0  # s over which rates are counted
+_LINE_PERIOD = 1.0  # s of a run between two lines, without a terminal
+_REFRESH = 5.0  # updates of the table per second
 
 
 class Monitor:
-    """Shows a run: a table that renews itself on a terminal, or a line a second where there is none.
+    """Shows a run: a live table on a terminal, or otherwise one line per second.
 
-    It is a context manager; `show` is what `run_scenario` and `replay` take.
+    It is a context manager; pass `show` as the observer to `run_scenario` and `replay`.
     """
 
     def __init__(self, console: Console) -> None:
@@ -42,10 +42,10 @@ class Monitor:
             self._live.stop()
 
     def show(self, view: RunView) -> None:
-        """Shows the present state, if it is time."""
+        """Shows the current state if an update is due."""
         self._rates.count(view)
         time, said = view.context.get_time(), view.status.partition(":")[0]
-        # A clock may begin anew, and in a silence it stands.
+        # The clock may restart, and it stops during a silence.
         is_time = time >= self._next or time < self._time or said != self._said
         self._time, self._said = time, said
         if not is_time:
@@ -60,11 +60,11 @@ class Monitor:
 
 
 def monitor_table(view: RunView, rates: dict[str, float]) -> Table:
-    """Rates, ages, forces, pressures and statuses of the senses, and the estimate.
+    """A table of the senses' rates, ages, forces, pressures and statuses, with the estimate.
 
     Args:
         view: the run.
-        rates: of the devices, samples a second, by sense.
+        rates: sampling rates of the devices, Hz, by sense.
     """
     table = Table(title=_title(view), caption=estimate_line(view), box=box.SIMPLE_HEAD, caption_justify="left")
     table.add_column("sense")
@@ -84,7 +84,7 @@ def monitor_table(view: RunView, rates: dict[str, float]) -> Table:
 
 
 def monitor_line(view: RunView, rates: dict[str, float]) -> str:
-    """The same, in one line; only what is wrong is said of the statuses."""
+    """The same in one line; of the statuses, only problems are shown."""
     senses = [
         f"{sense} {measured}" + (f" {rates[sense]:.0f} Hz" if sense in rates else "")
         for sense, measured in _senses(view)
@@ -94,7 +94,7 @@ def monitor_line(view: RunView, rates: dict[str, float]) -> str:
 
 
 class _Rates:
-    """Counts the samples of devices, over a second of their buses' clocks."""
+    """Measures the sampling rates of devices over a second of their buses' clocks."""
 
     def __init__(self) -> None:
         self._counts: dict[str, list[tuple[float, int]]] = {}
@@ -108,7 +108,7 @@ class _Rates:
                 counts.pop(0)
 
     def of(self, view: RunView) -> dict[str, float]:
-        """Samples a second, by sense; not before there are two counts."""
+        """Sampling rates, Hz, by sense; a sense is missing until it has two counts."""
         rates = {}
         for sense, counts in self._counts.items():
             (first, before), (last, now) = counts[0], counts[-1]
@@ -125,7 +125,7 @@ def _devices(view: RunView) -> Iterator[tuple[str, Device[Any]]]:
 
 
 def _senses(view: RunView) -> Iterator[tuple[str, str]]:
-    """Each sense, and what it measures, in words."""
+    """Each sense and its measurement as text."""
     names = [view.diagram.get_output_port(index).get_name() for index in range(view.diagram.num_output_ports())]
     for name in names:
         if name.startswith("wrench_"):
@@ -151,12 +151,12 @@ def _title(view: RunView) -> str:
 
 
 def wrong_senses(view: RunView) -> str:
-    """Each sense that gives no readings, and why; "ok" where all do, or a simulator makes them."""
+    """Each sense without readings, and why; "ok" if all have readings or are simulated."""
     return str(_value(view, "sense_status", "ok"))
 
 
 def estimate_line(view: RunView) -> str:
-    """The status, and the pose of which it is; where the station tracks, those of the belief over time."""
+    """Status and pose as text; with tracking, those of the belief over time."""
     status, estimate = view.status or _value(view, belief_port(view, "status")), explained_estimate(view)
     if estimate is None:
         return str(status)
@@ -167,14 +167,14 @@ def estimate_line(view: RunView) -> str:
 
 
 def explained_estimate(view: RunView) -> PoseEstimate | None:
-    """The last estimate; None before the first, and where none of its poses explains the touch or all is silent."""
+    """The last estimate; None before the first, and if no pose explains the touch or the belief is lost."""
     estimate: PoseEstimate | None = _value(view, belief_port(view, "hypotheses"), None)
     is_none = estimate is None or estimate.status == "no_solution" or view.status.startswith("lost")
     return None if is_none else estimate
 
 
 def _value(view: RunView, port: str, otherwise: Any = "") -> Any:
-    """Of a port of the station; something else where it has no such port."""
+    """The value of a port of the station; `otherwise` if there is no such port."""
     if not view.diagram.HasOutputPort(port):
         return otherwise
     return view.diagram.GetOutputPort(port).Eval(view.context)

@@ -1,4 +1,4 @@
-"""A run as a page: hand, touch and belief at each moment, to be moved through with a slider."""
+"""Records a run as a page with a time slider that shows hand, touch and belief."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,12 +32,12 @@ from tactopose_drake.visualization.scene import Scene, ShownHypothesis, touch_of
 from tactopose_drake.visualization.touch_marks import add_touch, move_touch
 
 _PATH = "/tactopose"
-_PERIOD = 0.04  # s between two moments at the least; it doubles where a run is long
-_MOST_MOMENTS = 130  # of a page, which stays below 6 MB with them
+_PERIOD = 0.04  # least time between two moments, s; doubled as often as a long run needs
+_MOST_MOMENTS = 130  # moments of a page, which keep it below 6 MB
 
 
 class Moment(NamedTuple):
-    """What a station says at one time; the estimate is of the touch one period before."""
+    """The outputs of a station at one time; the estimate is of the touch one period before."""
 
     time: float
     q: FloatArray
@@ -49,16 +49,16 @@ class Moment(NamedTuple):
 
 
 class PageRecorder:
-    """Keeps what it is shown of a run, as often as a page can hold, and makes the page of it.
+    """Records as many moments of a run as a page can hold, and writes the page.
 
-    Where the station tracks, the belief is that over time. `show` is what runs take as an observer.
+    With tracking, it shows the belief over time. Pass `show` to a run as the observer.
     """
 
     def __init__(self, scenario: Scenario, model: ObjectModel) -> None:
-        """Makes the hand.
+        """Builds the hand.
 
         Args:
-            scenario: of the run.
+            scenario: the run's scenario.
             model: its object.
         """
         config = scenario.hand_config()
@@ -76,7 +76,7 @@ class PageRecorder:
         self._period, self._next = _PERIOD, -np.inf
 
     def show(self, view: RunView) -> None:
-        """Keeps the present, if it is time."""
+        """Records the current moment if one is due."""
         time = view.context.get_time()
         if time < self._next:
             return
@@ -99,10 +99,10 @@ class PageRecorder:
         self._next = self._moments[-1].time + self._period - 1e-9
 
     def save(self, path: Path, title: str) -> bool:
-        """Writes the page, if there has ever been an estimate and time has passed; tells whether it did.
+        """Writes the page if there was an estimate and there are at least two moments; returns whether it did.
 
         Raises:
-            InvalidFileError: if it cannot be written.
+            InvalidFileError: if the file cannot be written.
         """
         timeline = self._timeline.timeline()
         estimated = [moment for moment in self._moments if moment.estimate is not None]
@@ -124,10 +124,10 @@ class PageRecorder:
         return True
 
     def save_picture(self, path: Path) -> bool:
-        """Writes a picture of the last estimate, if there has ever been one; tells whether it did.
+        """Writes a picture of the last estimate if there was one; returns whether it did.
 
         Raises:
-            InvalidFileError: if it cannot be written.
+            InvalidFileError: if the file cannot be written.
         """
         estimated = [moment for moment in self._moments if moment.estimate is not None]
         if estimated:
@@ -175,13 +175,13 @@ class PageRecorder:
             meshcat.SetTransform(f"{_PATH}/hand/{row}", X_PB[body], time)
 
     def _pads(self) -> tuple[int, int]:
-        """How many pads have felt something at once, and how many cells the largest has."""
+        """The largest number of pads at one moment, and of cells of a pad."""
         felt = [moment.patches for moment in self._moments]
         cells = max((len(patch.p_PT) for patches in felt for patch in patches), default=0)
         return max(map(len, felt)), cells
 
     def _body_poses(self, q: FloatArray) -> list[RigidTransform]:
-        """Poses of all bodies in P, by readings; those that are not known count as 0."""
+        """Poses of all bodies in P at the joint readings, of which unknown ones count as 0."""
         self._plant.SetPositions(self._context, np.nan_to_num(q - self._offsets))
         X_PW = self._hand.palm_frame.CalcPoseInWorld(self._context).inverse()
         return [X_PW @ X_WB for X_WB in self._plant.get_body_poses_output_port().Eval(self._context)]

@@ -1,4 +1,4 @@
-"""Sends what is believed to other processes, over LCM or ROS 2, as the scenario says."""
+"""Publishes beliefs to other processes over LCM or ROS 2, as the scenario says."""
 
 import time
 
@@ -13,27 +13,27 @@ from tactopose_drake.systems.lcm_belief import belief_message
 
 
 class LcmPublisher:
-    """Sends beliefs as messages `lcmt_object_belief`, all of one session."""
+    """Publishes beliefs as messages `lcmt_object_belief`, all with the same session number."""
 
     def __init__(self, params: LcmPublishing, known_url: str = "", known: LcmConnection | None = None) -> None:
-        """Opens LCM, unless a connection to the same URL is at hand."""
+        """Opens LCM, unless `known` is a connection to the same URL."""
         self._link = known if known is not None and params.url == known_url else open_lcm(params.url)
         self._channel, self.max_modes = params.channel, params.max_modes
         self._session = time.time_ns()
 
     def send(self, message: ObjectBeliefMessage) -> None:
-        """Sends one."""
+        """Publishes a message."""
         message.session = self._session
         self._link.publish(self._channel, message.encode())
 
 
 def open_publisher(scenario: Scenario, known_url: str = "", known: LcmConnection | None = None) -> Publisher | None:
-    """What sends the beliefs of a run; None where the scenario does not publish.
+    """Opens the publisher of a run's beliefs; None if the scenario does not publish.
 
     Args:
-        scenario: of the run.
-        known_url: of an LCM that is open already.
-        known: that one.
+        scenario: the run's scenario.
+        known_url: URL of an LCM connection that is already open.
+        known: that connection.
 
     Raises:
         InvalidInputError: if a package is not installed.
@@ -45,13 +45,13 @@ def open_publisher(scenario: Scenario, known_url: str = "", known: LcmConnection
 
 
 def publishing(scenario: Scenario, observer: Observer) -> Observer:
-    """An observer that also sends what a station believes, where the scenario publishes.
+    """Wraps an observer so that a station's beliefs are published, too, if the scenario says so.
 
-    A pose that the estimate holds goes out with the time at which it was found.
+    A pose that is held from an earlier estimate is published with the time of that estimate.
 
     Args:
-        scenario: of senses that are no messages.
-        observer: is shown the same.
+        scenario: a scenario whose senses are not messages.
+        observer: the observer to wrap.
 
     Raises:
         InvalidInputError: if a package is not installed.

@@ -1,4 +1,4 @@
-"""From a recording to one grasp for a calibration: what the hand read while it held the object most quietly."""
+"""Extracts a grasp for calibration from a recording: the readings while the hand held the object most quietly."""
 
 import math
 
@@ -12,21 +12,21 @@ from tactopose_drake.runs.recorded_senses import RecordedRun
 from tactopose_drake.systems.signals import Signal
 
 _WRENCH = "wrench_"
-_STEP = 0.02  # s, at which the recording is looked at
-_A_GAP = 1e6  # as many degrees of motion: worse than any
-_WINDOW = 15  # steps, over which readings are averaged
-_TOUCHES = 0.3  # N: less may be a bias
-# Changes of a wrench, N m and N, that weigh as much as one of a joint by a degree, or by 1 mm where it slides.
+_STEP = 0.02  # s between samples of the recording
+_A_GAP = 1e6  # penalty of an unknown joint, in degrees of motion: more than any motion
+_WINDOW = 15  # number of samples over which readings are averaged
+_TOUCHES = 0.3  # least force of a touch, N; less may be a bias
+# Changes of a wrench, N m and N, that count as much as a joint's motion by 1 degree, or by 1 mm if prismatic.
 _STILL = np.repeat([0.001, 0.05], 3)
 
 
 def quiet_grasp(run: RecordedRun, model: ObjectModel, name: str) -> RecordedGrasp:
-    """The quietest 0.3 s in which the most fingers touch, averaged.
+    """The mean readings of the quietest 0.3 s in which the largest number of fingers touch.
 
     Args:
         run: the recording.
         model: the object in it.
-        name: of the recording, for messages.
+        name: name of the recording, for messages.
 
     Raises:
         InvalidFileError: if it has no joint positions, is shorter than 0.3 s, or nothing touches the object in it.
@@ -38,7 +38,7 @@ def quiet_grasp(run: RecordedRun, model: ObjectModel, name: str) -> RecordedGras
     first, last = max(signal.times[0] for signal in signals), max(signal.times[-1] for signal in signals)
     times = np.arange(first, last + 1e-9, _STEP)
     if len(times) < _WINDOW:
-        raise InvalidFileError(f"{name}: has {last - first:.2f} s in which all is known; allowed is 0.3 s or more.")
+        raise InvalidFileError(f"{name}: has all readings for only {last - first:.2f} s; allowed is 0.3 s or more.")
     q = _sampled(signals[0], times)
     F = np.stack([_sampled(signal, times) for signal in wrenches.values()], axis=1)  # (t, fingers, 6)
     windows = np.arange(len(times) - _WINDOW + 1)[:, None] + np.arange(_WINDOW)
@@ -46,7 +46,7 @@ def quiet_grasp(run: RecordedRun, model: ObjectModel, name: str) -> RecordedGras
     count = touching.sum(axis=1)
     if not count.any():
         raise InvalidFileError(f"{name}: no finger presses with more than {_TOUCHES} N for 0.3 s.")
-    # A joint that is known at other times is to be known at this one.
+    # Avoid windows in which a joint is unknown that is known at other times.
     gaps = np.isnan(q[windows]).any(axis=1)[:, np.isfinite(q).any(axis=0)].sum(axis=1)
     unrest = np.nansum(np.ptp(q[windows], axis=1) / run.units, axis=1) / math.radians(1.0) + _A_GAP * gaps
     unrest = unrest + np.nansum(np.ptp(F[windows], axis=1) / _STILL, axis=(1, 2))
@@ -56,12 +56,12 @@ def quiet_grasp(run: RecordedRun, model: ObjectModel, name: str) -> RecordedGras
     readings = q[rows].mean(axis=0)
     joints = {joint: float(value) for joint, value in zip(run.joints, readings, strict=True) if np.isfinite(value)}
     fingers = {finger: felt[k] for k, finger in enumerate(wrenches) if touching[best, k]}
-    # A simulation's times begin anew in each run.
+    # Times of simulations start at 0 in each run, and are not comparable.
     time = run.manifest.start + float(times[rows].mean()) if run.manifest.start > 0.0 else None
     return RecordedGrasp(model, joints, fingers, time=time, name=name)
 
 
 def _sampled(signal: Signal, times: FloatArray) -> FloatArray:
-    """The values at some times, shape (t, size)."""
+    """The signal's values at the given times, shape (t, size)."""
     places = np.clip(np.searchsorted(signal.times, times, side="right") - 1, 0, None)
     return np.array([signal.values[i] for i in places], dtype=np.float64)

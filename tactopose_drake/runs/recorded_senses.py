@@ -1,4 +1,4 @@
-"""All that a recording holds, over time and by name: what was sensed, on CAN buses too, and what was estimated."""
+"""Reads all signals of a recording, including those in CAN logs, and its estimates."""
 
 import contextlib
 import dataclasses
@@ -24,7 +24,7 @@ from tactopose_drake.station.can_senses import CanSenses
 from tactopose_drake.station.hardware import make_hardware_station
 from tactopose_drake.systems.signals import Signal, SignalRecorder, read_signals
 
-_STEP = 0.1  # s, after which a log is asked whether it has ended
+_STEP = 0.1  # s between checks of whether the logs have ended
 _NEVER = 1e9  # s
 
 
@@ -33,14 +33,13 @@ class RecordedRun:
     """A recording.
 
     Attributes:
-        manifest: of which scenario, and when.
-        signals: `joint_positions`, `palm_pose`, `prior`, `wrench_<finger>`, `pressures_<pad>`, and of a simulation
-            `true_pose`: those that the recording has.
-        joints: names of the numbers of `joint_positions`.
-        estimates: lines of `estimates.jsonl`, by rising time.
-        problems: what could not be read to its end, in sentences.
-        units: how much of each of those numbers counts as a radian: 1, and of a joint that slides what `radian_units`
-            says, shape (nq,).
+        manifest: the recording's manifest.
+        signals: those of `joint_positions`, `palm_pose`, `prior`, `wrench_<finger>`, `pressures_<pad>`, and for a
+            simulation `true_pose`, that the recording has.
+        joints: names of the joints in `joint_positions`.
+        estimates: lines of `estimates.jsonl`, in order of time.
+        problems: sentences on files that could not be read to their end.
+        units: the amount of each joint position that counts as a radian, see `radian_units`, shape (nq,).
     """
 
     manifest: Manifest
@@ -52,11 +51,11 @@ class RecordedRun:
 
 
 def read_recording(folder: Path) -> RecordedRun:
-    """Reads a folder that `run --record` made; CAN logs go through the drivers, without an estimate.
+    """Reads a folder by `run --record`; CAN logs are decoded by the drivers, without estimates.
 
     Raises:
-        InvalidFileError: if the folder is no recording, or a file of it cannot be read.
-        InvalidInputError: if the hand's or the object's files are not where they were at the run.
+        InvalidFileError: if the folder is no recording, or one of its files cannot be read.
+        InvalidInputError: if the hand's or the object's files are no longer where they were at the run.
     """
     manifest = load_manifest(folder)
     with told_of(f"{folder / MANIFEST}: scenario.hand: "):
@@ -74,7 +73,7 @@ def read_recording(folder: Path) -> RecordedRun:
 
 
 def _play(folder: Path, manifest: Manifest, signals: dict[str, Signal]) -> tuple[dict[str, Signal], list[str]]:
-    """What the devices of a run measured, by their logs; and how logs ended that were cut off."""
+    """The measurements of a run's devices from their logs, and messages on logs that were cut off."""
     estimator = dataclasses.replace(manifest.scenario.estimation.estimator, period=_NEVER)
     estimation = dataclasses.replace(
         manifest.scenario.estimation, estimator=estimator, check_collisions=False, use_hand_volume=False
@@ -86,7 +85,7 @@ def _play(folder: Path, manifest: Manifest, signals: dict[str, Signal]) -> tuple
         devices = logged_devices(folder, manifest)
         assert devices is not None
         known = {name: signal for name, signal in signals.items() if name in BESIDE_DEVICES}
-        if devices.hand is not None:  # They are in the log.
+        if devices.hand is not None:  # Joint positions are in the log.
             known.pop("joint_positions", None)
         station = make_hardware_station(scenario, devices, known, model=manifest.scenario.object_model())
         simulator = Simulator(station.diagram)
@@ -109,9 +108,9 @@ def _play(folder: Path, manifest: Manifest, signals: dict[str, Signal]) -> tuple
 
 
 def _read_estimates(path: Path) -> tuple[tuple[dict[str, Any], ...], list[str]]:
-    """The lines, as far as they are whole, and what is wrong with the rest."""
+    """The lines up to the first damaged one, and messages on problems."""
     if not path.is_file():
-        return (), [f"{path}: is not there, so that no estimate is known."]
+        return (), [f"{path}: is missing, so there are no estimates."]
     try:
         texts = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -128,7 +127,7 @@ def _read_estimates(path: Path) -> tuple[tuple[dict[str, Any], ...], list[str]]:
 
 
 def _check_estimate(line: Any) -> None:
-    """Raises one of several errors if a line is no estimate."""
+    """Raises one of several built-in errors if a line is no estimate."""
     float(line["time"])
     for hypothesis in (*(line["hypotheses"] or ()), *(line.get("tracked_hypotheses") or ())):
         for key, length in (("translation", 3), ("quaternion_wxyz", 4)):

@@ -1,4 +1,4 @@
-"""A recording in the making: the folder of a run, with the files that it is filled with."""
+"""Recording of a run: its folder and files."""
 
 import contextlib
 from collections.abc import Mapping, Sequence
@@ -18,24 +18,23 @@ from tactopose_drake.systems.signals import SignalRecorder, Value
 
 
 class Recording:
-    """The folder of a run; a context manager. `CanDevices` write the logs in `logs` themselves.
+    """The recording of a run; a context manager. `CanDevices` writes the files in `logs` itself.
 
-    A disk that fills up ends the recording, and not the run. A run that fails before it has recorded anything leaves
-    nothing behind.
+    A full disk ends the recording, but not the run. A run that fails before it has recorded anything leaves no files.
 
     Attributes:
-        logs: where each bus of the scenario is recorded, by its name.
+        logs: paths of the CAN logs by the buses' names.
     """
 
     def __init__(self, folder: Path, scenario: Scenario) -> None:
-        """Makes the folder.
+        """Creates the folder.
 
         Args:
-            folder: new, or empty.
-            scenario: that is run.
+            folder: a new or empty folder.
+            scenario: the run's scenario.
 
         Raises:
-            InvalidInputError: if there is something in the folder.
+            InvalidInputError: if the folder is not empty.
             InvalidFileError: if a file cannot be written.
         """
         self._is_new = prepare_folder(folder)
@@ -62,22 +61,22 @@ class Recording:
 
     @property
     def lost(self) -> tuple[str, ...]:
-        """What could not be recorded, and why, in sentences."""
+        """Sentences on what could not be recorded, and why."""
         files = (self._signals.file, self._estimates.file, *self._recorders)
         return tuple(file.problem for file in files if file is not None and file.problem)
 
     def watch(self, recorders: Sequence[CanRecorder]) -> None:
-        """Makes these logs part of what may be `lost`."""
+        """Includes the problems of these recorders in `lost`."""
         self._recorders = list(recorders)
 
     @property
     def _count(self) -> int:
-        """Of lines that are worth keeping."""
+        """The number of recorded lines."""
         assert self._signals.file is not None
         return self._signals.file.count + self._estimates.file.count
 
     def _remove(self) -> None:
-        """Takes away what a run that failed before it began has left, which would be in the way of the next."""
+        """Removes the files of a run that failed before it started; they would be in the way of the next run."""
         with contextlib.suppress(OSError):
             for path in (*self.logs.values(), *(self._folder / name for name in (SIGNALS, ESTIMATES, MANIFEST))):
                 path.unlink(missing_ok=True)
@@ -85,11 +84,11 @@ class Recording:
                 self._folder.rmdir()
 
     def begin(self, start: float, biases: Mapping[str, FloatArray]) -> None:
-        """Writes the manifest; a recording that was not ended can be replayed from then on.
+        """Writes the manifest; from then on the recording can be replayed even if it does not end properly.
 
         Args:
             start: the diagram's time 0, s since the epoch.
-            biases: of the force-torque boards, by finger.
+            biases: tared gauge readings of the force-torque boards, by finger.
         """
         save_manifest(self._folder, self._scenario, start, self.logs, biases)
 
@@ -98,5 +97,5 @@ class Recording:
         self._signals.write(name, time, value)
 
     def write_estimate(self, diagram: Diagram, context: Context) -> None:
-        """Adds the present estimate."""
+        """Adds the current estimate."""
         self._estimates.write(diagram, context)

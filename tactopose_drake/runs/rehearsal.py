@@ -1,4 +1,4 @@
-"""What a scenario's simulated hand feels in a grasp, computed before anything has to run in real time."""
+"""Simulates a scenario's grasp ahead of a real-time run with simulated devices, and records the hand's senses."""
 
 import dataclasses
 
@@ -11,16 +11,16 @@ from tactopose_drake.systems.signals import Signal, SignalRecorder
 
 
 def rehearse(scenario: Scenario, model: ObjectModel) -> dict[str, Signal]:
-    """Simulates the scenario's grasp, the best that is planned, for the scenario's duration.
+    """Simulates the scenario's best planned grasp for the scenario's duration.
 
     Returns:
-        By name: `joint_positions`, `prior`, `wrench_<finger>`, `pressures_<pad>` as the simulated sensors gave them,
-        and `true_pose`, the simulator's own X_PO.
+        The signals of the simulated sensors by name: `joint_positions`, `prior`, `wrench_<finger>`, `pressures_<pad>`,
+        and `true_pose`, the true X_PO.
 
     Raises:
         InvalidInputError: if the scenario cannot be built.
     """
-    # Nobody looks at the estimate.
+    # No estimates are needed.
     estimator = dataclasses.replace(scenario.estimation.estimator, period=2 * scenario.duration)
     estimation = dataclasses.replace(scenario.estimation, estimator=estimator)
     scenario = dataclasses.replace(scenario, senses=SimulatedSenses(), estimation=estimation)

@@ -1,4 +1,4 @@
-"""Whether a replay gives what the recorded run gave; and if not, from when on, by how much, and why where known."""
+"""Compares the estimates of a replay with those of the recorded run."""
 
 import json
 from collections.abc import Sequence
@@ -11,17 +11,17 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.runs.estimate_writer import estimates_now
 from tactopose_drake.runs.stepping import RunView
 
-_SAME = 1e-6  # m: another processor may round otherwise
-_CLOSE = 0.005  # m: as far as the best pose of one touch moves from one sample to the next
+_SAME = 1e-6  # m, as another processor may round differently
+_CLOSE = 0.005  # m by which the best pose of one touch may move from one sample to the next
 
 
 class _Instant(NamedTuple):
-    """What is compared of a line of estimates.
+    """The part of a line of estimates that is compared.
 
     Attributes:
-        time: s.
-        fingers: in contact.
-        places: p_PO of the hypotheses, shape (n, 3), m; None where there are none.
+        time: time, s.
+        fingers: fingers in contact.
+        places: p_PO of the hypotheses, shape (n, 3), m; None if there are none.
         turns: their quaternions wxyz, shape (n, 4).
     """
 
@@ -50,7 +50,7 @@ class ReplayComparison:
             self._lines = []
 
     def compare(self, view: RunView) -> None:
-        """Takes the present estimate, if the run has one of this number."""
+        """Compares the current estimate with the run's next one, if there is one."""
         count = len(self._recorded)
         if self._damage or count >= len(self._lines):
             return
@@ -64,7 +64,7 @@ class ReplayComparison:
 
     @property
     def difference(self) -> str:
-        """From when on the estimates were not the run's, in a sentence; empty where all so far were."""
+        """A sentence on from when and how much the estimates differ from the run's; empty if they do not."""
         pairs = list(zip(self._replayed, self._recorded, strict=True))
         different = [row for row, pair in enumerate(pairs) if not _is_same(*pair)]
         if not different:
@@ -72,8 +72,8 @@ class ReplayComparison:
         text = f"From {self._replayed[different[0]].time:.2f} s on, the estimates are not those of the run"
         if self._is_live and all(self._may_be_timing(row) for row in different):
             return (
-                f"{text}: a live run works with what has arrived when its computer comes to it, a replay with what had "
-                "been sent. All replays give the same."
+                f"{text}: a live run uses the samples that have arrived in time, a replay those that had been sent. All "
+                "replays give the same."
             )
         moves = np.array([_distance(*pairs[row]) for row in different])
         unlike, said = int(np.isinf(moves).sum()), []
@@ -86,7 +86,7 @@ class ReplayComparison:
         return f"{text}: {'; '.join(said)}."
 
     def _may_be_timing(self, row: int) -> bool:
-        """Whether samples that arrive up to a period earlier or later can make two lines of one number differ."""
+        """Whether samples that arrive up to a period earlier or later can explain the difference in a line."""
         ours, theirs = self._replayed, self._recorded
         around = slice(max(row - 1, 0), row + 2)
         is_at_once = abs(ours[row].time - theirs[row].time) < 1e-9
@@ -94,7 +94,7 @@ class ReplayComparison:
 
 
 def _instant(line: dict[str, Any]) -> _Instant:
-    """Of a line of `EstimateWriter`; any of several errors where it is none."""
+    """Converts a line of `EstimateWriter`; raises one of several built-in errors if it is invalid."""
     hypotheses = line["hypotheses"]
     places = None if hypotheses is None else np.array([each["translation"] for each in hypotheses], dtype=np.float64)
     if places is not None and (places.ndim, places.shape[-1]) != (2, 3):
@@ -104,27 +104,27 @@ def _instant(line: dict[str, Any]) -> _Instant:
 
 
 def _is_same(ours: _Instant, theirs: _Instant) -> bool:
-    """Whether two agree in when, whether, where and how turned the object is."""
+    """Whether two instants agree in time, fingers, positions and orientations."""
     if abs(ours.time - theirs.time) > 1e-9 or ours.fingers != theirs.fingers:
         return False
     if ours.places is None or theirs.places is None:
         return ours.places is theirs.places
     if ours.places.shape != theirs.places.shape or np.abs(ours.places - theirs.places).max() >= _SAME:
         return False
-    # A quaternion and its opposite are one turn.
+    # A quaternion and its negative are the same rotation.
     apart = np.minimum(np.abs(ours.turns - theirs.turns), np.abs(ours.turns + theirs.turns))
     return bool(np.abs(apart).max(axis=1).max() < _SAME)
 
 
 def _distance(ours: _Instant, theirs: _Instant) -> float:
-    """Between the best poses, m; infinite where the two do not touch alike, or only one has a pose."""
+    """Distance of the best poses, m; infinite if the fingers in contact differ, or only one has a pose."""
     if ours.fingers != theirs.fingers or (ours.places is None) != (theirs.places is None):
         return np.inf
     return 0.0 if ours.places is None or theirs.places is None else _gap(ours.places[0], theirs.places[0])
 
 
 def _turn(ours: _Instant, theirs: _Instant) -> float:
-    """Between the best poses, rad; 0 where there is none."""
+    """Angle between the best poses, rad; 0 if there are none."""
     if not len(ours.turns) or not len(theirs.turns):
         return 0.0
     return 2.0 * float(np.arccos(min(1.0, abs(float(ours.turns[0] @ theirs.turns[0])))))
@@ -135,7 +135,7 @@ def _gap(p: FloatArray, q: FloatArray) -> float:
 
 
 def _is_between(instant: _Instant, others: Sequence[_Instant]) -> bool:
-    """Whether an instant is like others that follow each other: in its touch between them, and its pose near one's."""
+    """Whether an instant's fingers are between those of successive others, and its pose is near one of theirs."""
     fingers = [other.fingers for other in others]
     if not frozenset.intersection(*fingers) <= instant.fingers <= frozenset.union(*fingers):
         return False

@@ -1,7 +1,7 @@
-"""What a hand senses and what vision says, as messages of ROS 2: each joint state with the newest of all else.
+"""Receives senses and vision as messages of ROS 2: each joint state is combined with the newest other messages.
 
-A robot may say the joints of a hand in parts, a finger or a driver at a time: those that a joint state leaves out are
-the newest of others.
+A robot may publish a hand's joints in parts, such as by finger or driver. Joints that a joint state leaves out are
+taken from the newest other ones.
 """
 
 import functools
@@ -19,25 +19,25 @@ from tactopose_drake.drivers.waiting_pictures import WaitingPictures
 from tactopose_drake.runs.ros2_poses import increment_covariance
 from tactopose_drake.station.message_channels import Ros2Senses
 
-_BACK = 1.0  # s that a stamp may be older than the one before; beyond, the sender's clock began anew
+_BACK = 1.0  # s by which a stamp may be older than the previous one; beyond, the sender's clock has restarted
 
 
 class Ros2Inbox:
-    """Takes messages in, in place of an `LcmInbox`; a belief is made for each joint state.
+    """Receives messages like an `LcmInbox`; the belief is updated for each joint state.
 
     Attributes:
-        received: joint states so far.
-        lost: 0; messages of ROS 2 are not counted by who sends them.
-        passed_over: how many were received and not taken, since a newer one of all their joints was there or had been.
+        received: number of joint states so far.
+        lost: 0; messages of ROS 2 have no sequence numbers.
+        passed_over: number of received joint states that were not used, because newer ones of all their joints existed.
     """
 
     def __init__(self, link: Ros2Link, senses: Ros2Senses, joints: Collection[str] | None = None) -> None:
         """Subscribes.
 
         Args:
-            link: a participant.
-            senses: the topics, and how old a wrench, a pad's frame, or another joint state's joints may be.
-            joints: the hand's; others of a joint state, such as an arm's, count for nothing. None: any may be.
+            link: the DDS participant.
+            senses: the topics, and the largest age of wrenches, pressures, and joints of other joint states.
+            joints: names of the hand's joints; others, such as an arm's, are ignored. None: all are used.
         """
         self._joints = joints
         self.received = self.lost = self.passed_over = 0
@@ -47,7 +47,7 @@ class Ros2Inbox:
         self._pictures = WaitingPictures[Any]()
         self._time = -math.inf  # of the newest joint state, s
         self._positions: dict[str, float] = {}
-        self._stamps: dict[str, float] = {}  # of each joint's newest position, kept where that is too old, s
+        self._stamps: dict[str, float] = {}  # of each joint's newest position, even if that was too old, s
         self._wrenches: dict[str, tuple[float, FloatArray]] = {}
         self._pressures: dict[str, tuple[float, FloatArray]] = {}
         link.subscribe(senses.joints, "sensor_msgs/JointState", self._on_joints)
@@ -59,7 +59,7 @@ class Ros2Inbox:
             link.subscribe(senses.vision, "geometry_msgs/PoseWithCovarianceStamped", self._on_vision)
 
     def wait(self, timeout: float) -> None:
-        """Takes in all that is there; waits for a first message for as long as that, s.
+        """Receives all messages that have arrived; waits up to `timeout`, s, for a first one.
 
         Raises:
             BusError: if messages can no longer be read.
@@ -69,7 +69,7 @@ class Ros2Inbox:
                 pass
 
     def take(self) -> HandSensesMessage | None:
-        """The newest joint state with what else is not too old, once; None where there is no new one."""
+        """The newest joint state with all other data that is not too old; None if there is no new one."""
         if not self._untaken:
             return None
         self._untaken.clear()
@@ -83,7 +83,7 @@ class Ros2Inbox:
 
         def fresh(what: str, values: dict[str, tuple[float, FloatArray]]) -> dict[str, FloatArray]:
             ages = {name: self._time - then for name, (then, _) in values.items()}
-            # One of the future is no fresher: two clocks differ.
+            # Data from the future, by another clock, is stale, too.
             stale = {name: age for name, age in ages.items() if abs(age) > self._max_age}
             self._remarks += [
                 f"{name}: {what} {abs(age):.2f} s {'older' if age > 0.0 else 'newer'} than the joint state"
@@ -100,7 +100,7 @@ class Ros2Inbox:
         )
 
     def take_vision(self, utime: int) -> ObjectPoseMessage | None:
-        """The newest pose by vision, once; one that is newer than the senses by less than half a second waits."""
+        """The newest pose from vision, once; a pose up to half a second newer than the senses waits."""
         said = self._pictures.take(utime)
         if said is None:
             return None
@@ -118,7 +118,7 @@ class Ros2Inbox:
         )
 
     def take_remarks(self) -> tuple[str, ...]:
-        """What is to be said of what came, once."""
+        """Remarks on the received messages, each only once."""
         damaged, self._link.damaged = self._link.damaged, []
         said = [*self._remarks, *(f"a message on {topic} is damaged" for topic in damaged)]
         self._remarks = []
@@ -139,9 +139,9 @@ class Ros2Inbox:
             if self._is_ours(name)
         }
         if not ours:
-            return  # It is of another part of the robot.
+            return  # The message is of another part of the robot.
         before = max((self._stamps[name] for name in ours if name in self._stamps), default=-math.inf)
-        if before - _BACK <= time < before:  # It was overtaken.
+        if before - _BACK <= time < before:  # A newer message has overtaken it.
             self.received += 1
             self.passed_over += 1
             return
@@ -167,7 +167,7 @@ class Ros2Inbox:
         self._wrenches[finger] = seconds_of(said.header.stamp), F_S
 
     def _on_pad(self, pad: str, said: Any) -> None:
-        # It has no stamp: it is as old as the joint state before it; without one, nobody knows how old.
+        # The message has no stamp, so it gets that of the last joint state; before the first, its age is unknown.
         if math.isfinite(self._time):
             self._pressures[pad] = self._time, np.array(said.data)
 

@@ -1,4 +1,4 @@
-"""Poses and covariances as messages of ROS 2 have them."""
+"""Conversion of poses and covariances to and from messages of ROS 2."""
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -18,20 +18,20 @@ def ros_xyz(vector: FloatArray) -> dict[str, float]:
 
 
 def ros_covariance(covariance: FloatArray, R_PO: FloatArray) -> FloatArray:
-    """Of the position and a rotation about P's axes, shape (36,), from that of (w, v) with w about O's axes."""
+    """Covariance of position and rotation about P's axes, shape (36,), from that of (w, v) with w about O's axes."""
     turn = _turn(R_PO)
     return (turn @ covariance @ turn.T).reshape(-1)
 
 
 def increment_covariance(of_ros: FloatArray, R_PO: FloatArray) -> FloatArray:
-    """The other way: of (w, v), shape (6, 6)."""
+    """Covariance of (w, v), with w about O's axes, shape (6, 6), from that of position and rotation about P's axes."""
     turn = _turn(R_PO)
     covariance: FloatArray = turn.T @ np.reshape(of_ros, (6, 6)) @ turn
     return covariance
 
 
 def _turn(R_PO: FloatArray) -> FloatArray:
-    """From (w, v), with w about O's axes, to the position and a rotation about P's."""
+    """The matrix from (w, v), with w about O's axes, to position and rotation about P's axes."""
     turn = np.zeros((6, 6))
     turn[:3, 3:], turn[3:, :3] = np.eye(3), R_PO
     return turn

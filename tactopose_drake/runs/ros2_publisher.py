@@ -1,4 +1,4 @@
-"""Sends beliefs as messages of ROS 2: the best pose with its covariance, all poses as markers, and the status."""
+"""Publishes beliefs over ROS 2: the best pose with its covariance, all poses as markers, and the status."""
 
 from pathlib import Path
 from typing import Any
@@ -18,14 +18,14 @@ _FAINTEST = 0.1
 
 
 class Ros2Publisher:
-    """Sends beliefs on the topics that a scenario names."""
+    """Publishes beliefs on the topics of a scenario."""
 
     def __init__(self, params: Ros2Publishing, mesh: Path) -> None:
         """Joins the domain.
 
         Args:
             params: the topics.
-            mesh: of the object, which markers show.
+            mesh: path of the object's mesh, for the markers.
 
         Raises:
             InvalidInputError: if the package `cyclonedds` is not installed.
@@ -37,10 +37,10 @@ class Ros2Publisher:
         self._pose = link.publisher(params.pose, "geometry_msgs/PoseWithCovarianceStamped")
         self._markers = link.publisher(params.markers, "visualization_msgs/MarkerArray")
         self._status = link.publisher(params.status, "std_msgs/String")
-        self._link = link  # which lives as long as its writers
+        self._link = link  # Kept alive as long as its writers.
 
     def send(self, message: ObjectBeliefMessage) -> None:
-        """Sends one; the pose only where there is one."""
+        """Publishes a message; the pose only if there is one."""
         header = {"stamp": stamp_of(1e-6 * message.utime), "frame_id": self._frame}
         rotations = [matrix_from_quaternion(wxyz) for wxyz in message.quaternion_wxyz]
         poses = [

@@ -13,10 +13,10 @@ def run_ros2(scenario: Scenario, duration: float | None, observer: Observer, tel
     """Runs as `run_messages` does, with messages of ROS 2.
 
     Args:
-        scenario: with `Ros2Senses`.
-        duration: s; until it is interrupted, if not given.
-        observer: is shown each belief.
-        tell: is told what begins.
+        scenario: a scenario with `Ros2Senses`.
+        duration: duration, s; None: until it is interrupted.
+        observer: called with the run after each belief.
+        tell: called with the name of each step that starts.
 
     Raises:
         InvalidInputError: if the scenario cannot be run.

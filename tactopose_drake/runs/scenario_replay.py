@@ -1,4 +1,4 @@
-"""Plays a recording through the decoders, the drivers and the estimate, as if the devices said it all again."""
+"""Replays a recording through decoders, drivers and estimation, as if the devices sent it again."""
 
 import contextlib
 import dataclasses
@@ -26,19 +26,19 @@ from tactopose_drake.station.hardware import HardwareStation, make_hardware_stat
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.signals import Signal, read_signals
 
-_LONGEST_SILENCE = 60.0  # s, from the beginning of a run to the first frame
+_LONGEST_SILENCE = 60.0  # s from the start of a run to the first frame
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Replay:
-    """How a replay went.
+    """The result of a replay.
 
     Attributes:
-        view: of the run at its end.
-        ends: how each file ended, in a sentence: after how many frames, and whether it was cut off.
-        whole: whether none was cut off.
-        difference: from when on the estimates are not those of the run, and by how much, or why where that is known,
-            and which versions are others; empty where they are, or where the scenario estimates otherwise.
+        view: the run at its end.
+        ends: a sentence on each file's end: after how many frames, and whether it was cut off.
+        whole: whether no file was cut off.
+        difference: from when on, how much and possibly why the estimates differ from the run's, and which versions
+            differ; empty if the estimates agree, or the scenario's estimation differs from the run's.
     """
 
     view: RunView
@@ -56,19 +56,19 @@ def replay(
     observer: Observer = lambda view: None,
     tell: Progress = lambda message: None,
 ) -> Replay:
-    """Plays a recording to its end.
+    """Replays a recording.
 
-    The CAN logs go through the drivers in virtual time, so what comes out depends on the recording and the scenario
-    alone, to the last bit, however fast it is played. A time limit of the search is lifted for the same reason, and a
-    belief over time that a thread of its own computed (`live`) is computed when it is due.
+    The CAN logs go through the drivers in virtual time, so the results depend only on the recording and the scenario,
+    to the last bit, at any speed. For the same reason time limits of the search are removed, and a belief that a
+    thread computed (`live`) is computed in sequence.
 
     Args:
-        folder: of the recording.
-        scenario: what is to be estimated and how; of the same hand, object and devices.
-        paced: whether it plays as fast as it was recorded; else as fast as it goes.
-        duration: of the part that is played, from the beginning, s; all, if not given.
-        observer: is shown the run at the period of the estimates.
-        tell: is told what begins.
+        folder: folder of the recording.
+        scenario: a scenario with the same hand, object and devices; its estimation may differ.
+        paced: whether to replay at the recorded speed; otherwise as fast as possible.
+        duration: duration of the part that is replayed, from the start, s; None: all.
+        observer: called with the run at the period of the estimates.
+        tell: called with the name of each step that starts.
 
     Raises:
         InvalidFileError: if the folder is no recording.
@@ -80,14 +80,14 @@ def replay(
     is_compared = _estimates_alike(scenario, manifest.scenario)
     scenario = as_recorded(scenario, manifest)
     signals, cut = read_signals(folder / SIGNALS)
-    last = max((signal.times[-1] for signal in signals.values()), default=0.0)  # What is beyond is not known.
+    last = max((signal.times[-1] for signal in signals.values()), default=0.0)  # Nothing is known after that.
     signals.pop(TRUE_POSE, None)
-    run = dataclasses.replace(manifest.scenario, hand=scenario.hand)  # whose file may have moved since
+    run = dataclasses.replace(manifest.scenario, hand=scenario.hand)  # The hand's file may have moved.
     _check_signals(signals, run, cut or f"{folder / SIGNALS}: is whole.")
     devices = logged_devices(folder, manifest)
     tell("reading the object")
     with contextlib.ExitStack() as parts:
-        if devices is not None and devices.hand is not None:  # They are in the log.
+        if devices is not None and devices.hand is not None:  # Joint positions are in the log.
             signals.pop("joint_positions", None)
         simulator = Simulator(_make_station(folder, scenario, devices, signals).diagram)
         if devices is not None:
@@ -102,9 +102,9 @@ def replay(
         at_end = functools.partial(have_ended, buses)
 
         def compare_and_show(view: RunView) -> None:
-            # Where a part ends, the run may have no estimate.
+            # At the end of a part, the run may have no estimate.
             is_between = is_part and view.context.get_time() >= until
-            if is_compared and not is_between and not at_end():  # What comes after the end of a log is not compared.
+            if is_compared and not is_between and not at_end():  # Nothing is compared after the end of a log.
                 comparison.compare(view)
             observer(view)
 
@@ -118,30 +118,30 @@ def replay(
 
 
 def _estimates_alike(one: Scenario, other: Scenario) -> bool:
-    """Whether two scenarios of the same hand and object, and of the recording's senses, give the same estimates."""
+    """Whether two scenarios with the same hand, object and senses give the same estimates."""
     bases = [fixed_pose("Scenario.X_WBase", scenario.X_WBase) for scenario in (one, other)]
     same_shape = (one.surface_sigma, one.scale_sigma) == (other.surface_sigma, other.scale_sigma)
     return one.estimation == other.estimation and same_shape and bases[0].IsExactlyEqualTo(bases[1])
 
 
 def _replay(view: RunView, ends: list[EndOfLogError], cut: str, difference: str) -> Replay:
-    """What came of a replay whose logs ended so, and whose signals are cut off, if there is a text about it."""
+    """The result of a replay, given the ends of its logs, and the message `cut` if its signals are cut off."""
     texts = (*(str(end) for end in ends), *([cut] if cut else []))
     return Replay(view, texts, not cut and all(end.whole for end in ends), difference)
 
 
 def have_ended(buses: list[DeviceBus]) -> bool:
-    """Whether all logs are at their end; without a log nothing ends."""
+    """Whether all logs are at their end; False without logs."""
     return bool(buses) and all(bus.log_end is not None for bus in buses)
 
 
 def _make_station(
     folder: Path, scenario: Scenario, devices: CanDevices | None, signals: Mapping[str, Signal]
 ) -> HardwareStation:
-    """The station that a recording is played to.
+    """Builds the station for a replay.
 
     Raises:
-        InvalidFileError: if the recording's signals do not fit the scenario, which is valid by itself.
+        InvalidFileError: if the recording's signals do not fit the scenario.
     """
     model = scenario.object_model()
     try:
@@ -151,11 +151,11 @@ def _make_station(
 
 
 def as_recorded(scenario: Scenario, manifest: Manifest) -> Scenario:
-    """The scenario with the recording's senses, without a time limit, and with a belief that no thread computes."""
+    """The scenario with the recording's senses, without a time limit, and with a belief that is not `live`."""
     estimator = dataclasses.replace(scenario.estimation.estimator, max_duration=None)
     estimation = dataclasses.replace(scenario.estimation, estimator=estimator)
     senses = manifest.scenario.senses
-    if isinstance(senses, CanSenses):  # What came from files then is among the signals and in the logs.
+    if isinstance(senses, CanSenses):  # Data from files is now in the signals and the logs.
         simulated = SimulatedDevices() if senses.simulated == SimulatedDevices() else None
         senses = dataclasses.replace(senses, joints=JointPort(), prior="", palm="", simulated=simulated)
     tracking = None if scenario.tracking is None else dataclasses.replace(scenario.tracking, live=False)
@@ -165,10 +165,11 @@ def as_recorded(scenario: Scenario, manifest: Manifest) -> Scenario:
 
 
 def logged_devices(folder: Path, manifest: Manifest) -> CanDevices | None:
-    """The devices of a recording on buses that play their logs; None where it has none.
+    """The devices of a recording on buses that replay their logs; None if it has none.
 
     Raises:
-        InvalidFileError: if a log cannot be read, or the run began long before the first frame: all would wait for it.
+        InvalidFileError: if a log cannot be read, or the run started long before the first frame, so that the replay
+            would wait for it.
     """
     senses = manifest.scenario.senses
     if not isinstance(senses, CanSenses):
@@ -185,7 +186,7 @@ def logged_devices(folder: Path, manifest: Manifest) -> CanDevices | None:
 
 
 def _check_signals(signals: Mapping[str, Signal], scenario: Scenario, state: str) -> None:
-    """Raises InvalidFileError if a signal is missing that the run had: without it, the estimate would be another."""
+    """Raises InvalidFileError if a signal of the run is missing or has another type, which would change estimates."""
     for name in missing_signals(signals, scenario):
         raise InvalidFileError(f"{state} It has no {name}, which the run has recorded.")
     for name, signal in signals.items():
@@ -195,7 +196,7 @@ def _check_signals(signals: Mapping[str, Signal], scenario: Scenario, state: str
 
 
 def missing_signals(signals: Mapping[str, Signal], scenario: Scenario) -> list[str]:
-    """The names of those that a run of the scenario has recorded, and that are not there."""
+    """The names of missing signals, among those that a run of the scenario records."""
     senses, hand = scenario.senses, load_hand_config(scenario.hand)
     needed = []
     if not isinstance(senses, CanSenses):

@@ -1,4 +1,4 @@
-"""Runs a scenario: in the simulator as fast as it goes, on CAN devices in real time, or as messages come in."""
+"""Runs a scenario: in the simulator as fast as possible, on CAN devices in real time, or as messages arrive."""
 
 import contextlib
 import dataclasses
@@ -22,7 +22,7 @@ from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.senses import RecordedSenses
 from tactopose_drake.station.simulated import check_bodies, make_station
 
-# Senses that are messages: what runs them, over what, and what records them.
+# Senses that are messages: the function that runs them, the middleware, and its own recorder.
 _MESSAGES = ((LcmSenses, run_lcm, "LCM", "lcm-logger"), (Ros2Senses, run_ros2, "ROS 2", "ros2 bag record"))
 
 
@@ -34,22 +34,22 @@ def run_scenario(
     observer: Observer = lambda view: None,
     tell: Progress = lambda message: None,
 ) -> RunView:
-    """Runs a scenario from wherever its senses come; an interrupt from the keyboard ends it.
+    """Runs a scenario with any kind of senses; a keyboard interrupt ends it.
 
     Args:
-        scenario: what to run.
-        duration: s; by default the scenario's, on real devices and over LCM until it is interrupted, and of a recording
-            all.
-        record: folder for a recording, new or empty; a recording is not recorded again, nor what comes over LCM.
-        observer: is shown the run at the period of the estimates.
-        tell: is told what begins.
+        scenario: the scenario.
+        duration: duration, s. None: the scenario's; with real devices or messages until it is interrupted; all of a
+            recording.
+        record: a new or empty folder for a recording. Recordings and senses by messages cannot be recorded.
+        observer: called with the run at the period of the estimates.
+        tell: called with the name of each step that starts.
 
     Returns:
         The run at its end; its devices are closed.
 
     Raises:
         InvalidInputError: if the scenario cannot be run.
-        DriverError: if a bus cannot be opened, or a device be tared.
+        DriverError: if a bus cannot be opened, or a device cannot be tared.
     """
     scenario.validate()
     duration = None if duration is None else positive_number("duration", duration, most=LATEST)
@@ -57,13 +57,13 @@ def run_scenario(
         if isinstance(scenario.senses, kind):
             if record is not None:
                 raise InvalidInputError(
-                    f"record: the senses come over {bus}, whose own `{recorder}` records them; allowed are others."
+                    f"record: is given, but the senses come over {bus}; allowed is None. Record them by `{recorder}`."
                 )
             return run_messages(scenario, duration, observer, tell)
     observer = publishing(scenario, observer)
     if isinstance(scenario.senses, RecordedSenses):
         if record is not None:
-            raise InvalidInputError("record: the scenario's senses are recorded already; allowed are others.")
+            raise InvalidInputError("record: is given, but the scenario's senses are a recording; allowed is None.")
         return replay(Path(scenario.senses.folder), scenario, duration=duration, observer=observer, tell=tell).view
     devices = scenario.senses if isinstance(scenario.senses, CanSenses) else None
     if devices is None or devices.simulated == SimulatedDevices():

@@ -1,4 +1,4 @@
-"""Simulated devices on the buses of a scenario, which feel what a simulated hand or a file says."""
+"""Simulated devices on the buses of a scenario, with loads from a simulated hand or files."""
 
 import contextlib
 import math
@@ -24,21 +24,20 @@ from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.can_barrett_hand import PADS
 from tactopose_drake.systems.signals import Signal
 
-_OFFSET = 300.0  # standard deviation of the gauges' readings without a load, which a tare takes off
+_OFFSET = 300.0  # standard deviation of the gauges' readings without a load, which a tare subtracts
 
-Loads = dict[str, Signal]  # by finger the wrench on the fingertip, weight and all; "hand": the row of a `HandState`
+Loads = dict[str, Signal]  # the wrench on each fingertip, including its weight, by finger; "hand": rows of `HandState`
 
 
 def simulated_loads(scenario: Scenario, signals: Mapping[str, Signal]) -> Loads:
-    """What the devices of a hand feel that has these signals (`rehearse`), and before, when nothing touches it."""
+    """The loads of a hand's devices from the signals of `rehearse`, preceded by loads without a touch."""
     assert isinstance(scenario.senses, CanSenses)
     plant, hand = make_hand_plant(scenario.hand_config())
     weights = FingertipWeights(plant, hand, fixed_pose("Scenario.X_WBase", scenario.X_WBase).rotation())
     joints, loads = signals["joint_positions"], Loads()
     for finger in scenario.senses.fingers:
         touch = signals[f"wrench_{finger}"]
-        # The simulated sensor gives no number before its first sample, and has its weight taken off; where it gives
-        # none later, it is saturated.
+        # The simulated sensor's weight is already subtracted. It is NaN before its first sample, and when saturated.
         sampled = np.cumsum([np.isfinite(F_S).all() for F_S in touch.values]) > 0
         rows = [
             (F_S if has_sample else np.zeros(6)) + weights.wrenches(joints.at(time))[finger]
@@ -61,7 +60,7 @@ def simulated_loads(scenario: Scenario, signals: Mapping[str, Signal]) -> Loads:
 
 
 def loads_of_files(senses: CanSenses, folder: Path) -> Loads:
-    """What the devices feel by a folder of CSV files.
+    """Reads the devices' loads from a folder of CSV files.
 
     Raises:
         InvalidFileError: if a file cannot be read.
@@ -72,15 +71,15 @@ def loads_of_files(senses: CanSenses, folder: Path) -> Loads:
 
 
 class SimulatedRig:
-    """The devices of a scenario, simulated, with a server for each bus; a context manager.
+    """The simulated devices of a scenario, with a server for each bus; a context manager.
 
     Attributes:
-        devices: by name, a finger's or "hand": their faults may be set at any time.
-        origin: the time 0 of the loads, s since the epoch. Until it is set they stay what they are at first.
+        devices: the devices by name (a finger's, or "hand"); their faults may be set at any time.
+        origin: the time 0 of the loads, s since the epoch. Until it is set, the first loads apply.
     """
 
     def __init__(self, scenario: Scenario, loads: Loads) -> None:
-        """Makes the devices; the scenario's seed decides on their calibrations and offsets."""
+        """Creates the devices; their calibrations and offsets are drawn with the scenario's seed."""
         assert isinstance(scenario.senses, CanSenses)
         self.origin = math.inf
         self._senses, self._servers = scenario.senses, contextlib.ExitStack()
@@ -99,7 +98,7 @@ class SimulatedRig:
             self.devices["hand"] = SimulatedBarrettHand(lambda time: HandState.from_row(feel(time)))
 
     def on_bus(self, name: str) -> list[SimulatedDevice]:
-        """The devices of one bus."""
+        """The devices on one bus."""
         senses = self._senses
         of_finger = {finger: board.bus for finger, board in senses.fingers.items()}
         bus_of = of_finger | ({} if senses.barrett_hand is None else {"hand": senses.barrett_hand.bus})
@@ -109,7 +108,7 @@ class SimulatedRig:
         """Opens the other end of each bus.
 
         Raises:
-            BusError: if that fails.
+            BusError: if a bus cannot be opened.
         """
         with contextlib.ExitStack() as servers:
             for name, bus in self._senses.buses.items():

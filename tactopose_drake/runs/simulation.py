@@ -1,4 +1,4 @@
-"""The simulator of a scenario's grasp, and what is recorded of it."""
+"""The simulator of a scenario's grasp, and the recording of its senses."""
 
 from collections.abc import Callable
 
@@ -9,16 +9,16 @@ from tactopose_drake.station.simulated import Station
 from tactopose_drake.systems.signals import Value
 
 Write = Callable[[str, float, Value], None]  # a signal's name, the time in s, and its value
-TRUE_POSE = "true_pose"  # the signal of the simulator's own X_PO
-BESIDE_DEVICES = ("joint_positions", "palm_pose", "prior")  # the signals that come from no device on a bus
+TRUE_POSE = "true_pose"  # the signal of the true X_PO in the simulator
+BESIDE_DEVICES = ("joint_positions", "palm_pose", "prior")  # signals that do not come from devices on a bus
 
 
 def start_simulation(station: Station, write: Write | None) -> Simulator:
-    """A simulator at the beginning of a grasp; it lets the object go when it is held.
+    """Initializes a simulator for a grasp, with a monitor that releases the object once it is held.
 
     Args:
-        station: the diagram.
-        write: is given every sense after each step, and `true_pose`; None where nobody wants them.
+        station: the station.
+        write: called with every sense and with `true_pose` after each step; None: they are not recorded.
     """
     simulator = Simulator(station.diagram)
     station.start(simulator.get_mutable_context())
@@ -37,7 +37,7 @@ def start_simulation(station: Station, write: Write | None) -> Simulator:
 
 
 def sense_ports(diagram: Diagram) -> list[OutputPort]:
-    """The ports of a station that carry what the estimate is made from."""
+    """The ports of a station that carry the inputs of the estimation."""
     ports = [diagram.get_output_port(index) for index in range(diagram.num_output_ports())]
     measured = ("wrench_", "pressures_")
     return [port for port in ports if port.get_name() in BESIDE_DEVICES or port.get_name().startswith(measured)]

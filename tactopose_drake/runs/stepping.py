@@ -1,4 +1,4 @@
-"""The loop that all runs share, and what can be seen of one."""
+"""The loop that all runs share, and the view of a run for observers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,16 +15,16 @@ class RunView:
     """A run at one moment.
 
     Attributes:
-        diagram: of the station.
+        diagram: the station's diagram.
         context: its root context.
-        devices: of a run on CAN devices or from their logs; None else.
-        lost: what of a finished run could not be recorded, and why, in sentences.
-        slowness: by how much a finished run on devices fell behind them, in a sentence; empty where it kept up.
-        outcome: how the grasp of a finished run went, where a simulator knows the truth.
-        true_pose: X_PO, where a simulator knows it.
-        status: what is said in place of the diagram's status, of which that is a part: of messages also what is wrong
-            with them, or that none comes any more. Empty where the diagram says all.
-        start: the context's time when the run began, s: messages have their sender's clock.
+        devices: the devices of a run on CAN devices or their logs; otherwise None.
+        lost: sentences on what of a finished run could not be recorded, and why.
+        slowness: a sentence on how far a finished run fell behind its devices; empty if it kept up.
+        outcome: the outcome of a finished run's grasp, if it was simulated.
+        true_pose: true X_PO, if it is simulated.
+        status: replaces the diagram's status for senses by messages: it adds remarks on the messages, or says that none
+            arrive. Otherwise empty.
+        start: the context's time at the start of the run, s; with messages it is by their sender's clock.
     """
 
     diagram: Diagram
@@ -39,12 +39,12 @@ class RunView:
 
     @property
     def time(self) -> float:
-        """Since the run began, s."""
+        """Time since the start of the run, s."""
         return float(self.context.get_time()) - self.start
 
 
 def belief_port(view: RunView, name: str) -> str:
-    """The port of what is believed: of the tracking where there is one, or else of the estimation."""
+    """The name of an output port of the tracking if there is one, otherwise of the estimation."""
     tracked = f"tracked_{name}"
     return tracked if view.diagram.HasOutputPort(tracked) else name
 
@@ -61,15 +61,15 @@ def advance(
     observer: Observer,
     end: Callable[[], bool] = lambda: False,
 ) -> RunView:
-    """Advances a simulator in steps, and shows the run after each.
+    """Advances a simulator in steps, and calls an observer after each.
 
     Args:
-        simulator: of a station, initialised.
+        simulator: an initialized simulator of a station.
         devices: its devices.
-        period: of the steps, s.
-        until: time at which it ends; infinite where something else ends it.
-        observer: is shown the run after each step.
-        end: asked after each step whether this was the last.
+        period: duration of a step, s.
+        until: end time, s; may be infinite.
+        observer: called with the run after each step.
+        end: called after each step; returns whether it was the last.
 
     Returns:
         The run at its end.

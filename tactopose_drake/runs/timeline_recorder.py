@@ -1,4 +1,4 @@
-"""What a station says over a run, for the timeline of a page."""
+"""Records a station's outputs over a run for the timeline of a page."""
 
 import math
 from typing import Any, NamedTuple
@@ -21,7 +21,7 @@ from tactopose_drake.visualization.timeline import Curve, Plot, Timeline
 
 
 class _Noted(NamedTuple):
-    """What is noted of a moment: its time, s, the status, the curves' values by name, and what a page says."""
+    """A recorded moment: its time, s, the status, the curves' values by name, and the page's texts."""
 
     time: float
     status: str
@@ -30,21 +30,21 @@ class _Noted(NamedTuple):
 
 
 class TimelineRecorder:
-    """Notes at each moment that it is shown the status, the forces and how wide the belief is.
+    """Records status, forces and standard deviations at each moment that it is shown.
 
-    Where the station tracks, they are those of the belief over time. `show` is what runs take as an observer; a run
-    that starts anew is noted anew.
+    With tracking, they are those of the belief over time. Pass `show` to a run as the observer; if time goes back, the
+    recording restarts.
     """
 
     def __init__(self, config: HandConfig, model: ObjectModel) -> None:
-        """Keeps the hand, by whose fingers and pads the curves are named, and the object."""
+        """Takes the names of fingers and pads from the hand, and keeps the object."""
         self._fingers = [finger.name for finger in config.fingers if finger.sensor_frame]
         self._pads = [pad.name for pad in config.pads]
         self._model = model
         self._rows: list[_Noted] = []
 
     def show(self, view: RunView) -> None:
-        """Notes the present."""
+        """Records the current moment."""
         time = view.context.get_time()
         if self._rows and time <= self._rows[-1].time:
             self._rows.clear()
@@ -53,11 +53,11 @@ class TimelineRecorder:
         self._rows.append(_Noted(time, status, values, instant_of(self._scene(view, estimate), estimate, status)))
 
     def thin(self) -> None:
-        """Forgets every second moment."""
+        """Drops every second moment."""
         self._rows = self._rows[::2]
 
     def timeline(self) -> Timeline | None:
-        """All that was noted; None before there are two moments."""
+        """The timeline of all recorded moments; None if there are fewer than two."""
         if len(self._rows) < 2:
             return None
         names = {"force": self._fingers, "pressure": self._pads, "width": ["position", "angle"]}
@@ -73,7 +73,7 @@ class TimelineRecorder:
         return np.array([row.values.get(name, np.nan) for row in self._rows])
 
     def _scene(self, view: RunView, estimate: PoseEstimate | None) -> Scene:
-        """What is drawn of the present, but for the hand."""
+        """The scene of the current moment, without the hand."""
         has_pads = view.diagram.HasOutputPort("patches")
         pads, patches = (_now(view, "pads"), _now(view, "patches")) if has_pads else ((), ())
         felt = [name for name, patch in zip(pads, patches, strict=True) if patch.is_felt]
@@ -101,14 +101,14 @@ class TimelineRecorder:
 
     def _widths(self, estimate: PoseEstimate | None) -> dict[str, float]:
         if estimate is None or len(estimate.best.free_directions) > MOST_FREE:
-            return {}  # Of a pose of which next to nothing is determined, what is says nothing.
+            return {}  # Too little of the pose is determined for its standard deviations to be meaningful.
         rotation, translation = determined_sigmas(about_middle(estimate.best, self._model), self._model.size)
         widths = {"width_position": 1e3 * translation, "width_angle": math.degrees(rotation)}
         return {name: width for name, width in widths.items() if not math.isnan(width)}
 
 
 def _force(solution: ContactSolution) -> float:
-    """Of a contact, N; NaN where the wrench tells of none and does not say either that nothing touches."""
+    """Force of a contact, N; 0 without a touch; NaN if the wrench gives neither a contact nor the absence of one."""
     return 0.0 if solution.is_untouched else float(np.linalg.norm(solution.normal_force + solution.friction_force))
 
 

@@ -236,10 +236,7 @@ def test_time_that_ends_while_it_is_looked_wider_leaves_the_modes_weighed(
         ({"model": "mug.obj"}, "model: is a str; allowed is an ObjectModel"),
         ({"time_limit": 0.0}, "time_limit: is 0; allowed are numbers > 0"),
         ({"time_limit": math.nan}, "time_limit: is nan"),
-        (
-            {"prior": None, "method": "levenberg_marquardt"},
-            "prior: is None, but the method 'levenberg_marquardt' needs",
-        ),
+        ({"prior": None, "method": "levenberg_marquardt"}, "prior: is None, but the method 'levenberg_marquardt'"),
     ],
 )
 def test_bad_arguments_are_named_before_any_work(blob: tp.ObjectModel, change: dict[str, object], message: str) -> None:

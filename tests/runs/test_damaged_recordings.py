@@ -124,7 +124,7 @@ DAMAGES = {
     "start early": (replaced("manifest.yaml", "start: 0.0", "start: -3600"), "start: is -3600; allowed are numbers >="),
     "half a manifest": (
         edit_text("manifest.yaml", lambda text: text.partition("versions:")[0]),
-        "Manifest.versions: are not there: the file is cut off",
+        "Manifest.versions: are missing, so the file is cut off",
     ),
     "bus": (replaced("manifest.yaml", "buses: {}", "buses: {left: signals.jsonl}"), "buses: are of left; allowed are"),
     "bias": (replaced("manifest.yaml", "biases: {}", "biases: {toe: [1]}"), "biases: are of toe; allowed are"),

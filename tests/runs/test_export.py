@@ -314,4 +314,4 @@ def test_damaged_estimates_are_said_and_the_rest_is_exported(
     assert len([row for row in rows(out) if row["status"]]) == 1
     (copy / "estimates.jsonl").unlink()
     assert tactopose("export", copy, "--format", "csv", "--out", out) == 0
-    assert "estimates.jsonl: is not there, so that no estimate is known." in capsys.readouterr().err
+    assert "estimates.jsonl: is missing, so there are no estimates." in capsys.readouterr().err

@@ -89,7 +89,7 @@ def test_what_cannot_be_run_is_said_at_once(
     assert "'telepathy' is unknown" in message
     status, message = attempt(f"joints: !JointFile {{path: {folder}/joints.csv}}", "joints: !JointPort {}")
     assert status == 2
-    assert "is not given, or !JointPort: joint positions come through an input port" in message
+    assert "is not given, or !JointPort, for which joint positions come through an input port" in message
 
 
 @pytest.mark.parametrize("name", ["joints.csv", "palm.csv"])
