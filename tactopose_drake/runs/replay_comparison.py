@@ -72,8 +72,8 @@ class ReplayComparison:
         text = f"From {self._replayed[different[0]].time:.2f} s on, the estimates are not those of the run"
         if self._is_live and all(self._may_be_timing(row) for row in different):
             return (
-                f"{text}: a live run uses the samples that have arrived in time, a replay those that had been sent. All "
-                "replays give the same."
+                f"{text}: a live run uses the samples that have arrived in time, a replay those that had been sent. "
+                "All replays give the same."
             )
         moves = np.array([_distance(*pairs[row]) for row in different])
         unlike, said = int(np.isinf(moves).sum()), []

@@ -256,7 +256,7 @@ def test_unusable_grasps_are_refused_by_name(wrong_hand: WrongHand, grasps: list
     with pytest.raises(UnknownNameError, match=r"one\.yaml: wrenches: 'sixth' is unknown; valid names: first"):
         calibrate_hand(config, [*recorded, stranger])
     lacking = {name: value for name, value in recorded[0].joint_positions.items() if name != "THJ5"}
-    with pytest.raises(InvalidInputError, match=r"grasps\[4\]: joint_positions: lack THJ5; allowed"):
+    with pytest.raises(InvalidInputError, match=r"grasps\[4\]: joint_positions: lack THJ5; needed"):
         calibrate_hand(config, [*recorded, dataclasses.replace(recorded[0], joint_positions=lacking)])
     weights = {"first": [0.0, 0.0, 0.0, 0.0, 0.0, 1200.0]}
     with pytest.raises(
