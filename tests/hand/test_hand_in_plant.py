@@ -92,7 +92,10 @@ def test_the_offset_of_a_joint_that_slides_is_told_in_metres(tmp_path: Path) -> 
     (tmp_path / "own.calibration.yaml").write_text("joint_offsets: {left_slide: {value: 0.01, sigma: 0.001}}\n")
     make_hand_plant(load_hand_config(path))
     (tmp_path / "own.calibration.yaml").write_text("joint_offsets: {left_slide: {value: 3.0, sigma: 0.1}}\n")
-    with pytest.raises(InvalidFileError, match=r"left_slide\.value: is 3 m; allowed for a prismatic joint are numbers from -0.1 to 0.1 m"):
+    with pytest.raises(
+        InvalidFileError,
+        match=r"left_slide\.value: is 3 m; allowed for a prismatic joint are numbers from -0.1 to 0.1 m",
+    ):
         make_hand_plant(load_hand_config(path))
 
 
