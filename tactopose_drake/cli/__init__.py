@@ -1,4 +1,4 @@
-"""The command line, `tactopose`: one file a command."""
+"""The command line, `tactopose`, with one file per command."""
 
 import lazy_loader
 

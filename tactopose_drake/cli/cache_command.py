@@ -1,4 +1,4 @@
-"""`tactopose cache`: what is kept of objects between runs."""
+"""`tactopose cache`: shows and clears the cache of objects' models."""
 
 import time
 
@@ -12,15 +12,15 @@ _MB = 1e6
 
 
 @click.command(name="cache")
-@click.option("--clear", is_flag=True, help="Removes all of it; models are then built anew when they are needed.")
+@click.option("--clear", is_flag=True, help="Empties the cache; models are then rebuilt when they are needed.")
 def cache_command(clear: bool) -> None:
-    """Shows what is kept of objects between runs: models, their pairs of points, and libraries' indices.
+    """Shows the cache of objects: models, their pairs of points, and libraries' indices.
 
-    TACTOPOSE_CACHE_DIR names another folder, TACTOPOSE_CACHE_GB another limit.
+    Set another folder by TACTOPOSE_CACHE_DIR, and another limit by TACTOPOSE_CACHE_GB.
     """
     folder, files = model_cache.cache_folder(), model_cache.cached_files()
     if folder.exists() and not folder.is_dir():
-        raise InvalidInputError(f"{model_cache.FOLDER_VARIABLE}: is {folder}, which is no folder: nothing is kept.")
+        raise InvalidInputError(f"{model_cache.FOLDER_VARIABLE}: is {folder}, which is no folder: nothing is cached.")
     if clear:
         size = model_cache.clear()
         OUT.print(f"Removed {len(files)} files, {size / _MB:.0f} MB, from {folder}", soft_wrap=True, highlight=False)
@@ -28,9 +28,9 @@ def cache_command(clear: bool) -> None:
     size, limit = sum(file.size for file in files), model_cache.cache_limit()
     OUT.print(f"{folder}", soft_wrap=True, highlight=False)
     OUT.print(
-        f"{len(files)} files, {size / _MB:.0f} MB of {limit / _MB:.0f} MB, as {model_cache.LIMIT_VARIABLE} may say.",
+        f"{len(files)} files, {size / _MB:.0f} MB of {limit / _MB:.0f} MB ({model_cache.LIMIT_VARIABLE} sets it).",
         highlight=False,
     )
     if files:
         day = time.strftime("%Y-%m-%d %H:%M", time.localtime(files[0].used))
-        OUT.print(f"The least recently used goes first; it was last used at {day}.", highlight=False)
+        OUT.print(f"The least recently used file is dropped first; it was last used at {day}.", highlight=False)

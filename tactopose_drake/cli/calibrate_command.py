@@ -1,4 +1,4 @@
-"""`tactopose calibrate`: what a hand is off by, from grasps of a known object."""
+"""`tactopose calibrate`: estimates a hand's errors from grasps of a known object."""
 
 import os
 from collections.abc import Collection
@@ -30,12 +30,10 @@ from tactopose_drake.runs.manifest import MANIFEST
 from tactopose_drake.runs.quiet_instant import quiet_grasp
 from tactopose_drake.runs.recorded_senses import read_recording
 
-_MOST_NAMED = 8  # combinations that are not determined
-_SURE = 0.9  # probability of a pose, below which another is worth naming
-_GOOD = (0.0005, 2.0)  # m and deg that remain of a contact with the right mesh, at the most
-_MANY = (
-    0.25  # share of a finger's contacts that do not fit, above which, where it is more than one, that is worth naming
-)
+_MOST_NAMED = 8  # undetermined combinations that are listed
+_SURE = 0.9  # grasps whose pose is less probable than this are listed
+_GOOD = (0.0005, 2.0)  # largest residuals of a contact with the right mesh, m and deg
+_MANY = 0.25  # a finger is listed if more than one, and more than this share, of its contacts do not fit
 
 
 @click.command("calibrate")
@@ -48,14 +46,14 @@ _MANY = (
     type=PATH,
     default=Path("calibration.yaml"),
     show_default=True,
-    help="What was found, for the key `calibration` of the hand's file.",
+    help="The result, for the key `calibration` of the hand's file.",
 )
 @click.option("--html", type=PATH, help="Writes a page with all residuals, before and after, finger by finger.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the searches for poses.")
 def calibrate(hand: str, name: str, scale: float, folder: Path, out: Path, html: Path | None, seed: int) -> None:
-    """Finds what a hand is off by from grasps of one known object, in poses that need not be known.
+    """Estimates a hand's errors from grasps of one known object, in poses that need not be known.
 
-    The folder holds a YAML or JSON file for each grasp, or folders that `tactopose run --record` has made.
+    The folder holds a YAML or JSON file for each grasp, or recordings of `tactopose run --record`.
     """
     config, mesh = load_hand_config(hand, with_calibration=False), object_file(name)
     is_anew = bool(config.calibration) and os.path.realpath(out) == os.path.realpath(config.calibration)
@@ -84,9 +82,9 @@ def calibrate(hand: str, name: str, scale: float, folder: Path, out: Path, html:
 
 
 def _grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:
-    """The files of a folder, and the recordings that are in it."""
+    """Reads the grasps of a folder, from files and recordings in it."""
     if (folder / MANIFEST).is_file():
-        raise InvalidInputError(f"{folder}: is itself a recording; allowed is a folder that holds one for each grasp.")
+        raise InvalidInputError(f"{folder}: is a recording itself; allowed is a folder that holds one for each grasp.")
     recordings = sorted(path.parent for path in folder.glob(f"*/{MANIFEST}")) if folder.is_dir() else []
     has_files = any(path.suffix.lower() in GRASP_ENDINGS for path in folder.iterdir()) if recordings else True
     files = load_grasps(folder, model) if has_files else ()
@@ -94,11 +92,11 @@ def _grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:
 
 
 def calibration_table(found: HandCalibration, sliding: Collection[str]) -> Table:
-    """One row an error, or three of the same kind; none of what was not looked for.
+    """A table with one row for each estimated error, or for three of the same kind.
 
     Args:
-        found: what was found.
-        sliding: names of the joints that slide.
+        found: the calibration.
+        sliding: names of the prismatic joints.
     """
     table = Table(title=f"The hand by {found.grasps} grasps", box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column(HEADINGS[0])
@@ -110,21 +108,21 @@ def calibration_table(found: HandCalibration, sliding: Collection[str]) -> Table
 
 
 def calibration_lines(result: CalibrationResult, names: list[str]) -> list[str]:
-    """What else there is to say, a sentence each."""
+    """Remarks on a calibration, one sentence each."""
     noise = result.calibration.noise
     lines = [remaining_line(result)]
     if noise.position > _GOOD[0] or noise.normal_deg > _GOOD[1]:
         lines.append(
-            f"That is much; with the right mesh, and errors as the hand's `uncertainty` says, it is below "
-            f"{1e3 * _GOOD[0]:g} mm and {_GOOD[1]:g} deg: do not trust this calibration before you know why."
+            f"That is much: with the right mesh, and errors as the hand's `uncertainty` says, it is below "
+            f"{1e3 * _GOOD[0]:g} mm and {_GOOD[1]:g} deg. Do not trust this calibration before you know why."
         )
     lines += [
-        f"No wrench of {finger} makes a contact, so that nothing is known of it: {reason}."
+        f"No wrench of {finger} gives a contact, so that nothing is known of this finger: {reason}."
         for finger, reason in result.without_contact.items()
     ]
     lines += [
-        f"Of {finger}, {np.sum(weights < USED)} of {len(weights)} contacts do not fit the others and counted for "
-        "nothing: its sensor, its wrenches' frame or its joints are not as the hand's file says."
+        f"Of {finger}, {np.sum(weights < USED)} of {len(weights)} contacts do not fit the others and were ignored: "
+        "its sensor, its wrenches' frame or its joints are not as the hand's file says."
         for finger, weights in result.contact_weights.items()
         if np.sum(weights < USED) > max(1.0, _MANY * len(weights)) and finger not in result.without_contact
     ]
@@ -137,11 +135,11 @@ def calibration_lines(result: CalibrationResult, names: list[str]) -> list[str]:
         if weight >= USED and probability < _SURE
     ]
     if doubtful:
-        lines.append(f"Another pose explains these, too, which is counted: {', '.join(doubtful)}.")
+        lines.append(f"Another pose explains these, too, which the uncertainty includes: {', '.join(doubtful)}.")
     texts = [combination.text for combination in result.undetermined]
     if texts:
         more = f"; and {len(texts) - _MOST_NAMED} more" if len(texts) > _MOST_NAMED else ""
-        lines.append(f"Not told by these grasps: {'; '.join(texts[:_MOST_NAMED])}{more}.")
+        lines.append(f"Not determined by these grasps: {'; '.join(texts[:_MOST_NAMED])}{more}.")
     if not result.converged:
-        lines.append("The fit had not come to its end: record other grasps, or more of them.")
+        lines.append("The fit has not converged: record other grasps, or more of them.")
     return lines

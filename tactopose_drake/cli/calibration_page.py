@@ -1,4 +1,4 @@
-"""A page that shows how far each finger's contacts are off the object, before and after a calibration."""
+"""A page that shows the residuals of each finger's contacts before and after a calibration."""
 
 import html
 from pathlib import Path
@@ -37,15 +37,16 @@ def save_calibration_page(path: Path, hand: str, result: CalibrationResult, name
     text = (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Calibration of {title}</title>'
         f"<style>{_STYLE}</style></head><body><h1>Calibration of {title}</h1>"
-        "<p>Each dot is a contact: above, red, with the hand as its files have it, the object's pose in each grasp "
-        "being the best for that; below, blue, with the calibrated hand.</p>"
+        "<p>Each dot is a contact: above, red, of the uncalibrated hand, at the best pose of the object for it in each "
+        "grasp; below, blue, of the calibrated hand.</p>"
         f"{distances}{angles}{_table(result)}"
-        f"<p>{html.escape(remaining_line(result))} The residuals are smaller, because the fit has taken some up.</p>"
-        f"<h2>What was found</h2>{_found(result)}<h2>Grasps</h2><p>Weight 1 fits the others; 0 counted for nothing. "
-        "Where the pose is not sure, another explains the grasp, too, and the standard deviations are the larger.</p>"
+        f"<p>{html.escape(remaining_line(result))} The residuals are smaller, because the fit absorbs a part.</p>"
+        f"<h2>What was found</h2>{_found(result)}<h2>Grasps</h2>"
+        "<p>A grasp with weight 1 fits the others; one with 0 was ignored. If its pose is not "
+        "certain, another one explains the grasp, too, and increases the standard deviations.</p>"
         f"<table><tr><th>grasp</th><th>weight</th><th>probability of its pose</th></tr>{''.join(rows)}</table>"
-        "<h2>What these grasps do not tell</h2>"
-        "<p>Nor how far all errors of a line are off together: \u201cwith\u201d in the same direction, "
+        "<h2>What these grasps do not determine</h2>"
+        "<p>Common changes of all errors in a line: \u201cwith\u201d in the same direction, "
         f"\u201cagainst\u201d in the opposite one.</p><ul>{untold or '<li>nothing</li>'}</ul></body></html>\n"
     )
     with written_beside(path) as beside:
@@ -70,7 +71,7 @@ def _found(result: CalibrationResult) -> str:
 
 
 def _cell(value: float) -> str:
-    """A number, or nothing where no finger touches."""
+    """A number as text; empty if no finger touches."""
     return "" if np.isnan(value) else f"{value:.2f}"
 
 
@@ -80,7 +81,7 @@ def _rms(values: FloatArray) -> float:
 
 
 def _plot(title: str, result: CalibrationResult, quantity: str, unit: float) -> str:
-    """Two rows of dots a finger, on a common axis."""
+    """A plot with two rows of dots for each finger, on a common axis."""
     both = [
         (name, kind, unit * getattr(side[name], quantity))
         for name in result.before

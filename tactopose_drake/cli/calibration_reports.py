@@ -1,4 +1,4 @@
-"""What a calibration found, in rows and sentences, for the terminal and for the page."""
+"""Rows and sentences on a calibration, for the terminal and the page."""
 
 from collections.abc import Collection
 
@@ -6,15 +6,15 @@ from tactopose_drake.hand.calibration_file import HandCalibration
 from tactopose_drake.hand.hand_calibration import CalibrationResult
 
 HEADINGS = ("off by", "found", "standard deviation", "unit")
-"""Of the rows."""
+"""Headings of the rows."""
 
 
 def calibration_rows(found: HandCalibration, sliding: Collection[str]) -> list[tuple[str, str, str, str]]:
-    """One row an error, or three of the same kind; none of what was not looked for.
+    """One row for each estimated error, or for three of the same kind.
 
     Args:
-        found: what was found.
-        sliding: names of the joints that slide.
+        found: the calibration.
+        sliding: names of the prismatic joints.
     """
     rows = []
     for joint, offset in found.joint_offsets.items():
@@ -38,8 +38,9 @@ def calibration_rows(found: HandCalibration, sliding: Collection[str]) -> list[t
 
 
 def remaining_line(result: CalibrationResult) -> str:
-    """How far a contact of the calibrated hand is off, in a sentence."""
+    """A sentence on the remaining error of a contact of the calibrated hand."""
     noise = result.calibration.noise
     return (
-        f"What remains of a contact: {1e3 * noise.position:.2f} mm along its normal, {noise.normal_deg:.1f} deg of it."
+        f"Remaining error of a contact: {1e3 * noise.position:.2f} mm along its normal, {noise.normal_deg:.1f} deg of "
+        "the normal."
     )

@@ -1,4 +1,4 @@
-"""`tactopose check-hand`: what is right and wrong with a hand's files, as a table and as a page."""
+"""`tactopose check-hand`: checks a hand's files, with a table and a page as results."""
 
 from pathlib import Path
 
@@ -31,7 +31,7 @@ def check_hand_command(hand: str, html: Path | None, cells: Path | None) -> None
         check = check_hand(hand)
     OUT.print(findings_table(hand, check.findings))
     if check.entries:
-        OUT.print("For the hand's file, in these fingers' places:")
+        OUT.print("Suggested entries of these fingers in the hand's file:")
         OUT.print(fingers_yaml(check.entries), soft_wrap=True, highlight=False, markup=False)
     if html is not None and check.parts is not None:
         save_hand_page(html, hand, check)
@@ -46,7 +46,7 @@ def check_hand_command(hand: str, html: Path | None, cells: Path | None) -> None
 
 
 def _save_cells(path: Path, pads: list[PadConfig]) -> None:
-    """Writes the picture; arrays that several pads have are in it once."""
+    """Writes the picture; an array that several pads share is drawn once."""
     arrays: dict[str, list[str]] = {}
     for pad in pads:
         arrays.setdefault(pad.array, []).append(pad.name)
@@ -59,7 +59,7 @@ def _save_cells(path: Path, pads: list[PadConfig]) -> None:
 
 
 def findings_table(hand: str, findings: tuple[Finding, ...]) -> Table:
-    """One row a finding."""
+    """A table with one row for each finding."""
     table = Table(title=f"The hand {hand}", box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in ("", "part", "what was found"):
         table.add_column(heading)

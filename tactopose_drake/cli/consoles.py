@@ -1,4 +1,4 @@
-"""What the command line prints on: no name of a file or finger is taken for markup, or tells the terminal anything."""
+"""The consoles of the command line, which interpret neither markup nor control characters in names."""
 
 import logging
 from collections.abc import Sequence
@@ -13,14 +13,14 @@ from tactopose_drake.resources import complaint_kind
 
 
 class PlainConsole(Console):
-    """A console that prints text as it is, and letters that are none as Python writes them."""
+    """A console that prints text literally, with unprintable characters escaped as in Python."""
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Text without markup, emoji codes and control characters."""
+        """Renders text without interpreting markup, emoji codes and control characters."""
         return super().render_str(printable(text), **options | {"markup": False, "emoji": False})
 
     def status(self, status: Any, **options: Any) -> "PlainStatus":
-        """A spinner with a message, likewise."""
+        """A spinner with a message that is printed literally, too."""
         return PlainStatus(status, console=self, **options)
 
 
@@ -37,7 +37,7 @@ class PlainStatus(Status):
 
 
 def printable(text: str) -> str:
-    """Text in which control characters, and what cannot be encoded, are written out as Python does."""
+    """The text with control characters, and characters that cannot be encoded, escaped as in Python."""
     return "".join(
         letter if letter.isprintable() or letter == "\n" else letter.encode("unicode_escape").decode()
         for letter in text
@@ -45,13 +45,13 @@ def printable(text: str) -> str:
 
 
 class OnceFilter(logging.Filter):
-    """Lets each kind of message of a log through once.
+    """Passes only the first log message of each kind.
 
-    Models are read more than once, and what Drake says of one of their lines it mostly says of many.
+    Models are read more than once, and Drake mostly repeats a warning for many of their lines.
     """
 
     def __init__(self) -> None:
-        """Has seen nothing."""
+        """Starts without any message seen."""
         super().__init__()
         self._seen: set[str] = set()
 
@@ -68,7 +68,7 @@ ERRORS = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
 
 
 def print_written(paths: Sequence[Path], earlier: Sequence[Path]) -> None:
-    """Says which files have been written, and which of them were there before."""
+    """Prints which files were written, and which of them were replaced."""
     written = [path for path in paths if path not in earlier], [path for path in paths if path in earlier]
     for done, which in zip(("Written", "Replaced"), written, strict=True):
         if which:

@@ -30,7 +30,7 @@ _FOLDER = "tactopose_demo"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Options:
-    """What the command is given, by the names of its options below."""
+    """The values of the command's options."""
 
     hand: str
     name: str | None
@@ -55,16 +55,16 @@ class _Options:
     show_default="tactopose_demo, or where that has results already, tactopose_demo_2 and so on",
     help="Folder for the results; those of an earlier run there are replaced.",
 )
-@click.option("--track", is_flag=True, help="Follows the object over time: the belief is what is shown.")
+@click.option("--track", is_flag=True, help="Tracks the object over time, and shows the belief.")
 @click.option("--meshcat", "keep", is_flag=True, help="Shows the run live in Meshcat, until you press Enter.")
 @click.option("--no-open", is_flag=True, help="Does not open the web page at the end.")
 def demo(**given: Any) -> None:
-    """Closes a simulated hand on an object and corrects the camera's doubtful pose by touch."""
+    """Closes a simulated hand on an object and corrects the camera's uncertain pose by touch."""
     options = _Options(**given)
     out = _free_folder() if options.out is None else options.out
     replaced = prepare_demo(out)
     with ERRORS.status("reading the hand"):
-        # Its object's files are in the way of nobody until there is a result.
+        # Files of the user's object stay in a temporary folder until there is a result.
         scratch = Path(click.get_current_context().with_resource(tempfile.TemporaryDirectory(prefix="tactopose_")))
         scenario = demo_scenario(options.hand, options.name, options.seed, scratch, options.scale, options.mass)
         own = sorted(scratch.iterdir())
@@ -110,24 +110,24 @@ def demo(**given: Any) -> None:
 
 
 def _belief_line(grasp: GraspResult) -> str:
-    """What the belief over time says at the end, and how far it is off."""
+    """A sentence on the belief over time at the end, and its error."""
     diagram, context = grasp.station.diagram, grasp.context
     status: str = diagram.GetOutputPort("tracked_status").Eval(context)
     X_PO: RigidTransform = diagram.GetOutputPort("tracked_object_pose").Eval(context)
     off = X_PO.translation() - grasp.X_PO.translation()
     return (
-        f"Belief over time: {status}; {1e3 * float(np.linalg.norm(off)):.1f} mm off, what is not determined included."
+        f"Belief over time: {status}; {1e3 * float(np.linalg.norm(off)):.1f} mm off, including undetermined directions."
     )
 
 
 def _holders(result: DemoResult) -> list[str]:
-    """What feels the object, counted."""
+    """The numbers of fingertips and pads that feel the object, as text."""
     felt = {"fingertips": len(result.fingers), "tactile pads": sum(pad.active_cells > 0 for pad in result.pads)}
     return [f"{count} {name}" for name, count in felt.items() if count]
 
 
 def _free_folder() -> Path:
-    """The first of the usual folders in which no earlier run has left its results."""
+    """The first of the default folders without results of an earlier run."""
     number, folder = 1, Path(_FOLDER)
     while earlier_results(folder):
         number += 1

@@ -1,4 +1,4 @@
-"""How near what was felt, and the poses that follow from it, come to the simulator's truth."""
+"""Errors of contacts, patches and poses relative to the simulator's ground truth."""
 
 import dataclasses
 
@@ -17,10 +17,10 @@ from tactopose_drake.runs.contact_truth import PartContact
 
 @dataclasses.dataclass(frozen=True)
 class FingerReport:
-    """How well one fingertip's contact was found.
+    """Errors of one fingertip's contact.
 
     Attributes:
-        finger: its name.
+        finger: name of the finger.
         force: magnitude of the measured contact force, N.
         position_error: distance of the solved contact from the simulator's centre of pressure, m; None if the simulator
             has no contact there.
@@ -35,15 +35,14 @@ class FingerReport:
 
 @dataclasses.dataclass(frozen=True)
 class PadReport:
-    """How well one tactile pad's patch was found.
+    """Errors of one tactile pad's patch.
 
     Attributes:
-        pad: its name.
-        status: how much of the patch is known, as `Patch.status`.
-        active_cells: how many cells feel the object.
+        pad: name of the pad.
+        status: the patch's `Patch.status`.
+        active_cells: number of cells that feel the object.
         force: sum of pressure times area over all cells, N.
-        true_force: the simulator's normal force on the whole pad, cells and what is between and around them, N; 0
-            without contact.
+        true_force: the simulator's normal force on the whole pad, including gaps between cells, N; 0 without contact.
         centroid_error: distance of the patch's centroid from the simulator's centre of pressure, m; None if either is
             missing.
         normal_error: angle between the patch's normal and the simulator's, rad; None unless the patch is an area.
@@ -60,15 +59,15 @@ class PadReport:
 
 @dataclasses.dataclass(frozen=True)
 class PoseReport:
-    """How good one pose of the object is; the last four are those of section 3.3.1 of [B16].
+    """Errors of one pose of the object; the last four are metrics of section 3.3.1 of [B16].
 
     [B16] J. Bimbo, thesis, 2016.
 
     Attributes:
-        name: of the source of the pose.
+        name: name of the source of the pose.
         translation: distance of the origin from the truth, m.
         rotation: angle from the truth, rad.
-        determined_translation, determined_rotation: of these, the part along the directions that the touch determines.
+        determined_translation, determined_rotation: their parts along the directions that the touch determines.
         MDTS: mean distance of the contacts to the surface, m.
         MATN: mean angle between measured normals and the surface's, rad.
         RME: mean distance of the touched points from where they are in truth, m.
@@ -87,7 +86,7 @@ class PoseReport:
 
 
 def report_finger(finger: str, row: int, contacts: Contacts, truth: PartContact | None) -> FingerReport:
-    """Compares one row of the contacts, with normals and forces, with what the simulator has there."""
+    """Compares a row of the contacts, which have normals and forces, with the true contact of the finger."""
     assert contacts.n_PC is not None
     assert contacts.f_PC is not None
     force = float(np.linalg.norm(contacts.f_PC[row]))
@@ -98,7 +97,7 @@ def report_finger(finger: str, row: int, contacts: Contacts, truth: PartContact 
 
 
 def report_pad(pad: str, patch: Patch, areas: FloatArray, truth: PartContact | None) -> PadReport:
-    """Compares what a pad with cells of these areas (n,), m^2, feels with what the simulator has there."""
+    """Compares the patch of a pad with cells of these areas (n,), m^2, with the pad's true contact."""
     touched = truth is not None and patch.is_felt
     return PadReport(
         pad,
@@ -114,7 +113,7 @@ def report_pad(pad: str, patch: Patch, areas: FloatArray, truth: PartContact | N
 
 
 def pad_force(patch: Patch, areas: FloatArray) -> FloatArray:
-    """The force of the object on a pad's live cells, pressure times area (n,), m^2, into the pad; in P, (3,), N."""
+    """Force of the object on a pad's live cells, from their pressures and areas (n,), m^2; in P, shape (3,), N."""
     force: FloatArray = -np.nansum((patch.pressure * areas)[:, None] * patch.n_PT, axis=0)
     return force
 
@@ -125,12 +124,12 @@ def report_pose(
     """Compares a pose (3, 4) with the truth.
 
     Args:
-        name: of its source.
+        name: name of its source.
         X_PO: the pose.
-        X_PO_true: the truth.
+        X_PO_true: the true pose.
         model: the object.
-        touch: what was felt, with normals.
-        free: the directions that it does not determine, shape (f, 6).
+        touch: the contacts, with normals.
+        free: the directions that the touch does not determine, shape (f, 6).
     """
     assert touch.n_PC is not None
     X_true = X_PO_true.GetAsMatrix34()

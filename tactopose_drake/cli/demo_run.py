@@ -1,4 +1,4 @@
-"""The demonstration: a simulated hand closes on an object, feels it, and corrects what vision says about its pose."""
+"""The demonstration: a simulated hand closes on an object, feels it, and corrects vision's estimate of its pose."""
 
 import contextlib
 import dataclasses
@@ -55,19 +55,19 @@ class GraspFailedError(TactoposeError, RuntimeError):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DemoResult:
-    """What the demonstration found.
+    """The result of the demonstration.
 
     Attributes:
         grasp: the simulation at its end.
         fingers: one report for each fingertip in contact that has a force-torque sensor.
-        disturbed: a sentence for each of their sensors that reads something else than the object's touch.
+        disturbed: a sentence for each of their sensors whose reading is not due to the object alone.
         pads: one report for each tactile pad.
         vision, touch: reports on the pose before and after the touch.
         tracked: report on the pose of the belief over time, if there is one.
-        hidden_share: how much of the object's camera side the hand hides, 0 to 1.
-        estimate: the hypotheses.
-        scene: what the pictures show.
-        timeline: of the grasp.
+        hidden_share: share of the object's camera side that the hand hides, 0 to 1.
+        estimate: the estimate by touch.
+        scene: the scene of the pictures.
+        timeline: timeline of the grasp.
     """
 
     grasp: GraspResult
@@ -93,14 +93,14 @@ def run_demo(
     """Simulates the scenario's grasp and compares vision's pose and the estimate with the truth.
 
     Args:
-        scenario: what to simulate.
-        model: of the scenario's object, if it is at hand already.
-        meshcat: records the motion, if given.
-        on_progress: is told what begins.
+        scenario: the scenario.
+        model: the object's model; None: it is loaded.
+        meshcat: records the motion; None: it is not recorded.
+        on_progress: called with the name of each step that starts.
 
     Raises:
         InvalidInputError: if the scenario cannot be built.
-        GraspFailedError: if no grasp that was tried holds the object, or what is felt gives no estimate.
+        GraspFailedError: if no grasp that was tried holds the object, or the touch gives no estimate.
     """
     model = scenario.object_model() if model is None else model
     recorder = TimelineRecorder(load_hand_config(scenario.hand), model)
@@ -109,7 +109,7 @@ def run_demo(
         reasons = (*grasp.failed_attempts, grasp.reason)
         raise GraspFailedError(
             f"no grasp of the {model.name.replace('_', ' ')} with seed {scenario.seed} held it, of {len(reasons)} that "
-            f"were tried: {'; '.join(reasons)}. Another seed tries others.{grip_advice(scenario)}"
+            f"were tried: {'; '.join(reasons)}. Try another seed.{grip_advice(scenario)}"
         )
     diagram, context = grasp.station.diagram, grasp.context
     contacts: Contacts = diagram.GetOutputPort("contacts").Eval(context)
@@ -147,20 +147,20 @@ def run_demo(
 
 
 def earlier_results(folder: Path) -> list[Path]:
-    """What an earlier run has left in a folder."""
+    """The results of an earlier run in a folder."""
     return [folder / name for name in _FILES if (folder / name).exists()]
 
 
 def prepare_demo(folder: Path, others: Iterable[str] = (), inputs: Iterable[Path] = ()) -> list[Path]:
-    """Checks that the results can be written, and tells which files there will be replaced; leaves nothing behind.
+    """Checks that the results can be written, and returns the files that will be replaced; creates nothing.
 
     Args:
-        folder: for the results, which may be new.
-        others: names of further files that are to be written there.
-        inputs: files that are read, which must stay as they are.
+        folder: folder for the results, which may be new.
+        others: names of further files that will be written there.
+        inputs: files that are read, which must not be overwritten.
 
     Raises:
-        InvalidFileError: if something cannot be written there.
+        InvalidFileError: if a file cannot be written there.
     """
     is_new = {path: not path.exists() for path in (folder, *folder.parents)}
     try:
@@ -184,9 +184,10 @@ def _make(folder: Path) -> None:
 def save_demo(
     result: DemoResult, folder: Path, meshcat: Meshcat | None = None, others: Iterable[Path] = ()
 ) -> tuple[Path, ...]:
-    """Writes result.json and picture.png, with Meshcat's recording scene.html, and copies others; returns their paths.
+    """Writes result.json, picture.png and, with Meshcat's recording, scene.html, and copies other files.
 
-    The paths are those of the results alone.
+    Returns:
+        The paths of the results, without the copies.
     """
     _make(folder)
     for other in others:
@@ -197,7 +198,7 @@ def save_demo(
     save_picture(paths[1], result.scene, captions=("before: vision", "after: touch"))
     if meshcat is not None:
         paths.append(folder / _FILES[2])
-        # What the station's display shows of it.
+        # Only hypotheses that the station's display shows.
         hypotheses = result.scene.hypotheses[: 1 + PoseDisplayParams().max_alternatives]
         shown = dataclasses.replace(result.scene, hypotheses=hypotheses)
         add_frames(meshcat, PoseDisplayParams().path)
@@ -214,7 +215,7 @@ def save_demo(
 
 
 def _errors_table(result: DemoResult) -> PageTable:
-    """How far the pose is off the truth, before and after the touch, and by the belief over time."""
+    """A table of the pose's errors before and after the touch, and by the belief over time."""
     reports = [report for report in (result.vision, result.touch, result.tracked) if report is not None]
     values = [
         ("position, mm", [1e3 * report.determined_translation for report in reports]),
@@ -226,14 +227,12 @@ def _errors_table(result: DemoResult) -> PageTable:
         "Error at the end, where determined",
         headings,
         rows,
-        ""
-        if result.tracked is None
-        else "Touch: of the last estimate by itself; what is drawn is the belief over time.",
+        "" if result.tracked is None else "Touch: the last estimate by itself; the scene shows the belief over time.",
     )
 
 
 def _belief(grasp: GraspResult) -> PoseEstimate | None:
-    """What is believed over time at the end; None where that is nothing, or not followed."""
+    """The belief over time at the end; None without a pose, or without tracking."""
     diagram = grasp.station.diagram
     if not diagram.HasOutputPort("tracked_hypotheses"):
         return None
@@ -242,7 +241,7 @@ def _belief(grasp: GraspResult) -> PoseEstimate | None:
 
 
 def _read_pads(grasp: GraspResult) -> dict[str, tuple[Patch, FloatArray]]:
-    """What each tactile pad that has a reading feels at the end, and the areas of its cells, m^2."""
+    """The patch of each tactile pad with a reading at the end, and the areas of its cells, m^2."""
     arrays = {pad.name: pad.array for pad in grasp.station.hand.config.pads}
     if not arrays:
         return {}

@@ -1,15 +1,15 @@
-"""The entry point of `tactopose`, which loads the rest: that takes seconds, in which an interrupt may come too."""
+"""The entry point of `tactopose`; loading the rest takes seconds, during which an interrupt may arrive."""
 
 import os
 import signal
 import threading
 from types import FrameType
 
-_AGAIN = 0.05  # s
+_AGAIN = 0.05  # s until a postponed interrupt is raised again
 
 
 def start() -> None:
-    """Runs the command line; an interrupt is one line and the exit status 1, whenever it comes."""
+    """Runs the command line; an interrupt at any time gives one line and the exit status 1."""
     signal.signal(signal.SIGINT, _leave)
     from tactopose_drake.cli.main import main
 
@@ -18,13 +18,13 @@ def start() -> None:
 
 
 def _leave(*_: object) -> None:
-    """Ends the process at once: nothing is begun yet, and modules would tell at length that they cannot load."""
+    """Ends the process at once, as no work has started, and modules would report at length that they cannot load."""
     os.write(2, b"error: interrupted\n")
     os._exit(1)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Interrupts, but not while a module is loaded: compiled ones swallow it. Then it comes again a little later."""
+    """Interrupts; while a module is being loaded, which may swallow the interrupt, it is postponed."""
     if _is_loading(frame):
         again = threading.Timer(_AGAIN, signal.raise_signal, (number,))
         again.daemon = True

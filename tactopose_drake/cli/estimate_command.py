@@ -37,11 +37,9 @@ from tactopose_drake.estimation.search_methods import METHODS
 @click.option("--symmetry", multiple=True, default=("auto",), show_default=True, help=SYMMETRY_HELP)
 @click.option("--mass", type=float, help="Of the object, kg; by default what its SDF, URDF or MJCF says.")
 @click.option("--contacts", "contacts_file", type=PATH, required=True, help="contacts.yaml: contacts, patches, planes.")
-@click.option("--prior", "prior_file", type=PATH, help="prior.yaml: what is known of the pose without touch.")
-@click.option(
-    "--hand-volume", "volume_file", type=PATH, help="YAML of where the hand is, and which of its parts feel nothing."
-)
-@click.option("--hand", "hand_name", type=HAND, help=f"{HAND_HELP}; where --hand-volume has joints and names no hand.")
+@click.option("--prior", "prior_file", type=PATH, help="prior.yaml: prior of the pose.")
+@click.option("--hand-volume", "volume_file", type=PATH, help="YAML of the hand's volume, and its untouched parts.")
+@click.option("--hand", "hand_name", type=HAND, help=f"{HAND_HELP}; if --hand-volume has joints and names no hand.")
 @click.option("--friction", type=float, help="Coefficient of friction: no contact slips. Needs forces.")
 @click.option(
     "--gravity",
@@ -54,7 +52,7 @@ from tactopose_drake.estimation.search_methods import METHODS
     type=float,
     default=0.02,
     show_default=True,
-    help="That a contact is not of this object at all; 0 takes every contact as told.",
+    help="Probability that a contact is not on this object; 0 trusts every contact.",
 )
 @click.option("--method", type=click.Choice(list(METHODS)), default="pair_search", show_default=True, help="Search.")
 @click.option(
@@ -91,14 +89,14 @@ def estimate(
     of_hand = None if hand_name is None else Path(hand_name)
     check_outputs((out, html), inputs=(mesh, contacts_file, prior_file, volume_file, of_hand))
     if hand_name is not None and volume_file is None:
-        _warn("--hand is not used: it says whose the joints of --hand-volume are, and there is none.")
+        _warn("--hand is not used: it gives the hand of the joints in --hand-volume, which is missing.")
     remote = None
     if meshcat_url is not None:
         remote = click.get_current_context().with_resource(visualization.RemoteMeshcat(meshcat_url))
     with _progress(f"reading {name}"):
         model = _load(mesh, scale, symmetry, mass)
     if balance is not None and not model.mass_is_known:
-        raise InvalidInputError(f"--gravity: the mass of {name} is not known; `--mass` tells it, kg.")
+        raise InvalidInputError(f"--gravity: the mass of {name} is not known; give it by `--mass`, kg.")
     searching = _progress("searching (the first run on a machine compiles its kernels, about a minute)")
     with searching, naming_contacts_of(contacts_file):
         found = estimate_pose(
@@ -132,7 +130,7 @@ def estimate(
 
 
 def _false_line(best: PoseHypothesis, touch: hand.LoadedTouch) -> str:
-    """Which contacts, and patches that are felt, are probably none of the object, in a sentence."""
+    """A sentence that lists the contacts and felt patches that are probably not on the object."""
     told = np.array([*[True] * len(touch.contacts), *(patch.is_felt for patch in touch.patches)])
     return false_contacts_line(best.inlier_probability[told] < 0.5, touch_names(len(touch.contacts), touch.patches))
 
@@ -141,7 +139,7 @@ def _load(mesh: Path, scale: float, symmetry: tuple[str, ...], mass: float | Non
     if symmetry == ("auto",):
         return load_object(mesh, scale=scale, mass=mass)
     if symmetry != ("none",):
-        parse_symmetries(symmetry, np.zeros(3))  # What is no axis is told before a mesh is read.
+        parse_symmetries(symmetry, np.zeros(3))  # Reports invalid axes before the mesh is read.
     model = load_object(mesh, scale=scale, symmetry="none", mass=mass)
     if symmetry == ("none",):
         return model
@@ -151,7 +149,7 @@ def _load(mesh: Path, scale: float, symmetry: tuple[str, ...], mass: float | Non
 
 @contextmanager
 def _progress(message: str) -> Iterator[None]:
-    """Shows what takes its time, on a terminal; and what was repaired on the way."""
+    """Shows a message while the work runs, on a terminal, and warnings of repaired meshes after it."""
     with warnings.catch_warnings(record=True) as caught, ERRORS.status(message):
         warnings.simplefilter("always", MeshRepairWarning)
         yield

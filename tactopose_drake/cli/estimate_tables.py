@@ -1,4 +1,4 @@
-"""Estimates as people read them: tables and lines for the terminal."""
+"""Tables of estimates for the terminal."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _MOST_ROWS = 8
 
 
 def hypotheses_table(estimate: PoseEstimate, model: ObjectModel) -> Table:
-    """The most probable hypotheses: pose, probability, cost, and standard deviations where the touch determines it."""
+    """A table of the most probable hypotheses, with standard deviations in the determined directions."""
     table = Table(
         title=f"Pose of {model.name} in the palm frame",
         box=box.SIMPLE_HEAD,
         pad_edge=False,
-        collapse_padding=True,  # a terminal has 80 columns
+        collapse_padding=True,  # to fit in 80 columns
     )
     for heading in ("prob.", "translation, mm", "quaternion wxyz", "\u00b1 mm", "\u00b1 deg", "cost"):
         table.add_column(heading, justify="right", no_wrap=True)
@@ -45,7 +45,7 @@ def hypotheses_table(estimate: PoseEstimate, model: ObjectModel) -> Table:
 
 
 def fingers_table(fingers: Sequence[FingerReport]) -> Table:
-    """Contacts from the wrenches, against the simulator's own."""
+    """A table of contacts from the wrenches, compared with the true ones."""
     table = Table(title="Contacts from the fingertips' wrenches, against the simulator's own", box=box.SIMPLE_HEAD)
     table.add_column("finger")
     for heading in ("force, N", "point error, mm", "normal error, deg"):
@@ -61,7 +61,7 @@ def fingers_table(fingers: Sequence[FingerReport]) -> Table:
 
 
 def pads_table(pads: Sequence[PadReport]) -> Table:
-    """Patches from the tactile arrays, against the simulator's own contacts."""
+    """A table of patches from the tactile arrays, compared with the true contacts."""
     table = Table(title="Patches on the tactile arrays, against the simulator's own contacts", box=box.SIMPLE_HEAD)
     table.add_column("pad")
     table.add_column("felt")
@@ -81,7 +81,7 @@ def pads_table(pads: Sequence[PadReport]) -> Table:
 
 
 def poses_table(poses: Sequence[PoseReport]) -> Table:
-    """The object's pose by vision and by touch, against the truth."""
+    """A table of the object's pose by vision and by touch, compared with the truth."""
     table = Table(
         title="The object's pose, against the truth",
         caption="Means over the contacts (MDTS to MAE). In MATN, one that lies nearer to the other side of a thin wall "

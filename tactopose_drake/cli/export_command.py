@@ -1,4 +1,4 @@
-"""`tactopose export`: recordings in formats that other programs open."""
+"""`tactopose export`: converts recordings to formats of other programs."""
 
 from pathlib import Path
 
@@ -20,10 +20,10 @@ _WRITERS = {"mcap": write_mcap, "csv": write_csv}
 @click.option("--format", "kind", type=click.Choice(list(_WRITERS)), required=True, help="Of the file.")
 @click.option("--out", type=PATH, help="The file; LOG with the format's ending by default.")
 def export(log: Path, kind: str, out: Path | None) -> None:
-    """Writes LOG, a folder that `run --record` made, as one file: for Foxglove, PlotJuggler, rosbag2, or a table."""
-    load_manifest(log)  # What is no recording is told before anything else is.
+    """Writes LOG, a folder by `run --record`, as one file: for Foxglove, PlotJuggler and rosbag2, or as a table."""
+    load_manifest(log)  # Reports a folder that is no recording before anything else.
     if out is None:
-        # Of `.` and `..`, the folder that is meant has the name.
+        # `.` and `..` are resolved to the folder's name.
         out = log.resolve().parent / f"{log.resolve().name}.{kind}"
     check_outputs((out,), inputs=(log,))
     done = "Replaced" if out.is_file() else "Written"

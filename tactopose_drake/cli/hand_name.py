@@ -1,4 +1,4 @@
-"""What arguments and options that are hands are for click."""
+"""The click type of arguments and options that name a hand."""
 
 from typing import Any
 
@@ -8,12 +8,12 @@ _SHORT = {"shadow": "shadow_like", "barrett": "barrett_like"}
 
 
 class _HandName(click.ParamType[str]):
-    """A hand of the package by name, which may be short, or a hand's YAML file by path."""
+    """A hand of the package by its name or short name, or a hand's YAML file by path."""
 
     name = "hand"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """The name or path as `load_hand_config` takes it."""
+        """The name or path for `load_hand_config`."""
         return _SHORT.get(value, str(value))
 
 

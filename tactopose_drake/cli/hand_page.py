@@ -1,4 +1,4 @@
-"""A page that shows a hand with its palm, sensor and fingertip frames, and what was found of its files."""
+"""A page that shows a hand with its palm, sensor and fingertip frames, and the findings of the check."""
 
 import dataclasses
 from pathlib import Path
@@ -23,25 +23,25 @@ from tactopose_drake.visualization.frame_marks import add_frame, bring_forward
 from tactopose_drake.visualization.page import Label, Page, Switch, hand_switch, save_html
 from tactopose_drake.visualization.page_tables import Instant, PageTable, Row
 
-_TIP = Look("fingertip surface", (0.90, 0.45, 0.10), "solid", "as the hand's file has it, where contacts are sought")
+_TIP = Look("fingertip surface", (0.90, 0.45, 0.10), "solid", "of the hand's file, on which contacts are solved for")
 _KINDS = {
-    "P": Look("palm frame P", FRAMES.colour, "frame", "in which poses are told: x red, y green, z blue"),
+    "P": Look("palm frame P", FRAMES.colour, "frame", "in which poses are given: x red, y green, z blue"),
     "S": Look("sensor frames S", FRAMES.colour, "frame", "of the force-torque sensors"),
     "F": Look("fingertip frames F", FRAMES.colour, "frame", "of the fingertips' surfaces; S = F where they are one"),
     "T": Look("pad frames T", FRAMES.colour, "frame", "of the tactile arrays"),
 }
 _LENGTHS = {"P": 0.05, "S": 0.02, "F": 0.012, "T": 0.02}  # of the axes, m
 _TIP_OPACITY = 0.6
-_POINTS = 1500  # of a superquadric, whose hull is drawn
+_POINTS = 1500  # points of a superquadric, whose hull is drawn
 
 
 def save_hand_page(path: Path, name: str, check: HandCheck) -> None:
-    """Writes the page: the collision shapes at zero joint positions, the fingertips' surfaces on them, and the frames.
+    """Writes the page: collision shapes at zero joint positions, fingertip surfaces, and frames.
 
     Args:
-        path: the file.
-        name: of the hand, or its file's path.
-        check: what was found of it, with its parts.
+        path: path of the page.
+        name: name of the hand, or path of its file.
+        check: the hand's check, with its parts.
 
     Raises:
         InvalidFileError: if the file cannot be written.
@@ -52,7 +52,7 @@ def save_hand_page(path: Path, name: str, check: HandCheck) -> None:
 
 
 def draw_hand(meshcat: Meshcat, name: str, checked: CheckedHand, findings: tuple[Finding, ...]) -> Page:
-    """Draws a hand in its palm frame P with its sensors' frames S, fingertips' F and pads' T; gives the page of it."""
+    """Draws a hand in its palm frame P with its sensors' frames S, fingertips' F and pads' T; returns the page."""
     plant, hand = checked.plant, checked.hand
     context = plant.GetMyContextFromRoot(checked.diagram.CreateDefaultContext())
     surface = BodyMeshes.in_palm(plant, context, hand.palm_frame, colliding=True)
@@ -70,7 +70,7 @@ def draw_hand(meshcat: Meshcat, name: str, checked: CheckedHand, findings: tuple
     return Page(
         title=f"The hand {Path(name).name.split('.')[0]}: frames and {'fingertips' if hand.surfaces else 'pads'}",
         said=_said(findings),
-        switches=(*switches, hand_switch(HAND._replace(meaning="what collides, at zero joint positions"))),
+        switches=(*switches, hand_switch(HAND._replace(meaning="collision shapes at zero joint positions"))),
         details=(_table(findings),),
         labels=tuple(Label(f"/tactopose/{kind}/{text}", text, FRAMES.colour) for kind, text, _ in frames),
         direction_W=_view([X.translation() for _, _, X in frames], 0.5 * (low + high)),
@@ -88,7 +88,7 @@ def _frames(meshcat: Meshcat, checked: CheckedHand, context: Context) -> list[tu
         X_PS = _pose(plant, context, P, hand.sensor_frames[finger])
         X_PF = X_PS @ RigidTransform(RotationMatrix(tip.X_SF[:, :3]), tip.X_SF[:, 3])
         meshcat.SetObject(f"/tactopose/fingertips/{finger}", _shape(tip), Rgba(*_TIP.colour, _TIP_OPACITY))
-        bring_forward(meshcat, f"/tactopose/fingertips/{finger}")  # the hand's own shape lies where it lies
+        bring_forward(meshcat, f"/tactopose/fingertips/{finger}")  # It coincides with the hand's own shape.
         meshcat.SetTransform(f"/tactopose/fingertips/{finger}", X_PF)
         is_same = X_PF.IsNearlyEqualTo(X_PS, 1e-6)
         frames.append(("S", f"S = F {finger}" if is_same else f"S {finger}", X_PS))
@@ -98,12 +98,12 @@ def _frames(meshcat: Meshcat, checked: CheckedHand, context: Context) -> list[tu
 
 
 def _said(findings: tuple[Finding, ...]) -> Instant:
-    """Whether the hand can be used, and what is wrong with it."""
+    """Sentences on whether the hand can be used, and on faults and notes."""
     faults = [finding for finding in findings if finding.verdict == "fault"]
     notes = [finding for finding in findings if finding.verdict == "note"]
     right = len(findings) - len(faults) - len(notes)
     usable = "cannot be used as it is" if faults else "can be used"
-    sentences = [f"It {usable}. Faults: {len(faults)}, notes: {len(notes)}, found right: {right}."]
+    sentences = [f"It {usable}. Faults: {len(faults)}, notes: {len(notes)}, passed: {right}."]
     sentences += [f"{finding.part}: {finding.text}." for finding in (*faults, *notes)]
     nothing = PageTable("", (), ())
     return Instant("fault" if faults else "ok", tuple(sentences), nothing, nothing)
@@ -111,7 +111,7 @@ def _said(findings: tuple[Finding, ...]) -> Instant:
 
 def _table(findings: tuple[Finding, ...]) -> PageTable:
     rows = tuple(Row((finding.part, finding.text)) for finding in findings if finding.verdict == "ok")
-    return PageTable("What was found right", ("part", "what"), rows, of_words=True)
+    return PageTable("Passed checks", ("part", "what"), rows, of_words=True)
 
 
 def _pose(plant: MultibodyPlant, context: Context, P: Frame, frame: Frame) -> RigidTransform:
@@ -131,7 +131,7 @@ def _shape(surface: Surface) -> Shape:
 
 
 def _held(vertices: FloatArray, origins: list[FloatArray]) -> FloatArray:
-    """What a view of the hand holds: the fingers and the palm, but of a long forearm only its beginning, (n, 3), m."""
+    """Points that the view must contain: fingers and palm, but only the start of a long forearm, (n, 3), m."""
     frames = np.array(origins)
     reach = float(np.linalg.norm(np.ptp(frames, axis=0)))
     near = np.min(np.linalg.norm(vertices[:, None] - frames, axis=2), axis=1) < max(0.5 * reach, 0.08)
@@ -140,7 +140,7 @@ def _held(vertices: FloatArray, origins: list[FloatArray]) -> FloatArray:
 
 
 def _view(points: list[FloatArray], middle: FloatArray) -> FloatArray:
-    """From where frames are seen side by side: across the plane that they lie nearest to, and not from above."""
+    """View direction that shows the frames side by side: nearly normal to their best-fit plane."""
     _, _, axes = np.linalg.svd(np.array(points) - np.mean(points, axis=0), full_matrices=True)
     normal = axes[-1] if axes[-1] @ (np.mean(points, axis=0) - middle) >= 0 else -axes[-1]
     tilted: FloatArray = normal + 0.25 * np.array([0.3, -0.5, 0.6])

@@ -1,4 +1,4 @@
-"""`tactopose identify`: which of many objects is touched, on the command line."""
+"""`tactopose identify`: identifies the touched object among many."""
 
 import contextlib
 import os
@@ -28,7 +28,7 @@ from tactopose_drake.estimation.ranking import Likelihood
 from tactopose_drake.hand.touch_file import load_touch
 
 _MOST_ROWS = 12
-_BAR = 12  # Characters of the longest.
+_BAR = 12  # characters of the longest bar
 _NONE = "none of these"
 
 
@@ -40,35 +40,35 @@ _NONE = "none of these"
     type=click.IntRange(min=1),
     default=os.cpu_count() or 1,
     show_default="number of cores",
-    help="Processes that index new objects at a time.",
+    help="Number of processes that index new objects.",
 )
 @click.option(
     "--likelihood",
     type=click.Choice(get_args(Likelihood)),
     default="evidence",
     show_default=True,
-    help="What ranks the objects; the inverse of the lowest cost is the thesis' measure.",
+    help="Measure that ranks the objects; the inverse of the lowest cost is the thesis' one.",
 )
 @click.option(
     "--unknown-prior",
     type=float,
     default=1.0 / 3.0,
     show_default="a third",
-    help="Probability, before the touch, that it is none of the objects; 0 rules that out.",
+    help="Prior probability that it is none of the objects; 0 rules that out.",
 )
-@click.option("--out", type=PATH, help="Writes what is found here, as JSON.")
+@click.option("--out", type=PATH, help="Writes the result here, as JSON.")
 def identify_command(
     folder: Path, contacts_file: Path, jobs: int, likelihood: Likelihood, unknown_prior: float, out: Path | None
 ) -> None:
-    """Tells which object of a library the touch is on, or that it may be none of them."""
+    """Identifies the touched object among those of a library; it may be none of them."""
     contacts, patches, planes = load_touch(contacts_file)
     if planes:
-        raise InvalidFileError(f"{contacts_file}: planes: have no say in which object it is; allowed are none.")
+        raise InvalidFileError(f"{contacts_file}: planes: are not used to identify objects; allowed are none.")
     check_prior("--unknown-prior", unknown_prior)
     check_outputs((out,), inputs=(folder, contacts_file))
     with contextlib.nullcontext() if jobs == 1 else processes(jobs) as executor:
         library = _open(folder, executor)
-    # The few candidates are estimated here: processes would take longer to start than they save.
+    # The few candidates are estimated in this process: starting others would take longer than they save.
     comparing = ERRORS.status(f"comparing {len(library)} objects (the first run on a machine compiles its kernels)")
     with comparing, naming_contacts_of(contacts_file):
         found = identify(library, contacts, patches=patches, likelihood=likelihood, unknown_prior=unknown_prior)
@@ -81,7 +81,7 @@ def identify_command(
 
 
 def _open(folder: Path, executor: Executor | None) -> ObjectLibrary:
-    """Opens a library, shows how far its indexing is, and says what is left out."""
+    """Opens a library with a progress bar of its indexing, and prints its warnings."""
     columns = (TextColumn("indexing"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with (
         warnings.catch_warnings(record=True) as caught,
@@ -103,11 +103,11 @@ def _open(folder: Path, executor: Executor | None) -> ObjectLibrary:
 
 
 def _table(found: Identification) -> Table:
-    """The objects that were looked at closely, the most likely first, and that it may be none."""
+    """A table of the objects that were estimated, the most likely first, and of an unknown object."""
     table = Table(title="Touched object", box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in ("rank", "object", "probability", "", "log evidence", "explained"):
         is_number = heading in ("rank", "probability", "log evidence")
-        # A long name is folded; numbers never are.
+        # Long names are folded, but not numbers.
         table.add_column(
             heading, justify="right" if is_number else "left", no_wrap=heading != "object", overflow="fold"
         )
@@ -130,7 +130,7 @@ def _table(found: Identification) -> Table:
 
 
 def identification_line(found: Identification) -> str:
-    """What the status means, in a sentence."""
+    """A sentence on the meaning of the status."""
     ties = [identity for identity in found if identity.rank == found.best.rank]
     names = [identity.name for identity in ties]
     name = found.best.name if len(ties) == 1 else f"{' or '.join(names)}, which have the same shape"

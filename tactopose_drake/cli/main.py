@@ -1,7 +1,7 @@
 """The command line, `tactopose`.
 
-Exit status: 0 an estimate was made, or a hand is usable; 2 unusable input, with a line on stderr that says what and
-where; 1 anything else.
+Exit status: 0 if an estimate was made, or a hand is usable; 2 for unusable input, with a line on stderr that says what
+and where; 1 for anything else.
 """
 
 import importlib
@@ -17,27 +17,27 @@ from tactopose_drake.errors import InvalidInputError, TactoposeError
 
 _UNUSABLE_INPUT = 2
 
-# The file and the function of each command, and what it does, for the list of all.
+# The file and the function of each command, and its summary in the list of commands.
 _COMMANDS = {
-    "cache": ("cache_command.cache_command", "Shows what is kept of objects between runs, and removes it."),
-    "calibrate": ("calibrate_command.calibrate", "Finds what a hand is off by, from grasps of a known object."),
+    "cache": ("cache_command.cache_command", "Shows or clears the cache of objects."),
+    "calibrate": ("calibrate_command.calibrate", "Estimates a hand's errors from grasps of a known object."),
     "check-hand": ("check_hand_command.check_hand_command", "Checks a hand's YAML file."),
     "demo": ("demo_command.demo", "Closes a simulated hand and corrects the camera's pose by touch."),
     "estimate": ("estimate_command.estimate", "Estimates the pose of an object from what touches it."),
     "export": ("export_command.export", "Writes a recording as one file, for Foxglove and others."),
-    "identify": ("identify_command.identify_command", "Tells which object of a library the touch is on."),
-    "replay": ("replay_command.replay", "Plays a recording through the drivers, bit by bit."),
+    "identify": ("identify_command.identify_command", "Identifies the touched object among those of a library."),
+    "replay": ("replay_command.replay", "Replays a recording through the drivers, reproducible to the last bit."),
     "run": ("run_command.run", "Runs a scenario, simulated or on CAN devices."),
-    "warm-up": ("warm_up_command.warm_up", "Compiles whatever is not compiled yet."),
+    "warm-up": ("warm_up_command.warm_up", "Compiles all kernels that are not compiled yet."),
 }
 
 
 class InterruptedRunError(Exception):
-    """An interrupt from the keyboard; click itself would print a line of its own."""
+    """A keyboard interrupt; click's own handling would print another line."""
 
 
 class _Commands(click.Group):
-    """The commands; each is loaded when it is asked for, because some take seconds."""
+    """The commands; each is loaded only when it is used, because some take seconds."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(_COMMANDS)
@@ -47,7 +47,7 @@ class _Commands(click.Group):
             return None
         file, function = _COMMANDS[cmd_name][0].split(".")
         command: click.Command = getattr(importlib.import_module(f"tactopose_drake.cli.{file}"), function)
-        logging.getLogger("drake").setLevel(logging.WARNING)  # Drake sets it when it is loaded, which it is now.
+        logging.getLogger("drake").setLevel(logging.WARNING)  # After loading Drake, which sets the level, too.
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -64,16 +64,16 @@ class _Commands(click.Group):
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="tactopose_drake")
 def cli() -> None:
-    """Knows where a grasped object is, from touch."""
+    """Estimates the pose of a grasped object by touch."""
 
 
 def main() -> None:
     """The entry point of `tactopose`."""
     for log in ("drake", "tactopose_drake"):
         logging.getLogger(log).addFilter(OnceFilter())
-    logging.getLogger("can").setLevel(logging.ERROR)  # What a damaged log holds is said once, at its end.
+    logging.getLogger("can").setLevel(logging.ERROR)  # Damage of a log is reported once, at its end.
     try:
-        # It gives back what `Context.exit` and `click.exceptions.Exit` were given; commands give nothing.
+        # Returns the status of `Context.exit` and `click.exceptions.Exit`; commands return nothing.
         status = cli.main(prog_name="tactopose", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
@@ -86,7 +86,7 @@ def main() -> None:
     except (TactoposeError, OSError) as error:
         _fail(str(error), status=1)
     except (InterruptedRunError, click.Abort):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # What closes from here on is not to be interrupted again.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Cleanup must not be interrupted again.
         _fail("interrupted", status=1)
     sys.exit(status or 0)
 

@@ -1,4 +1,4 @@
-"""What options that are objects are for click."""
+"""The click type of options that name an object."""
 
 import os
 from pathlib import Path
@@ -19,13 +19,13 @@ class _ObjectName(click.ParamType[str]):
         """The name or path.
 
         Raises:
-            InvalidInputError: a bare word that is no name, and no file either.
+            InvalidInputError: if a plain word is neither an object's name nor a file.
         """
         is_word = Path(value).name == value and not Path(value).suffix
         if is_word and value not in shipped_objects() and not os.path.exists(value):
             raise InvalidInputError(
                 f"--object: is {value!r}; allowed are the package's objects, {', '.join(shipped_objects())}, and a "
-                "mesh or model by its path, ending included."
+                "mesh or model by its path, including the suffix."
             )
         return str(value)
 
@@ -35,5 +35,5 @@ OBJECT_HELP = "An object of the package by name, such as mug, or its mesh, SDF, 
 
 
 def object_file(name_or_path: str) -> Path:
-    """The mesh of an object of the package, or the file itself."""
+    """Path of the mesh of an object of the package, or of the given file."""
     return model_path("objects", f"{name_or_path}.obj") if name_or_path in shipped_objects() else Path(name_or_path)

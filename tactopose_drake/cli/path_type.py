@@ -1,4 +1,4 @@
-"""What arguments and options that are paths are for click."""
+"""The click type of arguments and options that are paths."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""How far a command's work is, shown on a terminal; what reads the errors otherwise gets no line of it."""
+"""The progress bar of commands, which is shown only on a terminal."""
 
 from rich.progress import Progress, ProgressColumn
 
@@ -6,5 +6,5 @@ from tactopose_drake.cli.consoles import ERRORS
 
 
 def progress_bar(*columns: ProgressColumn) -> Progress:
-    """A bar that vanishes at the end; where there is no terminal, none, and no empty line in its place."""
+    """A progress bar that is removed at the end; without a terminal, nothing is printed."""
     return Progress(*columns, console=ERRORS, transient=True, disable=not ERRORS.is_interactive)

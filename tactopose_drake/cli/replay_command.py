@@ -1,4 +1,4 @@
-"""`tactopose replay`: recordings, played through the drivers."""
+"""`tactopose replay`: replays recordings through the drivers."""
 
 import contextlib
 from collections.abc import Iterator
@@ -20,15 +20,15 @@ from tactopose_drake.station.scenario import load_scenario, scenario_file
 
 @click.command()
 @click.argument("log", type=PATH)
-@click.option("--scenario", required=True, help="Of the same hand, object and devices; how to estimate may differ.")
+@click.option("--scenario", required=True, help="With the same hand, object and devices; the estimation may differ.")
 @click.option(
     "--speed", type=click.Choice(["max", "real"]), default="max", show_default=True, help="How fast it plays."
 )
-@click.option("--out", type=PATH, help="Writes the estimates here, a line of JSON each.")
+@click.option("--out", type=PATH, help="Writes the estimates here, as JSON lines.")
 @click.option("--html", type=PATH, help="Writes a page here: hand, touch and belief at any time, with a slider.")
 @click.option("--monitor", is_flag=True, help="Shows rates, ages, forces, pressures and the estimate live.")
 def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | None, monitor: bool) -> None:
-    """Plays LOG, a folder that `run --record` made, through the drivers: the same estimates each time, bit by bit."""
+    """Replays LOG, a folder by `run --record`, through the drivers; estimates are reproducible to the last bit."""
     loaded = load_scenario(scenario)
     check_outputs((out, html), inputs=(log, scenario_file(scenario)))
     written = [path for path in (out, html) if path is not None]
@@ -52,7 +52,7 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | 
         OUT.print(played.difference, style="yellow", soft_wrap=True, markup=False)
     title = f"{grasp_title(loaded)}: recording {log.absolute().name}"
     if page is not None and html is not None and not page.save(html, title):
-        OUT.print(f"{html}: not written, since there never was an estimate.", style="yellow", soft_wrap=True)
+        OUT.print(f"{html}: not written, since there was no estimate.", style="yellow", soft_wrap=True)
         written.remove(html)
     print_written(written, earlier)
     print_end(played.view)
@@ -60,10 +60,10 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | 
 
 @contextlib.contextmanager
 def _written(out: Path) -> Iterator[EstimateWriter]:
-    """A writer of a file that is there when all is written.
+    """A writer of a file that is created only when it is complete.
 
     Raises:
-        InvalidFileError: if it could not be written to its end.
+        InvalidFileError: if it could not be written completely.
     """
     with written_beside(out) as beside:
         with EstimateWriter(beside) as writer:

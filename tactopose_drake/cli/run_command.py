@@ -1,4 +1,4 @@
-"""`tactopose run`: whole scenarios, simulated or on devices; and what is shown of a run."""
+"""`tactopose run`: runs scenarios, simulated or on devices, and shows the run."""
 
 import contextlib
 from collections.abc import Iterator
@@ -42,7 +42,7 @@ def run(
 ) -> None:
     """Runs a SCENARIO, simulated or on CAN devices: one of the package by name, or a YAML file.
 
-    Of a simulated run it says whether the grasp is stable, and how far the estimate is off the truth.
+    For a simulated run it prints whether the grasp is stable, and the error of the estimate.
     """
     loaded = load_scenario(scenario)
     if hand is not None:
@@ -76,25 +76,25 @@ def run(
 
 def _recorder(scenario: Scenario) -> PageRecorder:
     if isinstance(scenario.senses, LcmSenses | Ros2Senses):
-        raise InvalidInputError("--html, --picture: are of a station; a run on messages has none.")
+        raise InvalidInputError("--html, --picture: are given; allowed are none if the senses are messages.")
     return PageRecorder(scenario, scenario.object_model())
 
 
 def _save(drawn: PageRecorder, html: Path | None, picture: Path | None, title: str) -> list[Path]:
-    """Writes what is asked for, or says why not; returns what is written."""
+    """Writes page and picture as requested, or prints why not; returns the written paths."""
     is_written = {}
     if html is not None:
         is_written[html] = drawn.save(html, title)
     if picture is not None:
         is_written[picture] = drawn.save_picture(picture)
     for path in (path for path, done in is_written.items() if not done):
-        OUT.print(f"{path}: not written, since there never was an estimate.", style="yellow", soft_wrap=True)
+        OUT.print(f"{path}: not written, since there was no estimate.", style="yellow", soft_wrap=True)
     return [path for path, done in is_written.items() if done]
 
 
 @contextlib.contextmanager
 def showing(monitor: bool) -> Iterator[tuple[Observer, Progress]]:
-    """What is to see a run, and what is to be told what begins."""
+    """Yields an observer and a progress callback for a run."""
     if not monitor:
         with ERRORS.status("starting") as status:
             yield (lambda view: None), status.update
@@ -104,7 +104,7 @@ def showing(monitor: bool) -> Iterator[tuple[Observer, Progress]]:
 
 
 def print_end(view: RunView) -> None:
-    """Says what the last estimate is; the exit status tells whether there is one."""
+    """Prints the last estimate; exits with status 1 if there is none."""
     OUT.print(f"{view.time:.2f} s: {estimate_line(view)}", soft_wrap=True, highlight=False)
     if (wrong := wrong_senses(view)) != "ok":
         OUT.print(f"Senses: {wrong}.", soft_wrap=True, highlight=False)

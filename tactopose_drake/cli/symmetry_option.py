@@ -1,4 +1,4 @@
-"""The option `--symmetry`: the axes about which the user knows that an object may be turned."""
+"""The option `--symmetry`: axes of rotational symmetry of an object."""
 
 from collections.abc import Sequence
 
@@ -16,10 +16,10 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 def parse_symmetries(texts: Sequence[str], middle: FloatArray) -> tuple[RotationalSymmetry, ...]:
-    """The axes that the option names, through the object's centre of mass, shape (3,), m, in O.
+    """The symmetries that the option names, with axes through the object's centre of mass, shape (3,), m, in O.
 
     Raises:
-        InvalidInputError: if one is no axis, or its order none, such as auto and none, which stand alone.
+        InvalidInputError: if an axis or its order is invalid, or auto or none is combined with other values.
     """
     for name in ("auto", "none"):
         if name in texts:

@@ -1,4 +1,4 @@
-"""What pages of grasps are called."""
+"""Titles of pages of grasps."""
 
 from pathlib import Path
 
@@ -6,10 +6,10 @@ from tactopose_drake.station.scenario import Scenario
 
 
 def grasp_title(scenario: Scenario, hand: str = "") -> str:
-    """The scenario's object in its hand, by their names, which may be given as paths.
+    """A title with the names of the scenario's object and hand, which may be given as paths.
 
     Args:
-        scenario: of the grasp.
+        scenario: the scenario of the grasp.
         hand: a word on the hand, such as "simulated".
     """
     thing = Path(scenario.object).stem.replace("_", " ")

@@ -1,4 +1,4 @@
-"""`tactopose warm-up`: compiles whatever is not compiled yet."""
+"""`tactopose warm-up`: compiles all kernels that are not compiled yet."""
 
 import os
 import time
@@ -18,10 +18,10 @@ from tactopose_drake.core.kernel_library import compile_kernels, missing_kernels
     type=click.IntRange(min=1),
     default=os.cpu_count() or 1,
     show_default="number of cores",
-    help="Processes that compile at a time.",
+    help="Number of processes that compile.",
 )
 def warm_up(jobs: int) -> None:
-    """Compiles whatever is not compiled yet, so that nothing waits for it later."""
+    """Compiles all kernels that are not compiled yet, so that nothing waits for them later."""
     started, missing = time.perf_counter(), missing_kernels()
     total = sum(len(names) for names in missing.values())
     if not total:

@@ -1,4 +1,4 @@
-"""Processes that work for a command."""
+"""Worker processes of a command."""
 
 import contextlib
 import multiprocessing.context
@@ -8,7 +8,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 
 
 class _QuietProcess(multiprocessing.context.SpawnProcess):
-    """A process that an interrupt from the keyboard passes by: whoever has started it ends it."""
+    """A process that ignores keyboard interrupts; its parent ends it."""
 
     def start(self) -> None:
         if not hasattr(signal, "pthread_sigmask"):  # Windows
@@ -16,7 +16,7 @@ class _QuietProcess(multiprocessing.context.SpawnProcess):
             return
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            super().start()  # It inherits what is blocked.
+            super().start()  # It inherits the blocked signals.
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
@@ -27,7 +27,7 @@ class _QuietContext(multiprocessing.context.SpawnContext):
 
 @contextlib.contextmanager
 def processes(jobs: int) -> Iterator[Executor]:
-    """So many processes, which start when work comes in; what is not done yet is dropped when the user interrupts."""
+    """An executor of `jobs` processes, which start on demand; pending work is cancelled at the end."""
     executor = ProcessPoolExecutor(jobs, mp_context=_QuietContext())
     try:
         yield executor

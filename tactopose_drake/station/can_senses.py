@@ -97,7 +97,8 @@ class CanSenses:
     prior: str = ""  # a prior.yaml with the object's pose from another source; empty: the diagram's input port `prior`
     # CSV of the palm's pose in the world, with z up, as an arm moves it: a header of `time, x, y, z, qw, qx, qy, qz`,
     # then rows in s, m, and a unit quaternion until the run ends; each holds until the next. In a gap that is longer
-    # than 0.15 s and ten usual steps, the pose is unknown. Empty: the diagram's input port `palm_pose`, or a fixed base.
+    # than 0.15 s and ten usual steps, the pose is unknown. Empty: the diagram's input port `palm_pose`, or a fixed
+    # base.
     palm: str = ""
     tare_samples: int = 50  # samples of each board for the tare at the start, without a touch; 0: no tare
     compensate_weight: bool = True  # whether to compensate the fingertips' weight as they turn after the tare

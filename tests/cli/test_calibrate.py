@@ -68,7 +68,7 @@ def test_what_is_written_is_what_the_hand_then_knows(
     assert calibrate(folder, "--out", out, "--html", page) == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert "The hand by 5 grasps" in printed
-    assert "What remains of a contact: 0." in printed
+    assert "Remaining error of a contact: 0." in printed
     assert f"Written: {out} Replaced: {page}" in printed
     assert "thumb radius" in printed
     # What was not looked for has no row.
@@ -84,7 +84,7 @@ def test_what_is_written_is_what_the_hand_then_knows(
     assert text.count('class="before"') == text.count('class="after"') >= 40
     assert "http" not in text
     assert "<h1>Calibration of mine.hand.yaml</h1>" in text
-    assert "What remains of a contact: " in text
+    assert "Remaining error of a contact: " in text
     assert "thumb radius</td><td>" in text
 
     hand = tmp_path / "calibrated.hand.yaml"
@@ -166,7 +166,8 @@ def test_a_finger_that_makes_no_contact_is_said(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert calibrate_with_forces_first(folder, tmp_path, ["thumb"]) == 0
-    said = "No wrench of thumb makes a contact, so that nothing is known of it: the force is below min_force (0.05 N)."
+    reason = "the force is below min_force (0.05 N)."
+    said = f"No wrench of thumb gives a contact, so that nothing is known of this finger: {reason}"
     assert said in capsys.readouterr().out
 
 
@@ -181,12 +182,12 @@ def test_what_a_calibration_is_not_to_be_trusted_for_is_said(folder: Path) -> No
     weights = result.contact_weights | {"thumb": np.array([0.0, 0.1, 0.9, 0.8, 0.0])}
     beside = calibration_lines(dataclasses.replace(result, contact_weights=weights), names)
     assert [line for line in beside if line.startswith("Of ")] == [
-        "Of thumb, 3 of 5 contacts do not fit the others and counted for nothing: its sensor, its wrenches' frame or "
+        "Of thumb, 3 of 5 contacts do not fit the others and were ignored: its sensor, its wrenches' frame or "
         "its joints are not as the hand's file says."
     ]
     for noise in (CalibrationNoise(position=0.0007), CalibrationNoise(normal_deg=3.3)):
         noisy = dataclasses.replace(result, calibration=dataclasses.replace(result.calibration, noise=noise))
-        assert calibration_lines(noisy, names)[1].startswith("That is much; with the right mesh, and errors as")
+        assert calibration_lines(noisy, names)[1].startswith("That is much: with the right mesh, and errors as")
 
 
 def test_a_hand_that_names_its_calibration_is_calibrated_anew(
@@ -243,6 +244,6 @@ def test_folders_and_outputs_are_checked_before_the_work(
     assert "there is no such folder" in capsys.readouterr().err
     (tmp_path / "manifest.yaml").write_text("format: 1\n")
     assert run("calibrate", *hand, "--grasps", tmp_path, "--out", folder / "c.yaml") == 2
-    assert f"{tmp_path}: is itself a recording; allowed is a folder that holds one" in capsys.readouterr().err
+    assert f"{tmp_path}: is a recording itself; allowed is a folder that holds one" in capsys.readouterr().err
     assert calibrate(folder, "--out", folder / "grasps" / "calibration.yaml") == 2
     assert "is an input, or in one" in capsys.readouterr().err

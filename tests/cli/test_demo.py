@@ -153,8 +153,8 @@ def test_a_grasp_that_fails_says_why() -> None:
         (["--seed", "-1"], "-1 is not in the range x>=0"),
         (
             ["--hand", "barrett", "--object", "pencil"],
-            "--object: is 'pencil', which the hand 'barrett_like' cannot hold, for it closes without a plan on what is "
-            "put into it; allowed with it are bust, cylinder, light_bulb, mug,",
+            "--object: is 'pencil', which the hand 'barrett_like' cannot hold, because it closes without a plan; "
+            "allowed with it are bust, cylinder, light_bulb, mug,",
         ),
         (
             ["--hand", "barrett", "--object", "mine.stl"],
@@ -216,5 +216,5 @@ def test_the_belief_s_line_tells_its_status_and_how_far_it_is_off() -> None:
         station=SimpleNamespace(diagram=diagram), context=None, X_PO=RigidTransform([0.1, 0.2, 0.3])
     )
     assert _belief_line(cast(GraspResult, grasp)) == (
-        "Belief over time: ambiguous; 5.0 mm off, what is not determined included."
+        "Belief over time: ambiguous; 5.0 mm off, including undetermined directions."
     )

@@ -158,7 +158,7 @@ def test_unusable_input_has_status_two_and_one_line(folder: Path, capsys: pytest
         (folder / "missing", folder / "contacts.yaml", "there is no such folder or manifest"),
         (folder / "library", folder / "none.yaml", "allowed is a list of at least one contact"),
         (folder / "library", folder / "missing.yaml", "cannot be read"),
-        (folder / "library", folder / "planes.yaml", "planes: have no say in which object it is"),
+        (folder / "library", folder / "planes.yaml", "planes: are not used to identify objects"),
     ]:
         assert run(library, contacts) == 2
         out, err = capsys.readouterr()

@@ -123,7 +123,10 @@ def test_demo_with_an_own_hand_and_a_mesh_in_millimetres(tmp_path: Path, capsys:
     [
         (["--hand", "no_such_hand"], "there is no such file; the package's hands are"),
         (["--object", "no_such.stl"], "no_such.stl"),
-        (["--object", "mug", "--scale", "0.001"], "--scale, --mass: are for an object that --object names by its path"),
+        (
+            ["--object", "mug", "--scale", "0.001"],
+            "--scale, --mass: are given; allowed only if --object is a file's path",
+        ),
     ],
 )
 def test_demo_says_what_it_cannot_use(
@@ -154,7 +157,7 @@ def test_run_says_what_it_cannot_draw(tmp_path: Path, capsys: pytest.CaptureFixt
     scenario = tmp_path / "live.scenario.yaml"
     scenario.write_text("object: cube\nsenses: !LcmSenses {url: 'memq://'}\ntracking: {use_joint_velocities: false}\n")
     assert run("run", scenario, "--html", tmp_path / "live.html") == 2
-    assert "--html, --picture: are of a station; a run on messages has none." in capsys.readouterr().err
+    assert "--html, --picture: are given; allowed are none if the senses are messages." in capsys.readouterr().err
     scenario.write_text("object: cube\n")
     assert run("run", scenario, "--picture", scenario) == 2
     assert "is an input, or in one" in capsys.readouterr().err

@@ -167,7 +167,7 @@ def test_only_what_is_written_is_said_to_replace_something(
     beside.write_text("old")
     assert run(*COMMANDS[command], "--html", page, other, beside) == 1
     printed = capsys.readouterr().out
-    assert f"{page}: not written, since there never was an estimate." in printed
+    assert f"{page}: not written, since there was no estimate." in printed
     assert page.read_text() == "old"
     assert ("Replaced" in printed) == (other == "--out")
     assert printed.count(str(page)) == 1
