@@ -47,7 +47,7 @@ WITH_CODE = [
 SAID = {
     # Not taken for a type and what is of it, as Napoleon does with a colon in a property's first line.
     "reference/core": "Contacts and patches as contacts: what poses are proposed from.",
-    "reference/scenario": "A recording that tactopose run --record has made, !RecordedSenses in YAML.",
+    "reference/scenario": "A recording by tactopose run --record, !RecordedSenses in YAML.",
     "reference/command_line": "Folder for the results; those of an earlier run there are replaced.",
     "start": "examples/estimate_from_contacts.py is this with numbers.",
 }

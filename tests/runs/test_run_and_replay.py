@@ -143,7 +143,7 @@ def test_a_replay_says_from_when_on_it_is_not_the_run(
     assert "the estimates are not those of the run" not in capsys.readouterr().out
     other = next(row for row in rows if row["hypotheses"])
     text = f"From {other['time']:.2f} s on, the estimates are not those of the run: "
-    for change, why in ((0.001, "a live run works with"), (0.03, "the best poses are up to 31 mm apart.")):
+    for change, why in ((0.001, "a live run uses"), (0.03, "the best poses are up to 31 mm apart.")):
         other["hypotheses"][0]["translation"][0] += change
         (copy / "estimates.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
         assert replay_here(copy, folder, out) == 0
@@ -161,7 +161,7 @@ def test_a_replay_says_from_when_on_it_is_not_the_run(
         rows[row] = rows[row - 1] | {"time": rows[row]["time"]}
     (copy / "estimates.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     assert replay_here(copy, folder, out) == 0
-    assert "the run: a live run works with" in capsys.readouterr().out
+    assert "the run: a live run uses" in capsys.readouterr().out
     silent = {"fingers_in_contact": [], "hypotheses": None}
     late = [row | silent if row["time"] < 0.7 else row for row in rows]
     (copy / "estimates.jsonl").write_text("".join(json.dumps(row) + "\n" for row in late))
@@ -218,7 +218,7 @@ def test_a_scenario_may_name_a_recording(recording: Path, folder: Path, tmp_path
     view = run_scenario(load_scenario(scenario))
     off = view.diagram.GetOutputPort("object_pose").Eval(view.context).translation() - held_cube.X_PO[:, 3]
     assert np.linalg.norm(off) < 0.006
-    with pytest.raises(InvalidInputError, match="recorded already"):
+    with pytest.raises(InvalidInputError, match="the scenario's senses are a recording; allowed is None"):
         run_scenario(load_scenario(scenario), record=tmp_path / "again")
 
 
