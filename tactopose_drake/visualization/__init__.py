@@ -1,4 +1,4 @@
-"""Estimates and touches in Meshcat, as pictures without a display, and as pages."""
+"""Drawings of estimates and contacts: in Meshcat, as PNG pictures without a display, and as web pages."""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
-"""What each part of a drawn estimate looks like, and what it means: the same in pictures, pages, Meshcat and notebooks.
+"""The appearance and the meaning of each part of a drawn estimate, in pictures, pages, Meshcat and notebooks.
 
-The colours are told apart by eyes that lack one kind of cone, and by shape where two are near: only the estimate is a
-solid, what it is compared with are lines, and what was felt are balls and arrows.
+The colours can be distinguished by people with any one colour vision deficiency. Parts with similar colours differ in
+shape: only the estimate is a solid; poses to compare it with are lines; contacts are balls and arrows.
 """
 
 from typing import Literal, NamedTuple
@@ -14,10 +14,10 @@ class Look(NamedTuple):
     """How one kind of part is drawn.
 
     Attributes:
-        name: what a legend calls it.
+        name: its name in a legend.
         colour: red, green, blue, 0 to 1.
-        mark: its shape in a legend.
-        meaning: what it says, in a few words.
+        mark: its symbol in a legend.
+        meaning: its explanation in a legend, a few words.
     """
 
     name: str
@@ -48,20 +48,20 @@ FRAMES = Look("frames", (0.36, 0.38, 0.43), "frame", "of palm P and object O: x 
 HAND = Look("hand", (0.62, 0.64, 0.67), "solid", "at this instant")
 
 ROLES = {"estimate": ESTIMATE, "prior": PRIOR, "truth": TRUTH}
-"""The looks of the poses of an object by the name of what they are."""
+"""The looks of an object's poses, by their role."""
 
 AXIS_COLOURS: tuple[Colour, Colour, Colour] = ((0.85, 0.15, 0.15), (0.10, 0.60, 0.20), (0.15, 0.30, 0.85))
-"""Of x, y and z."""
+"""Colours of the x, y and z axes."""
 
 LEAST_INLIER_PROBABILITY = 0.5
-"""A contact that is probably less than this one of the object is drawn as a false one."""
+"""Contacts with a lower probability of being on the object are drawn as false contacts."""
 MOST_FREE = 3
-"""Free directions that are drawn at the most; where more are free, words say so."""
+"""Maximum number of free directions that are drawn; more than these are only named in the text."""
 LONGEST_ARROW = 0.05
-"""Of a force, m; the others are in proportion."""
+"""Length of the arrow of the largest force, m; the other arrows are in proportion."""
 MOST_ALTERNATIVES = 5
-"""Hypotheses beside the best that are drawn at the most,"""
+"""Maximum number of hypotheses that are drawn beside the best."""
 LEAST_ALTERNATIVE = 0.01
-"""and how probable each is at the least."""
+"""Minimum probability of a hypothesis that is drawn beside the best."""
 MOVING_ALTERNATIVES = 2
-"""Hypotheses beside the best that are drawn of what moves, so that its recording stays small."""
+"""Maximum number of hypotheses that are drawn beside the best in a recording, which keeps the recording small."""

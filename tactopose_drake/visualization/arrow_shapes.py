@@ -1,4 +1,4 @@
-"""The arrows of free directions, of unit size: around the z axis, and to both sides along it."""
+"""Arrow meshes of unit size for free directions: around the z axis, and in both directions along it."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,18 +6,18 @@ from numpy.typing import NDArray
 from tactopose_drake.core.validation import FloatArray
 
 _TUBE, _HEAD_RADIUS = 0.014, 0.05  # of an arrow around the axis
-_TURNS = 3  # arrows around the axis, of which one at least is seen from any side
-_TURN, _HEAD = np.radians(80.0), np.radians(11.0)  # from tail to head of each, and of its head
-_SHAFT, _POINT_RADIUS, _POINT = 0.006, 0.019, 0.065  # of an arrow along the axis, and the length of its points
+_TURNS = 3  # arrows around the axis; at least one is visible from any side
+_TURN, _HEAD = np.radians(80.0), np.radians(11.0)  # angles that the shaft and the head of each cover
+_SHAFT, _POINT_RADIUS, _POINT = 0.006, 0.019, 0.065  # radii of an arrow along the axis, and length of its heads
 _SIDES = 12
 
 TURN_TIP = (float(np.cos(_TURN)), float(np.sin(_TURN)), 0.0)
 SLIDE_TIP = (0.0, 0.0, 0.5)
-"""Where the name of an arrow stands."""
+"""Positions of the arrows' labels."""
 
 
 def turn_arrow() -> tuple[FloatArray, NDArray[np.int32]]:
-    """Vertices (v, 3) and faces (f, 3) of arrows of radius 1 around the z axis, one behind the other, right-handed."""
+    """Vertices (v, 3) and faces (f, 3) of right-handed arrows around the z axis, on a circle of radius 1."""
     shaft = np.linspace(0.0, _TURN, 16)
     angle = np.concatenate([shaft[:1], shaft, shaft[-1:], [_TURN + _HEAD]])
     radius = np.concatenate([[0.0], np.full(16, _TUBE), [_HEAD_RADIUS, 0.0]])
@@ -31,7 +31,7 @@ def turn_arrow() -> tuple[FloatArray, NDArray[np.int32]]:
 
 
 def slide_arrow() -> tuple[FloatArray, NDArray[np.int32]]:
-    """Vertices (v, 3) and faces (f, 3) of an arrow to both sides along the z axis, of length 1, about the origin."""
+    """Vertices (v, 3) and faces (f, 3) of a double-headed arrow of length 1 along the z axis, about the origin."""
     inner = 0.5 - _POINT
     height = np.array([-0.5, -inner, -inner, inner, inner, 0.5])
     radius = np.array([0.0, _POINT_RADIUS, _SHAFT, _SHAFT, _POINT_RADIUS, 0.0])
@@ -43,7 +43,7 @@ def slide_arrow() -> tuple[FloatArray, NDArray[np.int32]]:
 def _around(
     center: FloatArray, first: FloatArray, second: FloatArray, radius: FloatArray
 ) -> tuple[FloatArray, NDArray[np.int32]]:
-    """A surface of circles (n) about centres (n, 3), each turning from one direction to another, joined to the next."""
+    """A tube through n circles: centres (n, 3), two orthogonal directions in each circle's plane (n, 3), radii (n,)."""
     angle = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
     offset = np.cos(angle)[None, :, None] * first[:, None] + np.sin(angle)[None, :, None] * second[:, None]
     vertices = (center[:, None] + radius[:, None, None] * offset).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""The shapes of a hand as coloured triangles, for pictures."""
+"""The geometries of a hand as coloured triangle meshes, for pictures."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -31,12 +31,12 @@ from tactopose_drake.estimation.hull_vertices import hull_vertices
 
 _GREY = (0.62, 0.64, 0.67)
 READABLE_MESHES = (".obj", ".vtk", ".gltf")
-"""Formats of meshes of which Drake makes hulls."""
+"""Mesh formats of which Drake computes convex hulls."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Triangles:
-    """A coloured triangle mesh in some frame F.
+    """A coloured triangle mesh in a frame F.
 
     Attributes:
         vertices: shape (v, 3), m.
@@ -50,7 +50,7 @@ class Triangles:
 
 
 def sphere_triangles(centers: FloatArray, radii: FloatArray) -> Triangles:
-    """Grey spheres, as those that fill a hand, in the frame of their centres (n, 3), m; radii (n,), m."""
+    """Grey spheres, such as those that fill a hand, from centres (n, 3) and radii (n,), m, in the centres' frame."""
     ball = trimesh.creation.icosphere(subdivisions=1)
     vertices = (centers[:, None] + radii[:, None, None] * ball.vertices).reshape(-1, 3)
     faces = ball.faces + len(ball.vertices) * np.arange(len(radii))[:, None, None]
@@ -62,8 +62,8 @@ class BodyMeshes:
     """Triangle meshes that are fixed on bodies of a plant.
 
     Attributes:
-        body: index of each mesh's body B in the plant.
-        meshes: each in its B.
+        body: index in the plant of each mesh's body B.
+        meshes: the meshes, each in its body's frame.
     """
 
     body: tuple[int, ...]
@@ -77,8 +77,10 @@ class BodyMeshes:
         *model_instances: ModelInstanceIndex,
         colliding: bool = False,
     ) -> Self:
-        """The shapes of model instances: what is shown of each body, or what collides where nothing Drake can read is
-        shown or where that is asked for.
+        """The geometries of model instances.
+
+        A body's illustration geometries are used; its proximity geometries if `colliding` is true, or if Drake can read
+        none of the illustration geometries.
         """
         body, meshes = [], []
         for index in (index for instance in model_instances for index in plant.GetBodyIndices(instance)):
@@ -100,7 +102,7 @@ class BodyMeshes:
     def in_palm(
         cls, plant: MultibodyPlant, context: Context, palm_frame: Frame, *, colliding: bool = False
     ) -> Triangles:
-        """The palm's model instance, what is shown of it or what collides, where the context's joints put it, in P.
+        """The geometries of the palm's model instance, in P, at the joint positions of a plant's context.
 
         Raises:
             InvalidInputError: if the plant is not connected to a SceneGraph.
@@ -117,7 +119,7 @@ class BodyMeshes:
         return meshes.merged([X_PW @ X for X in X_WB])
 
     def merged(self, X_FB: Sequence[RigidTransform]) -> Triangles:
-        """All meshes as one, in F, for the poses of all bodies in F."""
+        """All meshes as one mesh in F, given the poses of all bodies of the plant in F."""
         vertices, faces, colour = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int32)], [np.zeros((0, 3))]
         start = 0
         for body, mesh in zip(self.body, self.meshes, strict=True):
@@ -136,7 +138,7 @@ def _diffuse(properties: IllustrationProperties | None) -> tuple[float, float, f
 
 
 def _mesh(shape: Shape) -> trimesh.Trimesh | None:
-    """The shape's surface in its own frame; None for one without an end, or a mesh that Drake cannot read."""
+    """The shape's surface in its own frame; None for a half space or a mesh that Drake cannot read."""
     mesh: trimesh.Trimesh | None = None
     if isinstance(shape, Sphere):
         mesh = trimesh.creation.icosphere(subdivisions=3, radius=shape.radius())

@@ -1,4 +1,4 @@
-"""The page of an estimate: what it says of a scene, in words and numbers, and the switches of what is drawn."""
+"""The page of an estimate: sentences and tables beside the scene, and switches for the drawn parts."""
 
 import dataclasses
 
@@ -43,10 +43,10 @@ _PARTS: dict[Look, str] = {
     appearance.PRESSURE: r"^/tactopose/patches/\d+/cells/",
     appearance.PATCH_AXES: r"^/tactopose/patches/\d+/axes/",
 }
-# Hypotheses beside the best that are shown at first: so many at the most, and so probable at the least.
+# Maximum number and minimum probability of the hypotheses beside the best that are visible at first.
 _SHOWN, _LEAST_SHOWN = 3, 0.1
-_AT_FIRST_OFF = (appearance.CONE, appearance.FRAMES)  # what is shown on request
-_DIRECTIONS = 60  # along each of which the outermost point is framed
+_AT_FIRST_OFF = (appearance.CONE, appearance.FRAMES)  # parts whose switches are off at first
+_DIRECTIONS = 60  # the outermost point along each is kept in view
 
 
 def page_of(
@@ -61,12 +61,12 @@ def page_of(
     """The page of an estimate.
 
     Args:
-        scene: what is drawn.
+        scene: the scene that is drawn.
         estimate: the result.
-        title: what the page is; by default the object's name, and that touch put it there.
-        X_WP: the palm in Meshcat's world; by default where `draw_scene` has it.
-        tables: further ones, before that of the hypotheses.
-        timeline: of a recording.
+        title: the page's title; by default made from the object's name.
+        X_WP: pose of the palm in Meshcat's world; by default that of `draw_scene`.
+        tables: further tables, above that of the hypotheses.
+        timeline: the timeline of a recording, if any.
     """
     name = scene.model.name.replace("_", " ")
     X_WP = upright(scene) if X_WP is None else X_WP
@@ -85,19 +85,20 @@ def page_of(
 
 
 def estimate_meshcat(scene: Scene) -> Meshcat:
-    """A Meshcat of its own, in which a scene is drawn, with its frames."""
+    """A new Meshcat in which a scene is drawn, with the frames of palm and object."""
     meshcat = Meshcat(MeshcatParams(host="localhost"))
     draw_scene(meshcat, dataclasses.replace(scene, frames=True))
     return meshcat
 
 
 def instant_of(scene: Scene, estimate: PoseEstimate | None, status: str = "") -> Instant:
-    """What a page says of a scene.
+    """The sentences and tables of a page for a scene at one instant.
 
     Args:
-        scene: what is drawn.
-        estimate: the result; None where there is none yet.
-        status: what a station says, a word and maybe ": " and why; by default the estimate's.
+        scene: the scene that is drawn.
+        estimate: the result; None if there is none yet.
+        status: the status of a station, a word that may be followed by ": " and the reason; by default that of the
+            estimate.
     """
     word, _, why = status.partition(": ")
     sentences = [why[0].upper() + why[1:] + "."] if why else []
@@ -119,7 +120,7 @@ def instant_of(scene: Scene, estimate: PoseEstimate | None, status: str = "") ->
 
 
 def _switches(scene: Scene, is_over_time: bool) -> tuple[Switch, ...]:
-    """The legend of a scene; of one that changes over time the longest force is another at each time."""
+    """The legend of a scene. If the scene changes over time, it does not give the largest force, which changes too."""
     forces = scene.contacts.f_PC
     details = {}
     if forces is not None and len(forces):
@@ -166,7 +167,7 @@ def _contacts(scene: Scene) -> PageTable:
     ]
     if contacts.f_PC is not None:
         texts = [f"{force:.2f}" for force in np.linalg.norm(contacts.f_PC, axis=1)]
-        of_fingers = len(texts) - sum(patch.is_felt for patch in scene.patches)  # Pads come last, and tell no force.
+        of_fingers = len(texts) - sum(patch.is_felt for patch in scene.patches)  # Pads come last, without forces.
         columns.append(("force, N", [*texts[:of_fingers], *[""] * (len(texts) - of_fingers)]))
     inlier = scene.hypotheses[0].inlier_probability if scene.hypotheses else None
     if inlier is not None and len(inlier) >= len(contacts):
@@ -201,7 +202,7 @@ def _labels(scene: Scene) -> tuple[Label, ...]:
 
 
 def _outermost(points: FloatArray) -> FloatArray:
-    """The few of many points (n, 3) that a view must hold, in any direction."""
+    """The outermost of points (n, 3) along many directions: a view that holds these holds nearly all points."""
     if not len(points):
         return points
     generator = np.random.default_rng(0)

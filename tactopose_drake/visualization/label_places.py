@@ -1,4 +1,4 @@
-"""Where the texts of a picture stand: beside what they name, whole, and none over another."""
+"""Positions of the labels of a picture: beside their anchors, inside the picture, without overlap."""
 
 import itertools
 from collections.abc import Sequence
@@ -7,24 +7,24 @@ import numpy as np
 
 from tactopose_drake.core.validation import FloatArray
 
-# Of bold letters of 10 points at 100 dots an inch, pixels.
+# Width of a letter, margin and height of a line of bold text of 10 points at 100 dots per inch, pixels.
 _LETTER, _MARGIN, _LINE = 9.1, 3.0, 14.0
-_BESIDE = 10.0  # of a text from what it names, pixels
-_TO_THE_LEFT = 0.6  # of a picture's width, beyond which a text stands to the left
-_EDGE = 4.0  # pixels
+_BESIDE = 10.0  # offset of a label from its anchor, pixels
+_TO_THE_LEFT = 0.6  # labels of anchors beyond this share of the picture's width are to the left of them
+_EDGE = 4.0  # distance from the picture's edges, pixels
 
 
 def label_places(anchors: Sequence[FloatArray], texts: Sequence[str], width: float, dpi: float) -> list[FloatArray]:
-    """Where the texts' lower left corners stand in a picture, pixels.
+    """The lower left corners of labels in a picture, pixels.
 
-    A text is to the right of what it names, or to the left of it near the right edge, and as many lines higher as the
-    texts before it ask for.
+    A label is to the right of its anchor, or to the left if the anchor is near the right edge, and is moved up line by
+    line until it overlaps none of the labels before it.
 
     Args:
-        anchors: what is named, to the right and down, shape (2,) each, pixels.
-        texts: one for each, in bold letters of 10 points.
-        width: of the picture, pixels.
-        dpi: dots an inch.
+        anchors: points to label, each (2,): to the right and down, pixels.
+        texts: the labels, one for each anchor, in bold letters of 10 points.
+        width: width of the picture, pixels.
+        dpi: dots per inch.
     """
     scale = dpi / 100.0
     line = scale * _LINE
@@ -40,6 +40,6 @@ def label_places(anchors: Sequence[FloatArray], texts: Sequence[str], width: flo
 
 
 def _overlap(one: tuple[float, float, float], other: tuple[float, float, float], line: float) -> bool:
-    """Whether two lines of text do, by left, bottom and width."""
+    """Whether two lines of text, each given by its left, bottom and width, overlap."""
     (left, bottom, wide), (its_left, its_bottom, its_wide) = one, other
     return abs(bottom - its_bottom) < line and left < its_left + its_wide and its_left < left + wide

@@ -1,4 +1,4 @@
-"""A picture of tactile arrays with the numbers of their cells: which pressure of a frame is of which place."""
+"""A picture of tactile arrays with the numbers of their cells, to see where each pressure of a frame is measured."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,14 +17,14 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.output_files import written_beside
 
 _DPI = 100
-_CELL = 0.26  # edge of a cell, inches, where the picture has room
-_MARGIN = (0.9, 0.9)  # of a panel, inches
-_SMALLEST, _LARGEST = 2.4, 24.0  # of a panel's inside, inches
+_CELL = 0.26  # edge of a cell, inches, if the panel's size allows it
+_MARGIN = (0.9, 0.9)  # margins of a panel, inches
+_SMALLEST, _LARGEST = 2.4, 24.0  # limits of a panel's inner size, inches
 _INK, _FACE, _EDGE = "#23272e", "#f4e3a1", "#8d7a35"
 
 
 class _View(NamedTuple):
-    """How cells are seen whose normals are nearest to one direction: that, and which axes go right and up."""
+    """The view of the cells whose normals are nearest to one axis: that normal, and the axes to the right and up."""
 
     name: str
     normal: tuple[int, int, int]
@@ -33,7 +33,7 @@ class _View(NamedTuple):
     up: int
 
 
-# Seen from outside, so that right, up, and towards who looks are a right-handed frame.
+# Seen from outside: right, up and towards the viewer form a right-handed frame.
 _VIEWS = (
     _View("z", (0, 0, 1), 0, False, 1),
     _View("-z", (0, 0, -1), 0, True, 1),
@@ -45,17 +45,17 @@ _VIEWS = (
 
 
 def save_layout_picture(path: str | Path, layouts: Mapping[str, TactileLayout]) -> None:
-    """Writes a picture of arrays: each cell's outline and its number, counted from 0 as in a frame of pressures.
+    """Writes a picture of tactile arrays: each cell's outline and its number, from 0, as in a frame of pressures.
 
-    Cells are seen from outside, in the pad's frame T. Those of a curved pad stand in several panels, each cell in that
-    of the axis of T that its normal is nearest to.
+    Cells are seen from outside, in the pad's frame T. A curved pad has several panels; each cell is in the panel of the
+    axis of T that is nearest to its normal.
 
     Args:
         path: the PNG file.
-        layouts: the arrays, by what their row of the picture is called.
+        layouts: the arrays, by the name of their row in the picture.
 
     Raises:
-        InvalidInputError: no array, or a value of another type.
+        InvalidInputError: if there is no array, or a value has another type.
         InvalidFileError: if the file cannot be written.
     """
     if not layouts:
@@ -83,7 +83,7 @@ def save_layout_picture(path: str | Path, layouts: Mapping[str, TactileLayout]) 
 
 
 def panels_of(layout: TactileLayout) -> list[tuple[_View, NDArray[np.intp]]]:
-    """The views that a layout needs, and the numbers of the cells that each shows."""
+    """The views that a layout needs, and the numbers of the cells in each."""
     instance_of("layouts", layout, TactileLayout)
     nearest = np.argmax(layout.n_T @ np.array([view.normal for view in _VIEWS]).T, axis=1)
     panels = ((view, np.flatnonzero(nearest == i)) for i, view in enumerate(_VIEWS))
@@ -101,7 +101,7 @@ def _size(layout: TactileLayout, view: _View, cells: NDArray[np.intp]) -> tuple[
 
 
 def draw_cells(figure: Figure, axes: Axes, layout: TactileLayout, view: _View, cells: NDArray[np.intp]) -> None:
-    """Draws a panel's cells, mm, with their numbers."""
+    """Draws the cells of a panel, in mm, with their numbers."""
     corners: FloatArray = 1e3 * layout.corners[cells][:, :, [view.right, view.up]]
     axes.add_collection(PolyCollection(list(corners), facecolor=_FACE, edgecolor=_EDGE, linewidth=0.6))
     flat = corners.reshape(-1, 2)

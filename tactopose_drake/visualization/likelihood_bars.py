@@ -1,7 +1,7 @@
-"""Likelihoods of objects in Meshcat: a row for each object, its shape and a bar as long as its likelihood.
+"""Likelihoods of objects in Meshcat: a row for each object, with its shape and a bar as long as its likelihood.
 
-Meshcat has no text: the small shapes say which bar is whose, and the rows' paths end in the objects' names. The parts
-are made once and then only stretched and moved, because that is what Meshcat records.
+Meshcat has no text: a small shape shows which object a bar belongs to, and the row's path ends in the object's name.
+The parts are made once and then only scaled and moved, because Meshcat records only such changes.
 """
 
 import re
@@ -18,30 +18,30 @@ from tactopose_drake.visualization.appearance import ESTIMATE, TRUTH
 from tactopose_drake.visualization.meshcat import look_at
 
 HEIGHT = 0.05
-"""Of a row, m."""
+"""Height of a row, m."""
 LENGTH = 0.3
-"""Of the bar of a likelihood of 1, m."""
+"""Length of the bar for a likelihood of 1, m."""
 
 _THICKNESS = 0.4  # Of a bar, as a share of the row's height.
-_SHAPE = 0.8  # Of a small shape, likewise.
-_LEAST = 1e-3  # Likelihood of the shortest bar: a length of zero cannot be undone.
+_SHAPE = 0.8  # Size of an object's shape, as a share of the row's height.
+_LEAST = 1e-3  # Likelihood of the shortest bar: a scale of zero cannot be undone.
 _FRAME_OPACITY = 0.12
-_MARGIN = 1.1  # in which all bars are seen
+_MARGIN = 1.1  # size of the visible region relative to the bars
 
 
 def add_bars(meshcat: Meshcat, path: str, models: Sequence[ObjectModel]) -> None:
     """Adds a row for each object, the first at the top, in the plane x = 0: shapes at y = 0, bars along +y.
 
     Args:
-        meshcat: receives them.
-        path: where; what was there is deleted.
+        meshcat: the display.
+        path: path of the rows; whatever it held is deleted.
         models: the objects.
     """
     meshcat.Delete(path)
     for row, model in enumerate(models):
         at = row_path(path, row, model.name)
         meshcat.SetTransform(at, RigidTransform([0.0, 0.0, -HEIGHT * row]))
-        # Upright and turned a little, so that flat sides do not hide what is behind.
+        # Upright, and turned slightly so that more than one side is seen.
         R = RotationMatrix.MakeYRotation(np.radians(15.0)) @ RotationMatrix.MakeZRotation(np.radians(-30.0))
         vertices = (model.vertices - 0.5 * (model.vertices.min(axis=0) + model.vertices.max(axis=0))) / model.size
         meshcat.SetTriangleMesh(
@@ -57,7 +57,7 @@ def add_bars(meshcat: Meshcat, path: str, models: Sequence[ObjectModel]) -> None
 
 
 def look_at_bars(meshcat: Meshcat, count: int) -> None:
-    """Points Meshcat's camera at the bars of so many objects, from the front."""
+    """Points Meshcat's camera at the bars of `count` objects, from the front."""
     low, high = np.array([-0.5 * HEIGHT, (0.5 - count) * HEIGHT]), np.array([HEIGHT + LENGTH, 0.5 * HEIGHT])
     middle = np.append(0.0, 0.5 * (low + high))
     look_at(meshcat, middle, _MARGIN * float(np.linalg.norm(high - low)), np.array([1.0, 0.0, 0.0]))
@@ -70,14 +70,14 @@ def set_bars(
     found: Identification | None,
     time: float | None = None,
 ) -> None:
-    """Stretches the bars; an object that is not among the identities, by its name, has none.
+    """Scales the bars. An object whose name is not among the identities has the shortest bar.
 
     Args:
-        meshcat: holds the rows.
-        path: where.
+        meshcat: the display.
+        path: path of the rows.
         models: the objects of `add_bars`.
-        found: the likelihoods; None where there are none yet.
-        time: of the recording, s, if there is one.
+        found: the likelihoods; None if there are none yet.
+        time: time in the recording, s, if there is one.
     """
     likelihoods = {} if found is None else {identity.name: identity.likelihood for identity in found}
     for row, model in enumerate(models):
@@ -88,7 +88,7 @@ def set_bars(
 
 
 def row_path(path: str, row: int, name: str) -> str:
-    """Where a row is."""
+    """Path of a row."""
     return f"{path}/{row}/{re.sub(r'[^0-9A-Za-z_-]', '_', name)}"
 
 

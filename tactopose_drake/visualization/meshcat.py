@@ -1,4 +1,4 @@
-"""Scenes in Meshcat, its camera and its stage."""
+"""Scenes in Meshcat, its camera and its background."""
 
 from typing import Literal
 
@@ -17,30 +17,30 @@ from tactopose_drake.visualization.scene import Scene
 from tactopose_drake.visualization.touch_marks import add_touch, move_touch
 from tactopose_drake.visualization.viewpoint import choose_view, points_of_interest
 
-# Of Meshcat's camera, vertical, rad.
+# Vertical field of view of Meshcat's camera, rad.
 _FIELD_OF_VIEW = np.radians(75.0)
 _HAND_OPACITY = 0.5
 
 
 def check_meshcat(meshcat: object) -> None:
-    """Checks a display when it is given, which is drawn upon only later.
+    """Checks early that an argument is a display, which is used only later.
 
     Raises:
-        InvalidInputError: if it has no method of Meshcat's.
+        InvalidInputError: if it lacks Meshcat's methods.
     """
     if not hasattr(meshcat, "SetTransform"):
         raise InvalidInputError(
-            f"meshcat: is a {type(meshcat).__name__}; allowed are a Meshcat, such as of `StartMeshcat`, and what has "
-            "its methods."
+            f"meshcat: is a {type(meshcat).__name__}; allowed are a Meshcat, such as from `StartMeshcat`, and objects "
+            "with its methods."
         )
 
 
 def draw_scene(meshcat: Meshcat | RemoteMeshcat, scene: Scene) -> None:
-    """Draws a scene, in the palm frame, upright.
+    """Draws a scene, given in the palm frame, with its up direction along Meshcat's z axis.
 
     Args:
-        meshcat: receives it, under `/tactopose`; what was there is deleted.
-        scene: what to draw.
+        meshcat: the display; the scene is drawn under `/tactopose`, and replaces whatever is there.
+        scene: the scene.
     """
     path = "/tactopose"
     meshcat.Delete(path)
@@ -71,21 +71,21 @@ def draw_scene(meshcat: Meshcat | RemoteMeshcat, scene: Scene) -> None:
 
 
 def upright(scene: Scene) -> RigidTransform:
-    """X_WP, the palm in Meshcat's world, by which the scene's up is up."""
+    """X_WP, the pose of the palm in Meshcat's world that turns the scene's up direction to the z axis."""
     return RigidTransform(RotationMatrix.MakeFromOneVector(scene.up_P, 2).inverse(), np.zeros(3))
 
 
 def aim_camera(
     meshcat: Meshcat, scene: Scene, X_WP: RigidTransform, *, stage: bool = True, margin: float = 1.0
 ) -> None:
-    """Points Meshcat's camera at a scene from where its picture is taken.
+    """Points Meshcat's camera at a scene, from the viewpoint of its picture.
 
     Args:
         meshcat: the display.
-        scene: what to look at; where there is nothing in it, the camera stays.
-        X_WP: the palm in Meshcat's world.
+        scene: the scene; if it is empty, the camera does not move.
+        X_WP: pose of the palm in Meshcat's world.
         stage: whether the background becomes light, and grid and axes are hidden.
-        margin: how much larger what is seen is than the scene, 1 or more.
+        margin: size of the visible region relative to the scene, 1 or more.
     """
     points = points_of_interest(scene)
     if not len(points):
@@ -97,12 +97,12 @@ def aim_camera(
 
 
 def set_stage(meshcat: Meshcat, target: FloatArray, size: float, direction: FloatArray) -> None:
-    """Points Meshcat's camera at what is held, before a light background without grid and axes.
+    """Points Meshcat's camera at a target, with a light background and without grid and axes.
 
     Args:
         meshcat: the display.
         target: point to look at, in Meshcat's world, shape (3,), m.
-        size: of what should be seen whole, m.
+        size: size of the region to show, m.
         direction: from the target to the camera, shape (3,); not vertical.
     """
     look_at(meshcat, target, size, direction)

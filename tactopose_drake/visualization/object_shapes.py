@@ -1,4 +1,4 @@
-"""The forms in which an object's surface is drawn: as a smooth solid and as a cage of wires."""
+"""The meshes with which an object is drawn: a smooth solid, and a wireframe."""
 
 from collections.abc import Sequence
 
@@ -16,27 +16,27 @@ CREASE = np.radians(35.0)
 
 _MOST_FACES = 20000  # larger meshes are simplified for display
 _EDGE = np.radians(60.0)  # edges sharper than this are wires
-_MIDDLE, _END = 0.5001, 0.02  # where the object is cut; a plane through many vertices would cut it in crumbs
-_RINGS = 0.26, 0.74  # and where its longest side is cut too
-_CAP = 0.4  # of the middle section's size; smaller sections are not drawn
-_STEP = 0.03  # longest straight piece of a wire, of the object's size
+_MIDDLE, _END = 0.5001, 0.02  # places of sections along each axis; not 0.5, where planes may pass through many vertices
+_RINGS = 0.26, 0.74  # places of further sections along the longest axis
+_CAP = 0.4  # sections smaller than this share of the middle section's area are not drawn
+_STEP = 0.03  # longest straight piece of a wire, as a share of the object's size
 _BEND = np.cos(np.radians(12.0))  # a wire that bends more has a corner
-_WIRE = 0.0025  # radius of a wire, of the object's size
-_THINNEST, _THICKEST = 0.0003, 0.0005  # m
-_DOUBLE = 0.04  # two rings nearer than this are of one wall, of the object's size
+_WIRE = 0.0025  # radius of a wire, as a share of the object's size
+_THINNEST, _THICKEST = 0.0003, 0.0005  # limits of the radius of a wire, m
+_DOUBLE = 0.04  # rings nearer than this share of the object's size are the two sides of one wall
 
 Mesh = tuple[FloatArray, NDArray[np.int32]]
 
 
 def smooth_mesh(model: ObjectModel) -> Mesh:
-    """Vertices (v, 3), m, and faces (f, 3) in O, parted at sharp edges, so that averaged normals shade it smoothly."""
+    """Vertices (v, 3), m, and faces (f, 3) in O, split at sharp edges, so that averaged normals shade it smoothly."""
     vertices, faces = simplified(model.vertices, model.faces, _MOST_FACES)
     shaded = trimesh.graph.smooth_shade(trimesh.Trimesh(vertices, faces, process=False), angle=CREASE)
     return np.array(shaded.vertices), np.array(shaded.faces, dtype=np.int32)
 
 
 def wire_cage(model: ObjectModel) -> Mesh:
-    """Wires along the object's sharp edges, and where planes cut its middle, its ends and its longest side, in O."""
+    """A wireframe in O: the object's sharp edges, and sections at its middle, its ends and along its longest axis."""
     vertices, faces = simplified(model.vertices, model.faces, _MOST_FACES)
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -51,14 +51,14 @@ def wire_cage(model: ObjectModel) -> Mesh:
         lines = [] if section is None else _outer_sides(section.discrete, drawn, apart)
         if share == _MIDDLE:
             middle[axis] = max((_area(line, axis) for line in lines), default=0.0)
-        # Where a plane cuts no more than a cap off a bulge, the cap's edge says nothing of the shape.
+        # If a plane only cuts a cap off a bulge, the section does not show the object's shape.
         lines = [line for line in lines if _area(line, axis) > _CAP * middle[axis]]
         pieces += [_straightened(line, _STEP * model.size) for line in lines]
     return _tubes(np.concatenate(pieces), float(np.clip(_WIRE * model.size, _THINNEST, _THICKEST)))
 
 
 def simplified(vertices: FloatArray, faces: NDArray[np.int32], most_faces: int) -> Mesh:
-    """A mesh whose vertices are joined in cells of a grid until it has no more than so many faces."""
+    """A mesh whose vertices are merged in the cells of a grid until it has at most `most_faces` faces."""
     extent = float(np.ptp(vertices, axis=0).max())
     cells = 256.0
     found = vertices, faces.astype(np.int32)
@@ -83,7 +83,7 @@ def _edges(mesh: trimesh.Trimesh) -> FloatArray:
 
 
 def _outer_sides(lines: Sequence[FloatArray], drawn: list[FloatArray], apart: float) -> list[FloatArray]:
-    """Polylines (n, 3), the widest first, without those that run so near along what is drawn, or along a wider one."""
+    """Polylines (n, 3), the widest first, without those that stay nearer than `apart` to a drawn or a wider one."""
     kept: list[FloatArray] = []
     for line in sorted(lines, key=lambda points: -float(np.linalg.norm(np.ptp(points, axis=0)))):
         if not any(np.max(cKDTree(other).query(line)[0]) < apart for other in (*drawn, *kept)):
@@ -92,12 +92,12 @@ def _outer_sides(lines: Sequence[FloatArray], drawn: list[FloatArray], apart: fl
 
 
 def _area(line: FloatArray, axis: int) -> float:
-    """Of the rectangle around a polyline (n, 3) across an axis, m^2."""
+    """Area of the bounding rectangle, across an axis, of a polyline (n, 3), m^2."""
     return float(np.prod(np.delete(np.ptp(line, axis=0), axis)))
 
 
 def _straightened(line: FloatArray, step: float) -> FloatArray:
-    """The segments of a polyline (n, 3) that does without the points on its straight parts, shape (m, 2, 3)."""
+    """The segments of a polyline (n, 3) without the points on its straight parts, shape (m, 2, 3)."""
     kept = [0]
     for row in range(1, len(line) - 1):
         before, after = line[row] - line[kept[-1]], line[row + 1] - line[row]
@@ -109,14 +109,14 @@ def _straightened(line: FloatArray, step: float) -> FloatArray:
 
 
 def _tubes(segments: FloatArray, radius: float) -> Mesh:
-    """Prisms of three sides around segments (n, 2, 3)."""
+    """Three-sided prisms around segments (n, 2, 3)."""
     along = segments[:, 1] - segments[:, 0]
     length = np.linalg.norm(along, axis=1)
     segments, along = segments[length > 1e-9], along[length > 1e-9] / length[length > 1e-9, None]
     side, other = axes_across(along)
     angles = 2.0 * np.pi * np.arange(3) / 3
     around = radius * (np.cos(angles)[:, None, None] * side + np.sin(angles)[:, None, None] * other)
-    # Ends reach a little beyond, so that there are no gaps at corners.
+    # The prisms are slightly longer than the segments, so that there are no gaps at corners.
     ends = segments + 0.5 * radius * np.stack([-along, along], axis=1)
     vertices = (ends[:, :, None] + around.transpose(1, 0, 2)[:, None]).reshape(-1, 3)
     sides = np.array(

@@ -1,7 +1,6 @@
-"""A web page of what Meshcat shows: one file that works from disk, with a legend, switches, the result and the time.
+"""A web page of what Meshcat shows: one file without a network, with a legend, switches, the result and a timeline.
 
-It is Drake's own static page of Meshcat with a panel beside it. The page says what it is; nothing is loaded from
-anywhere.
+It is Drake's static page of Meshcat with a panel beside it.
 """
 
 import dataclasses
@@ -20,7 +19,7 @@ from tactopose_drake.visualization.page_tables import Instant, PageTable, said_h
 from tactopose_drake.visualization.timeline import Timeline, timeline_html
 
 _HAND = "^(/tactopose/hand|/drake/visualizer)(/|$)"
-# Of Drake's page: where its commands begin, and how each is told to the viewer.
+# Of Drake's page: the text before its commands, and the text with which each is passed to the viewer.
 _BEFORE_COMMANDS = "casAssets = {};"
 _COMMAND = ".then(buffer => viewer.handle_command_bytearray("
 _COUNTER = """
@@ -33,13 +32,13 @@ var tactoposeTold = 0;
 
 
 class Switch(NamedTuple):
-    """An entry of the legend, which shows and hides what it names.
+    """An entry of the legend, with a checkbox that shows and hides the part.
 
     Attributes:
-        look: what it names.
-        hides: pattern of the paths in Meshcat that it switches.
-        detail: what the legend says of it; the look's meaning by default.
-        is_on: whether it is shown at first.
+        look: appearance of the part.
+        hides: pattern of the part's paths in Meshcat.
+        detail: explanation in the legend; the look's meaning by default.
+        is_on: whether the part is visible at first.
     """
 
     look: Look
@@ -49,13 +48,13 @@ class Switch(NamedTuple):
 
 
 class Label(NamedTuple):
-    """A text that stays at a part of the scene.
+    """A text that moves with a part of the scene.
 
     Attributes:
-        path: of the part in Meshcat.
-        text: what stands there.
-        colour: of the text; that of a false contact while the part shows one.
-        at: where, in the part's frame, m.
+        path: path of the part in Meshcat.
+        text: the text.
+        colour: colour of the text; replaced by that of a false contact while the part shows one.
+        at: position in the part's frame, m.
     """
 
     path: str
@@ -66,18 +65,18 @@ class Label(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Page:
-    """What stands beside a scene.
+    """The content of the panel beside a scene, of its labels, and of its first view.
 
     Attributes:
-        title: what the page is.
-        said: what is believed, how sure, and what was felt; of a recording, at its end.
-        tables: further numbers, above the legend.
+        title: the page's title.
+        said: the result and the contacts; of a recording, those at its end.
+        tables: further tables, above the legend.
         switches: the legend.
-        details: more of them, below it.
+        details: further tables, below the legend.
         labels: texts in the scene.
-        direction_W: from the scene to the camera, in Meshcat's world, shape (3,).
-        p_WQ: points that are seen at first, shape (n, 3), m; empty where Meshcat's own camera is kept.
-        timeline: of a recording that Meshcat has published; None where there is none.
+        direction_W: direction from the scene to the camera in Meshcat's world, shape (3,).
+        p_WQ: points that the first view holds, shape (n, 3), m; empty to keep Meshcat's own camera.
+        timeline: timeline of a recording that Meshcat has published; None if there is none.
     """
 
     title: str
@@ -92,15 +91,15 @@ class Page:
 
 
 def save_html(path: Path, meshcat: Meshcat, page: Page | None = None) -> None:
-    """Writes all that Meshcat shows, with its published recording, as one web page that works without a network.
+    """Writes what Meshcat shows, with its published recording, as one web page that works without a network.
 
     Args:
         path: the file.
-        meshcat: what is shown.
-        page: what stands beside it; Meshcat's own page without.
+        meshcat: the display.
+        page: the content of the panel; None writes Meshcat's own page.
 
     Raises:
-        InvalidFileError: the file cannot be written.
+        InvalidFileError: if the file cannot be written.
     """
     text = meshcat.StaticHtml()
     with written_beside(path) as beside:
@@ -108,7 +107,7 @@ def save_html(path: Path, meshcat: Meshcat, page: Page | None = None) -> None:
 
 
 def with_panel(static: str, page: Page) -> str:
-    """Meshcat's static page with what a page has to say beside it."""
+    """Adds the panel of a page to Meshcat's static page."""
     assert static.count(_BEFORE_COMMANDS) == 1, "Drake's static page is not as it was"
     assert static.count("<title>Drake MeshCat</title>") == 1, "Drake's static page is not as it was"
     static = static.replace("<title>Drake MeshCat</title>", f"<title>{html.escape(page.title)}</title>")
@@ -155,7 +154,7 @@ def _side(page: Page) -> str:
 
 
 def hand_switch(look: Look) -> Switch:
-    """The switch of the hand, be it drawn or simulated."""
+    """The switch of the hand, whether drawn or simulated."""
     return Switch(look, _HAND)
 
 
@@ -168,7 +167,7 @@ def _switch(switch: Switch) -> str:
 
 
 def _swatch(look: Look) -> str:
-    """A small drawing of a part for the legend."""
+    """The symbol of a part in the legend."""
     colour = _css(look.colour)
     drawings = {
         "solid": f'<rect x="3" y="2" width="18" height="12" rx="2" fill="{colour}"/>',

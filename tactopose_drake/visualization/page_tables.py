@@ -1,9 +1,9 @@
-"""The words and numbers of a page: tables, and what is said of one instant."""
+"""The sentences and tables of a page."""
 
 import html
 from typing import NamedTuple
 
-_STATE_NAMES = {"held": "no new estimate"}  # where the word would mislead
+_STATE_NAMES = {"held": "no new estimate"}  # statuses whose word would be misleading on a page
 
 
 class Row(NamedTuple):
@@ -11,8 +11,8 @@ class Row(NamedTuple):
 
     Attributes:
         cells: its texts.
-        hides: pattern of the paths in Meshcat that a switch in the row shows and hides; none without.
-        is_on: whether that is shown at first.
+        hides: pattern of the paths in Meshcat that a checkbox in the row shows and hides; empty for no checkbox.
+        is_on: whether they are visible at first.
     """
 
     cells: tuple[str, ...]
@@ -24,11 +24,11 @@ class PageTable(NamedTuple):
     """A table of a page.
 
     Attributes:
-        title: what it holds.
-        headings: of its columns.
+        title: its title.
+        headings: the headings of its columns.
         rows: its rows.
-        more: what is said below it.
-        of_words: whether it holds sentences and not numbers.
+        more: a remark below it.
+        of_words: whether its cells are sentences rather than numbers.
     """
 
     title: str
@@ -39,13 +39,13 @@ class PageTable(NamedTuple):
 
 
 class Instant(NamedTuple):
-    """What a page says of one instant.
+    """The sentences and tables of a page for one instant.
 
     Attributes:
-        status: in a word, such as "ok"; empty for none.
-        sentences: what is believed, how sure, and what is not determined.
-        hypotheses: the poses; without rows where there is no estimate.
-        contacts: what was felt.
+        status: the status in one word, such as "ok"; empty for none.
+        sentences: the belief, its uncertainty, and what is not determined.
+        hypotheses: the poses; without rows if there is no estimate.
+        contacts: the contacts.
     """
 
     status: str
@@ -55,29 +55,29 @@ class Instant(NamedTuple):
 
 
 def state_name(word: str) -> str:
-    """What a page calls a status, by its first word."""
+    """The name on a page of a status, given by its first word."""
     return _STATE_NAMES.get(word, word.replace("_", " "))
 
 
 def state_text(text: str) -> str:
-    """What a page calls a status, with why: a word, and maybe ": " and why."""
+    """The text on a page of a status, a word that may be followed by ": " and the reason."""
     word, colon, why = text.partition(": ")
     return f"{state_name(word)}{colon}{why}"
 
 
 def said_html(said: Instant, when: str = "") -> str:
-    """The status, at that time, and the sentences."""
+    """The status, with the text of its time if given, and the sentences."""
     lines = []
     if said.status:
         time = f"{html.escape(when)}: " if when else ""
         name = html.escape(state_name(said.status))
         lines.append(f'<p>{time}<span class="tp-status tp-{html.escape(said.status)}">{name}</span></p>')
     lines += [f"<p>{html.escape(sentence)}</p>" for sentence in said.sentences]
-    return "".join(lines).replace("\u00b1 ", "\u00b1\u00a0")  # which is not parted from its number
+    return "".join(lines).replace("\u00b1 ", "\u00b1\u00a0")  # no line break between the sign and its number
 
 
 def table_html(table: PageTable) -> str:
-    """A table under its title; nothing for one without rows."""
+    """A table under its title; empty if the table has no rows."""
     if not table.rows:
         return ""
     has_switches = any(row.hides for row in table.rows)

@@ -1,6 +1,6 @@
-"""What tactile pads feel, in Meshcat: a plate on each pressed cell, and the principal axes of each patch.
+"""Patches of tactile pads in Meshcat: a plate on each pressed cell, and the principal axes of each patch.
 
-The parts are made once and then only moved, shown and stretched, because that is what Meshcat records.
+The parts are made once and then only moved, shown and scaled, because Meshcat records only such changes.
 """
 
 import math
@@ -19,7 +19,7 @@ from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
 
 _PLATE_HEIGHT, _OPACITY = 0.0004, 0.85  # of the plates
 _AXIS_RADIUS = 0.0007
-# The third axis is shorter than the pad is deep: it is drawn at least this long, m.
+# Minimum drawn length of an axis, m; the third would be too short to be seen.
 _LEAST_LENGTH = 0.004
 
 
@@ -27,10 +27,10 @@ def add_patches(meshcat: Meshcat | RemoteMeshcat, path: str, patches: int, cells
     """Adds the parts that show patches, hidden until `move_patches` places them.
 
     Args:
-        meshcat: receives them.
-        path: where.
-        patches: that can be shown at once.
-        cells: of each that can be shown.
+        meshcat: the display.
+        path: path of the parts.
+        patches: number of patches that can be shown at once.
+        cells: number of cells of each that can be shown.
     """
     meshcat.Delete(path)
     for slot in range(patches):
@@ -38,7 +38,7 @@ def add_patches(meshcat: Meshcat | RemoteMeshcat, path: str, patches: int, cells
         for cell in range(cells):
             plate = f"{at}/cells/{cell}"
             meshcat.SetObject(plate, Box(1.0, 1.0, _PLATE_HEIGHT), Rgba(*PRESSURE.colour, _OPACITY))
-            # The object is pressed into the pad, and would hide the plates.
+            # The object penetrates the pad, and would hide the plates.
             shine_through(meshcat, plate)
         for k in range(3):
             meshcat.SetObject(f"{at}/axes/{k}", Cylinder(_AXIS_RADIUS, 1.0), Rgba(*PATCH_AXES.colour))
@@ -55,16 +55,17 @@ def move_patches(
 ) -> None:
     """Places the parts that `add_patches` has added, and hides those that are not needed.
 
-    A plate's area is in proportion to its cell's pressure; at the array's range, or the frame's largest pressure where
-    it has none, it reaches its neighbours. Each known axis reaches one standard deviation either way from the centroid.
+    A plate's area is proportional to its cell's pressure; it reaches its neighbours at the saturation pressure of the
+    array, or at the largest pressure of the patch if the array has none. Each known axis extends one standard deviation
+    to both sides of the centroid.
 
     Args:
-        meshcat: holds the parts.
-        path: where.
-        patches: in the frame of the path's parent; what is beyond `slots`, or cells beyond `cells`, is not shown.
-        slots: of patches that `add_patches` has made.
-        cells: of each that it has made.
-        time: of the recording, s, if there is one.
+        meshcat: the display.
+        path: path of the parts.
+        patches: in the frame of the path's parent; patches beyond `slots`, and cells beyond `cells`, are not shown.
+        slots: number of patches for which `add_patches` has added parts.
+        cells: number of cells of each for which it has added parts.
+        time: time in the recording, s, if there is one.
     """
     for slot in range(slots):
         at = f"{path}/{slot}"
@@ -76,7 +77,7 @@ def move_patches(
 
 
 def plate_sizes(patch: Patch) -> FloatArray:
-    """Length and width of the plates on a patch's cells, shape (n, 2), m; zero where a cell feels nothing."""
+    """Length and width of the plates on a patch's cells, shape (n, 2), m; zero for cells without pressure."""
     pitch = float(pdist(patch.p_PT).min()) if len(patch.p_PT) > 1 else 2 * _LEAST_LENGTH
     felt = np.where(patch.active, patch.pressure, 0.0)
     largest = patch.saturation if math.isfinite(patch.saturation) else max(felt.max(), 1e-9)
@@ -85,7 +86,7 @@ def plate_sizes(patch: Patch) -> FloatArray:
 
 
 def plate_pose(patch: Patch, cell: int) -> RigidTransform:
-    """Where the plate on a cell is: its z axis points out of the pad, the x axis along cells longer than wide."""
+    """Pose of the plate on a cell: z points out of the pad, and x along the longer sides of the cells."""
     z = patch.n_PT[cell]
     x = patch.stretch - (patch.stretch @ z) * z
     if not x.any():

@@ -45,15 +45,15 @@ Image = NDArray[np.float32]
 
 _DPI, _SMALL_DPI = 100, 60
 _PANEL = (7.0, 6.2)  # inches
-_HEAD = 0.4  # above it, inches
+_HEAD = 0.4  # height of the captions above a panel, inches
 _COLUMNS = 3  # of the legend below each panel
 _OVERSAMPLING = 2
 _BACKGROUND = (np.array([0.985, 0.988, 0.992]), np.array([0.900, 0.915, 0.935]))  # top, bottom
 _HAND_OPACITY = 0.38
-_MARKER_THROUGH = 0.55  # opacity of a marker that lies behind something
-_FRAME_OPACITY = 0.9  # through whatever covers them
-_CERTAINTY_OPACITY = 0.75  # of ellipsoids and arrows
-_GHOSTS = 3  # hypotheses beside the best that are drawn at the most
+_MARKER_THROUGH = 0.55  # opacity of a marker behind a surface
+_FRAME_OPACITY = 0.9  # of frames, which are drawn over all surfaces
+_CERTAINTY_OPACITY = 0.75  # of ellipsoids and of arrows of free directions
+_GHOSTS = 3  # maximum number of hypotheses that are drawn beside the best
 
 
 def save_picture(
@@ -67,14 +67,14 @@ def save_picture(
     """Writes a picture of an estimate: one panel for the prior, one for the estimate, from the same viewpoint.
 
     Args:
-        path: the PNG file, whatever its name ends in.
-        scene: what to draw; of an estimate by `estimate_pose`, all that it was made from.
+        path: the PNG file; its suffix does not matter.
+        scene: the scene, or an estimate by `estimate_pose`, which is drawn with the inputs it was made from.
         captions: titles of the panels of prior and estimate.
-        prior_label: what the legend calls the prior.
+        prior_label: name of the prior in the legend.
         colours: red, green and blue of the model's vertices at the estimate, 0 to 1, shape (v, 3); None for one colour.
 
     Raises:
-        InvalidInputError: if an estimate does not know what it was made from, or of a value of another type.
+        InvalidInputError: if an estimate does not hold its inputs, or a value has another type.
         InvalidFileError: if the file cannot be written.
     """
     path = path_of("path", path)
@@ -86,7 +86,7 @@ def save_picture(
 
 
 def small_picture(scene: Scene) -> bytes:
-    """A PNG picture of the estimate alone, for a notebook; the prior, if any, is its outline."""
+    """A PNG picture of the estimate alone, for a notebook; the prior, if any, is drawn as an outline."""
     figure = _draw(scene, None, PRIOR.name, None, _SMALL_DPI)
     buffer = io.BytesIO()
     figure.savefig(buffer, facecolor="white")
@@ -96,7 +96,7 @@ def small_picture(scene: Scene) -> bytes:
 def _draw(
     scene: Scene, captions: tuple[str, str] | None, prior_label: str, colours: FloatArray | None, dpi: int
 ) -> Figure:
-    """Prior and estimate, or without captions the estimate alone."""
+    """A panel for the prior and one for the estimate, or, without captions, one for the estimate alone."""
     paints = (PRIOR.colour, ESTIMATE.colour if colours is None else colours)
     panels = [
         (pose, smooth(scene.model.vertices, scene.model.faces, paint), caption)
@@ -132,7 +132,7 @@ def _draw(
 
 
 class _Overlay:
-    """What lies over the object in a panel: further hypotheses, the hand, translucent, and the markers."""
+    """All parts of a panel but the object: other hypotheses, uncertainty, frames, the translucent hand, and markers."""
 
     def __init__(self, scene: Scene, camera: Camera) -> None:
         hand, touch, certainty = scene.hand, touch_surface(scene), certainty_surface(scene)
@@ -151,9 +151,9 @@ class _Overlay:
         self._nearest = np.zeros((camera.height, camera.width), dtype=np.float32)
 
     def over_all(self, image: Image, solid: Layer, is_estimate: bool) -> Image:
-        """The object over the image, what is drawn of its certainty, further hypotheses, and the hand."""
+        """Draws other hypotheses, the object, its uncertainty, the hand and the frames over the image."""
         for ghost, share in self._ghosts if is_estimate else []:
-            # They shine out from behind the estimate.
+            # Drawn first, so that the estimate covers them.
             image = _blended(image, ghost.colour, share * ghost.covered)
         image = np.where(solid.covered[..., None], solid.colour, image)
         nearest = solid.inverse_depth
@@ -162,7 +162,7 @@ class _Overlay:
                 image, self._certainty.colour, _CERTAINTY_OPACITY * (self._certainty.inverse_depth > nearest)
             )
         if self._hand is not None:
-            # At grazing angles it is denser, like glass.
+            # More opaque at grazing angles, like glass.
             opacity = _HAND_OPACITY + (1.0 - _HAND_OPACITY) * (1.0 - self._hand.facing) ** 3
             image = _blended(image, self._hand.colour, np.where(self._hand.inverse_depth > nearest, opacity, 0.0))
             nearest = np.maximum(nearest, self._hand.inverse_depth)
@@ -172,7 +172,7 @@ class _Overlay:
         return image
 
     def markers_over(self, image: Image) -> Image:
-        """Lays the markers over the image; those behind something shine through."""
+        """Draws the markers over the image; those behind a surface are translucent."""
         if self._markers is None:
             return image
         hidden = self._nearest > self._markers.inverse_depth
@@ -197,7 +197,7 @@ def _outline(image: Image, layer: Layer, colour: Colour) -> Image:
 
 
 def _shrunk(image: Image) -> Image:
-    """The average of each block of pixels: smooth edges."""
+    """The average of each block of pixels, for smooth edges."""
     height, width, s = image.shape[0], image.shape[1], _OVERSAMPLING
     small: Image = image.reshape(height // s, s, width // s, s, 3).mean(axis=(1, 3))
     return small
@@ -213,7 +213,7 @@ def _placed(surface: DrawnSurface, X_PO: RigidTransform) -> DrawnSurface:
 
 
 def _write(axes: Axes, scene: Scene, camera: Camera, is_estimate: bool, dpi: int) -> None:
-    """The contacts' numbers, and the names of what is not determined and of frames."""
+    """Draws the numbers of the contacts, and the names of the free directions and the frames."""
     texts: list[tuple[FloatArray, str, Colour]] = [
         (point, str(row + 1), FALSE_CONTACT.colour if is_false else CONTACT.colour)
         for row, (point, is_false) in enumerate(zip(scene.contacts.p_PC, scene.is_false, strict=True))
@@ -243,7 +243,7 @@ def _write(axes: Axes, scene: Scene, camera: Camera, is_estimate: bool, dpi: int
 
 
 def _handle(look: Look, scene: Scene, prior_label: str) -> Patch | Line2D:
-    """What stands in the legend for a part."""
+    """The entry of a part in the legend."""
     label = prior_label if look is PRIOR else look.name
     if look is FORCE:
         assert scene.contacts.f_PC is not None

@@ -1,4 +1,4 @@
-"""The marks of a picture as surfaces: contacts, forces, pressed cells, 95 % regions and what is not determined."""
+"""The marks of a picture as surfaces: contacts, forces, pressed cells, 95 % regions and free directions."""
 
 from collections.abc import Iterable
 
@@ -44,7 +44,7 @@ def touch_surface(scene: Scene) -> DrawnSurface | None:
 
 
 def certainty_surface(scene: Scene) -> DrawnSurface | None:
-    """Where points of the estimate may be, as ellipsoids, and what is not determined; friction cones on request."""
+    """95 % regions of points of the estimate as ellipsoids, free directions as arrows, and friction cones if asked."""
     if not scene.hypotheses:
         return None
     best = scene.hypotheses[0]
@@ -61,12 +61,12 @@ def certainty_surface(scene: Scene) -> DrawnSurface | None:
 
 
 def frames_surface(scene: Scene) -> DrawnSurface | None:
-    """The frames of palm and estimate, where they are to be drawn."""
+    """The frames of palm and estimate, if the scene asks for them."""
     return _joined(list(_frames(scene, scene.hypotheses[0].X_PO))) if scene.hypotheses else None
 
 
 def smooth(vertices: FloatArray, faces: NDArray[np.int32], colour: Colour | FloatArray) -> DrawnSurface:
-    """Normals for smooth shading, with the sharp edges kept; of one colour, or of one for each vertex."""
+    """A surface with normals for smooth shading and sharp edges; `colour` is one colour, or one per vertex, (v, 3)."""
     colour = np.array(np.broadcast_to(colour, vertices.shape))
     mesh = trimesh.Trimesh(vertices, faces, vertex_colors=colour, process=False)
     shaded = trimesh.graph.smooth_shade(mesh, angle=CREASE)
@@ -95,20 +95,20 @@ def _contacts(scene: Scene) -> Iterable[Painted]:
 
 
 def _cones(scene: Scene) -> Iterable[Painted]:
-    """Friction cones at the contacts, where a coefficient of friction is to be drawn."""
+    """Friction cones at the contacts, if the scene has a coefficient of friction."""
     contacts = scene.contacts
     if scene.friction is None or contacts.n_PC is None:
         return
     told = tell_normals(contacts)
     for point, normal in zip(contacts.p_PC[told], contacts.n_PC[told], strict=True):
         cone = trimesh.creation.cone(radius=scene.friction * CONE_LENGTH, height=CONE_LENGTH)
-        cone.vertices = [0.0, 0.0, CONE_LENGTH] - cone.vertices  # on its tip, with its outside outside
+        cone.vertices = [0.0, 0.0, CONE_LENGTH] - cone.vertices  # standing on its tip; `invert` keeps faces outward
         cone.invert()
         yield _moved(cone, RigidTransform(RotationMatrix.MakeFromOneVector(normal, 2), point)), CONE.colour
 
 
 def _frames(scene: Scene, X_PO: RigidTransform) -> Iterable[Painted]:
-    """The frames of palm and object, where they are to be drawn."""
+    """The frames of palm and object, if the scene asks for them."""
     if scene.frames:
         for X_PFrame, length in ((RigidTransform(), PALM_AXES), (X_PO, OBJECT_AXES)):
             for axis, colour in enumerate(AXIS_COLOURS):
@@ -118,7 +118,7 @@ def _frames(scene: Scene, X_PO: RigidTransform) -> Iterable[Painted]:
 
 
 def _plates(scene: Scene) -> Iterable[Painted]:
-    """A plate on each pressed cell, as large as its pressure."""
+    """A plate on each pressed cell, with an area proportional to the pressure."""
     for patch in scene.patches:
         sizes = plate_sizes(patch)
         for cell in np.flatnonzero(sizes[:, 1]):

@@ -1,9 +1,8 @@
-"""Poses of an object in Meshcat, and how sure they are.
+"""Poses of an object in Meshcat, and their uncertainty.
 
-The estimate is a smooth solid, prior and truth are cages of wires; further hypotheses are translucent, and shine out
-from behind it. On the estimate stand ellipsoids that hold its points with 95 % probability, and arrows along what the
-touch leaves free. The parts are made once and then only moved, shown and stretched, because that is what Meshcat
-records.
+The estimate is a smooth solid; prior and truth are wireframes; other hypotheses are translucent, behind the estimate.
+Ellipsoids on the estimate contain its points with 95 % probability; arrows show the directions that the touch leaves
+free. The parts are made once and then only moved, shown and scaled, because Meshcat records only such changes.
 """
 
 from collections.abc import Sequence
@@ -25,10 +24,10 @@ from tactopose_drake.visualization.uncertainty import POINTS, ellipsoids, free_a
 Role = Literal["prior", "estimate", "truth"]
 
 REGION_OPACITY = 0.5
-"""Of the ellipsoids."""
+"""Opacity of the ellipsoids."""
 
-_LEAST_OPACITY, _MOST_OPACITY = 0.2, 0.7  # of an impossible and of a certain hypothesis
-_BEHIND = 4e5  # steps of the depth buffer: some 60 cm at half a metre
+_LEAST_OPACITY, _MOST_OPACITY = 0.2, 0.7  # of hypotheses with probabilities 0 and 1
+_BEHIND = 4e5  # steps of the depth buffer: about 60 cm at half a metre
 
 
 def add_object(
@@ -37,26 +36,26 @@ def add_object(
     """Adds an object's surface in its frame O; `SetTransform` on the path places it.
 
     Args:
-        meshcat: receives it.
-        path: where.
+        meshcat: the display.
+        path: path of the object.
         model: the object.
-        role: what its pose will be, which decides its colour, and whether it is a solid or a cage of wires.
+        role: role of its pose, which determines the colour, and whether it is a solid or a wireframe.
         opacity: 0 to 1.
     """
     mesh = smooth_mesh(model) if role == "estimate" else wire_cage(model)
     _set_smooth(meshcat, path, mesh, ROLES[role].colour, opacity)
     if role != "estimate":
-        bring_forward(meshcat, path)  # wires of a pose near the estimate's are seen whole
+        bring_forward(meshcat, path)  # else the estimate hides parts of the wires if its pose is nearly the same
 
 
 def add_hypotheses(meshcat: Meshcat | RemoteMeshcat, path: str, model: ObjectModel, count: int) -> None:
     """Adds the parts that show hypotheses, hidden until `move_hypotheses` places them.
 
     Args:
-        meshcat: receives them.
-        path: where; `path/estimate`, `path/alternatives` and `path/free` are made.
+        meshcat: the display.
+        path: parent path; `path/estimate`, `path/alternatives` and `path/free` are added.
         model: the object.
-        count: of hypotheses beside the best that can be shown at once.
+        count: number of hypotheses beside the best that can be shown at once.
     """
     add_object(meshcat, f"{path}/estimate", model, "estimate")
     for point in range(POINTS):
@@ -81,12 +80,12 @@ def move_hypotheses(
     """Places the parts that `add_hypotheses` has added, and hides those that are not needed.
 
     Args:
-        meshcat: holds the parts.
-        path: where.
+        meshcat: the display.
+        path: parent path.
         model: the object.
-        hypotheses: in the frame of the path, the best first; what is beyond `count` more is not shown.
-        count: that `add_hypotheses` was given.
-        time: of the recording, s, if there is one.
+        hypotheses: in the frame of the path, the best first; at most `count` beside the best are shown.
+        count: the count that `add_hypotheses` was given.
+        time: time in the recording, s, if there is one.
     """
     best = hypotheses[0] if hypotheses else None
     place(meshcat, f"{path}/estimate", None if best is None else best.X_PO, time)
@@ -96,10 +95,10 @@ def move_hypotheses(
         shown = hypotheses[row + 1] if row + 1 < len(hypotheses) else None
         place(meshcat, f"{path}/alternatives/{row}", None if shown is None else shown.X_PO, time)
         if shown is not None:
-            # Not recorded: Meshcat's recordings hold no opacities.
+            # Without the time, since Meshcat does not record opacities.
             at = f"{path}/alternatives/{row}"
             meshcat.SetProperty(at, "opacity", opacity_of(shown.probability))
-            # Which that property has set: two hypotheses that nearly coincide would be mottled.
+            # Setting the opacity turns this on, which makes hypotheses that nearly coincide look mottled.
             meshcat.SetProperty(f"{at}/<object>", "material.depthWrite", False)
     arrows = [] if best is None else free_arrows(model, best)
     for row in range(MOST_FREE):
@@ -114,14 +113,14 @@ def move_hypotheses(
 def place(
     meshcat: Meshcat | RemoteMeshcat, path: str, X_Parent: RigidTransform | None, time: float | None = None
 ) -> None:
-    """Shows what is at the path at a pose in its parent's frame; None hides it."""
+    """Shows the object at a path with a pose in its parent's frame; None hides it."""
     meshcat.SetProperty(path, "visible", X_Parent is not None, time)
     if X_Parent is not None:
         meshcat.SetTransform(path, X_Parent, time)
 
 
 def opacity_of(probability: float) -> float:
-    """Of a hypothesis beside the best."""
+    """Opacity of a hypothesis beside the best."""
     return _LEAST_OPACITY + (_MOST_OPACITY - _LEAST_OPACITY) * probability
 
 
@@ -136,7 +135,7 @@ def _move_ellipsoids(
 
 
 def _set_smooth(meshcat: Meshcat | RemoteMeshcat, path: str, mesh: Mesh, colour: Colour, opacity: float) -> None:
-    """A triangle mesh that is shaded smoothly; a translucent one never covers what is opaque."""
+    """Adds a smoothly shaded triangle mesh; a translucent one never covers opaque objects."""
     vertices, faces = mesh
     meshcat.SetTriangleMesh(path, np.asfortranarray(vertices.T), np.asfortranarray(faces.T), Rgba(*colour, opacity))
     material: dict[str, bool | float] = {"flatShading": False, "needsUpdate": True}

@@ -1,4 +1,4 @@
-"""How an estimate shows itself: as a page in a browser or a notebook, and as a small table with a picture."""
+"""The display of an estimate: as a page in a browser or a notebook, and as a small table with a picture."""
 
 import base64
 import dataclasses
@@ -25,7 +25,7 @@ _FRAME = '<iframe srcdoc="{page}" width="100%" height="620" style="border:1px so
 
 
 def show(estimate: PoseEstimate) -> Path | None:
-    """Shows an estimate's page below a notebook's cell, or else in the web browser, and tells the file in that case."""
+    """Shows an estimate's page below a notebook's cell (returns None), or in the web browser (returns its file)."""
     scene = _page_scene(estimate)
     page = page_of(scene, estimate)
     if "ipykernel" in sys.modules:
@@ -40,7 +40,7 @@ def show(estimate: PoseEstimate) -> Path | None:
 
 
 def open_page(path: Path) -> None:
-    """Opens a page in the web browser where there is a display."""
+    """Opens a page in the web browser if there is a display."""
     if sys.platform in ("darwin", "win32") or any(name in os.environ for name in ("DISPLAY", "WAYLAND_DISPLAY")):
         webbrowser.open(path.absolute().as_uri())
 
@@ -49,7 +49,7 @@ def save_estimate(path: Path, estimate: PoseEstimate) -> None:
     """Writes an estimate's page.
 
     Raises:
-        InvalidInputError: if the estimate does not know what it was made from.
+        InvalidInputError: if the estimate does not hold the inputs it was made from.
         InvalidFileError: if the file cannot be written.
     """
     scene = _page_scene(estimate)
@@ -61,7 +61,7 @@ def _about_middle(hypothesis: PoseHypothesis, question: Question | None) -> Pose
 
 
 def notebook_html(estimate: PoseEstimate) -> str:
-    """A small table of an estimate, with a picture where it knows what it was made from."""
+    """A small table of an estimate, with a picture if the estimate holds the inputs it was made from."""
     question = estimate.question
     lines = [
         f"<b>{estimate.status.replace('_', ' ')}</b>: {meaning(estimate)}.",
@@ -70,7 +70,7 @@ def notebook_html(estimate: PoseEstimate) -> str:
         "<th>\u00b1 deg</th></tr>",
     ]
     for hypothesis in estimate.hypotheses[:_MOST_ROWS]:
-        # Without the object's size, how turns compare with slides is not known: a decimetre stands in for it.
+        # Rotations are compared with translations by the object's size; if it is not known, 0.1 m is used.
         size = 0.1 if question is None else question.model.size
         cells = (
             f"{hypothesis.probability:.1%}",
@@ -90,7 +90,7 @@ def notebook_html(estimate: PoseEstimate) -> str:
 
 
 def _page_scene(estimate: PoseEstimate) -> Scene:
-    """With the friction cones, where the estimate reckons with friction; a switch shows them."""
+    """The scene, with friction cones if the estimate assumes a coefficient of friction; a switch shows them."""
     scene = scene_of(estimate)
     assert estimate.question is not None
     return dataclasses.replace(scene, friction=estimate.question.evidence.friction)

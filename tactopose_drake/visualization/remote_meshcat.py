@@ -1,4 +1,4 @@
-"""A meshcat-server that runs already, drawn into as into Drake's own Meshcat, which can only serve by itself."""
+"""A client of a running meshcat-server with Drake's Meshcat methods; Drake's Meshcat can only be a server itself."""
 
 import importlib
 import warnings
@@ -15,21 +15,21 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
-_ANSWER_TIME = 2000  # ms in which a server answers
+_ANSWER_TIME = 2000  # timeout of an answer, ms
 
 
 class RemoteMeshcat:
-    """The methods of Drake's Meshcat that draw, for a server of the PyPI package `meshcat`.
+    """The drawing methods of Drake's Meshcat, for a server of the PyPI package `meshcat`.
 
-    What is drawn goes to the browsers that look at that server. Its camera and background stay its owner's. A context
-    manager: at its end it hangs up.
+    All browsers connected to that server show the drawing. Its camera and background are not changed. It is a context
+    manager, which disconnects at its end.
     """
 
     def __init__(self, url: str) -> None:
-        """Connects.
+        """Connects to a server.
 
         Args:
-            url: of the server's ZeroMQ socket, such as tcp://127.0.0.1:6000; `meshcat-server` prints it.
+            url: URL of the server's ZeroMQ socket, such as tcp://127.0.0.1:6000; `meshcat-server` prints it.
 
         Raises:
             InvalidInputError: if the URL is invalid, or no meshcat-server answers there.
@@ -45,11 +45,11 @@ class RemoteMeshcat:
         self._line.close()
 
     def web_url(self) -> str:
-        """Where a browser looks."""
+        """The URL for a web browser."""
         return self._line.web_url
 
     def Delete(self, path: str) -> None:
-        """Deletes what is at the path and below."""
+        """Deletes the path and all below it."""
         self._at(path).delete()
 
     def SetObject(self, path: str, shape: Shape, rgba: Rgba) -> None:
@@ -58,7 +58,7 @@ class RemoteMeshcat:
         self.SetTriangleMesh(path, mesh.vertices.T, mesh.faces.T, rgba)
 
     def SetTriangleMesh(self, path: str, vertices: FloatArray, faces: np.ndarray[Any, Any], rgba: Rgba) -> None:
-        """Draws triangles, vertices (3, v) in m and faces (3, f)."""
+        """Draws a triangle mesh of vertices (3, v), m, and faces (3, f)."""
         channels = [round(255 * channel) for channel in (rgba.r(), rgba.g(), rgba.b())]
         geometry = self._client.geometry
         material = geometry.MeshPhongMaterial(
@@ -70,11 +70,11 @@ class RemoteMeshcat:
         self._at(path).set_object(geometry.TriangularMeshGeometry(vertices.T, faces.T), material)
 
     def SetTransform(self, path: str, X_ParentPath: RigidTransform, time_in_recording: float | None = None) -> None:
-        """Places what is at the path; there is no recording, so the time does not matter."""
+        """Sets the pose of the path in its parent's frame; the time is ignored, because there is no recording."""
         self._at(path).set_transform(X_ParentPath.GetAsMatrix4())
 
     def SetProperty(self, path: str, name: str, value: Any, time_in_recording: float | None = None) -> None:
-        """Sets a property of the path; there is no recording, so the time does not matter."""
+        """Sets a property of the path; the time is ignored, because there is no recording."""
         self._at(path).set_property(name, value)
 
     def _at(self, path: str) -> Any:
@@ -82,14 +82,14 @@ class RemoteMeshcat:
 
 
 def _client() -> ModuleType:
-    """The package `meshcat`; its import takes IPython with it, half a second, and warns of what it relies on."""
+    """The package `meshcat`, imported on demand: it imports IPython, which takes half a second, and gives warnings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         return importlib.import_module("meshcat")
 
 
 class _Line:
-    """The way to a server, in place of the client's own, which would wait for an answer for ever."""
+    """The connection to a server; the one of the package `meshcat` would wait for an answer forever."""
 
     def __init__(self, url: str) -> None:
         self._url = url
@@ -113,7 +113,7 @@ class _Line:
         self._ask(data["type"].encode(), data["path"].encode(), umsgpack.packb(data))
 
     def close(self) -> None:
-        """Hangs up."""
+        """Disconnects."""
         self._socket.close()
 
     def _ask(self, *frames: bytes) -> bytes:
@@ -124,7 +124,7 @@ class _Line:
 
 
 def _mesh(shape: Shape) -> trimesh.Trimesh:
-    """A shape as triangles, in the frame that Drake has it in."""
+    """A shape as triangles, in the frame in which Drake defines it."""
     mesh: trimesh.Trimesh
     if isinstance(shape, Sphere):
         mesh = trimesh.creation.icosphere(subdivisions=2, radius=shape.radius())
@@ -134,7 +134,7 @@ def _mesh(shape: Shape) -> trimesh.Trimesh:
         mesh = trimesh.creation.box(shape.size())
     elif isinstance(shape, MeshcatCone):
         mesh = trimesh.creation.cone(radius=1.0, height=1.0, sections=24)
-        # Drake's stands on its tip: two turned axes keep the outside outside.
+        # Drake's cone stands on its tip: flipping two axes keeps the faces outward.
         mesh.vertices = (mesh.vertices - [0.0, 0.0, 1.0]) * [shape.a(), -shape.b(), -shape.height()]
     else:
         raise InvalidInputError(

@@ -1,4 +1,4 @@
-"""What a picture of an estimate shows, all in the palm frame."""
+"""The content of a drawing of an estimate, in the palm frame."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ from tactopose_drake.visualization.body_meshes import Triangles, sphere_triangle
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ShownHypothesis:
-    """One pose of the object as it is drawn.
+    """One pose of the object, as it is drawn.
 
     Attributes:
         X_PO: the pose.
-        probability: its weight among all hypotheses, 0 to 1.
-        covariance: (6, 6) of the increment, as `PoseHypothesis.covariance`; None where it is not to be drawn.
+        probability: its probability among all hypotheses, 0 to 1.
+        covariance: (6, 6) of the increment, as `PoseHypothesis.covariance`; None to draw no uncertainty.
         free_directions: increments that the touch does not determine, unit rows (f, 6).
-        inlier_probability: that each contact, then each patch, is one of the object, shape (k,); None where nothing is
-            said of them.
+        inlier_probability: probability that each contact, then each patch, is on the object, shape (k,); None if
+            unknown.
     """
 
     X_PO: RigidTransform
@@ -52,7 +52,7 @@ class ShownHypothesis:
 
     @classmethod
     def of(cls, hypothesis: PoseHypothesis) -> Self:
-        """All of what a hypothesis says that can be drawn."""
+        """The drawable parts of a hypothesis."""
         return cls(
             hypothesis.X_PO,
             hypothesis.probability,
@@ -64,19 +64,19 @@ class ShownHypothesis:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Scene:
-    """An object, a touch, and where each source puts the object.
+    """An object, contacts, and the object's estimated, prior and true poses.
 
     Attributes:
         model: the object.
-        contacts: the touch, in the palm frame P.
-        patches: of it, what tactile pads feel; their pressed cells are drawn.
-        touched_by: names of the fingers and pads that feel the contacts, one for each; empty where they are not known.
-        hypotheses: where the touch puts the object, the most probable first; empty where it was not asked.
-        prior: pose X_PO that was known before the touch, if any.
-        truth: true pose X_PO, if it is known.
-        hand: the hand's surface in P, if it is known.
+        contacts: the contacts, in the palm frame P; those of the patches come last.
+        patches: patches of tactile pads; their pressed cells are drawn.
+        touched_by: for each contact, the name of the finger or pad that feels it; empty if unknown.
+        hypotheses: the estimated poses, the most probable first; empty if there is no estimate.
+        prior: prior pose X_PO, if any.
+        truth: true pose X_PO, if known.
+        hand: the hand's surface in P, if known.
         up_P: direction in P that is up in pictures, shape (3,).
-        friction: coefficient of the friction cones at the contacts; none are drawn without.
+        friction: coefficient of friction of the cones at the contacts; None to draw no cones.
         frames: whether the frames of palm and object are drawn.
     """
 
@@ -94,22 +94,22 @@ class Scene:
 
     @property
     def estimate(self) -> RigidTransform | None:
-        """The pose X_PO that the touch gives, if any."""
+        """The most probable pose X_PO, if there is an estimate."""
         return self.hypotheses[0].X_PO if self.hypotheses else None
 
     @property
     def alternatives(self) -> tuple[ShownHypothesis, ...]:
-        """The hypotheses beside the best that are worth drawing."""
+        """The hypotheses beside the best that are drawn."""
         return worth_drawing(self.hypotheses)[1:]
 
     @property
     def is_false(self) -> NDArray[np.bool_]:
-        """Which contacts are probably none of the object by the most probable hypothesis, shape (k,)."""
+        """Which contacts are probably not on the object, by the most probable hypothesis, shape (k,)."""
         return false_contacts(self.hypotheses, len(self.contacts), self.patches)
 
     @property
     def looks(self) -> list[Look]:
-        """What can be seen in the scene, for its legend."""
+        """The parts of the scene that are visible, for its legend."""
         best = self.hypotheses[0] if self.hypotheses else None
         contacts, is_false = self.contacts, self.is_false
         has_normals = bool(tell_normals(contacts).any())
@@ -134,15 +134,15 @@ class Scene:
 
 
 def scene_of(estimate: PoseEstimate) -> Scene:
-    """The scene of an estimate and of what it was made from.
+    """The scene of an estimate and the inputs it was made from.
 
     Raises:
-        InvalidInputError: if the estimate does not know that.
+        InvalidInputError: if the estimate does not hold its inputs.
     """
     if estimate.question is None:
         raise InvalidInputError(
-            "estimate: does not know what it was made from, since it is not `estimate_pose` that has made it here; "
-            "allowed is an estimate of `estimate_pose` of this process, or a `visualization.Scene`."
+            "estimate: does not hold the inputs it was made from; allowed are an estimate that `estimate_pose` has made "
+            "in this process, and a `visualization.Scene`."
         )
     evidence = estimate.question.evidence
     prior, hand, patches = evidence.prior, evidence.hand, tuple(evidence.patches)
@@ -158,7 +158,7 @@ def scene_of(estimate: PoseEstimate) -> Scene:
 
 
 def worth_drawing(hypotheses: Sequence[ShownHypothesis]) -> tuple[ShownHypothesis, ...]:
-    """The first of hypotheses by falling probability, and those beside it that are not too improbable."""
+    """The first hypothesis, and the next ones that are probable enough; given in order of falling probability."""
     others = hypotheses[1 : 1 + MOST_ALTERNATIVES]
     return (*hypotheses[:1], *(other for other in others if other.probability >= LEAST_ALTERNATIVE))
 
@@ -166,10 +166,10 @@ def worth_drawing(hypotheses: Sequence[ShownHypothesis]) -> tuple[ShownHypothesi
 def false_contacts(
     hypotheses: tuple[ShownHypothesis, ...], count: int, patches: Sequence[Patch] = ()
 ) -> NDArray[np.bool_]:
-    """Which of so many contacts are probably none of the object by the first hypothesis, shape (k,).
+    """Which of `count` contacts are probably not on the object, by the first hypothesis, shape (count,).
 
-    The last of them may be the patches that are felt, as `touch_of` has them; of all patches the hypothesis speaks. One
-    of an earlier touch, of fewer contacts, says nothing of them.
+    The last contacts may be those of the pressed patches, as by `touch_of`; the hypothesis's inlier probabilities end
+    with those of all patches. A hypothesis of an earlier touch with fewer contacts marks none as false.
     """
     inlier = hypotheses[0].inlier_probability if hypotheses else None
     if inlier is not None and len(inlier) >= len(patches):
@@ -181,7 +181,7 @@ def false_contacts(
 
 
 def touch_of(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:
-    """The contacts and, after them, the middles of the patches that are felt; these have no arrows of force."""
+    """The contacts, followed by the centroids of the pressed patches, which have no force arrows."""
     felt = [patch for patch in patches if patch.is_felt]
     if not felt:
         return contacts
@@ -194,7 +194,7 @@ def touch_of(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:
 
 
 def arrow_lengths(contacts: Contacts) -> FloatArray:
-    """Lengths of the force arrows, shape (k,), m: in proportion to the forces; zeros without."""
+    """Lengths of the force arrows, shape (k,), m, in proportion to the forces; zeros without forces."""
     if contacts.f_PC is None or not len(contacts):
         return np.zeros(len(contacts))
     forces = np.linalg.norm(contacts.f_PC, axis=1)

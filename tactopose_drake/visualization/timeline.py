@@ -1,4 +1,4 @@
-"""The time of a recording on a page: its status as a strip, and curves on the same axis."""
+"""The timeline of a recording on a page: a strip of its status, and plots on the same time axis."""
 
 import dataclasses
 import html
@@ -9,7 +9,7 @@ import numpy as np
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.visualization.page_tables import Instant, said_html, state_name, state_text, table_html
 
-# Of states by their first word; colours that are told apart without red and green, and each piece says its name.
+# Colours of statuses by their first word, distinguishable with red-green colour blindness; the names are shown, too.
 _STATES = {
     "ok": "#2f8fd0",
     "ambiguous": "#e8b23a",
@@ -19,18 +19,18 @@ _STATES = {
     "no solution": "#9b2226",
 }
 _OTHER_STATE = "#9aa3ad"
-# Okabe and Ito's, but for those too light for a white ground.
+# The colours of Okabe and Ito, without those that are too light on white.
 _LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#7a7a7a")
-_HEIGHT, _KEY_HEIGHT = 100, 18  # px, without plots, and of the names of a plot's curves
-_MOST_TICKS = 8  # of the axis of time
+_HEIGHT, _KEY_HEIGHT = 100, 18  # height of the timeline without plots, and of a plot's legend, px
+_MOST_TICKS = 8  # on the time axis
 
 
 class Curve(NamedTuple):
     """A line of a plot.
 
     Attributes:
-        name: what it is of.
-        values: one for each of the timeline's times, shape (n,); NaN where there is none.
+        name: its name.
+        values: one value for each time of the timeline, shape (n,); NaN for a missing one.
     """
 
     name: str
@@ -41,8 +41,8 @@ class Plot(NamedTuple):
     """Curves over time.
 
     Attributes:
-        title: what they are.
-        unit: theirs.
+        title: the plot's title.
+        unit: unit of the values.
         curves: the lines.
     """
 
@@ -53,13 +53,13 @@ class Plot(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Timeline:
-    """What happened over a recording.
+    """The status, plots and sentences of a recording over time.
 
     Attributes:
-        times: rising, shape (n,), s.
-        states: what was said at each; its first word decides the colour.
-        plots: curves on the same axis.
-        said: what the page says at each; empty where it says the same throughout.
+        times: increasing times, shape (n,), s.
+        states: the status at each time; its first word determines the colour.
+        plots: plots on the same time axis.
+        said: the page's sentences and tables at each time; empty if they do not change.
     """
 
     times: FloatArray
@@ -73,13 +73,13 @@ class Timeline:
         return float(self.times[-1])
 
     def pieces(self) -> list[tuple[float, float, str]]:
-        """Spans of equal state: from, to, s, and what was said at their beginning."""
+        """Intervals of constant status: start, end, s, and the status."""
         starts = [0] + [row for row in range(1, len(self.states)) if self.states[row] != self.states[row - 1]]
         ends = [*(float(self.times[row]) for row in starts[1:]), self.end]
         return [(float(self.times[row]), end, self.states[row]) for row, end in zip(starts, ends, strict=True)]
 
     def data(self) -> dict[str, Any]:
-        """What the page's script needs."""
+        """The data for the page's script."""
         return {
             "end": self.end,
             "strip": [{"from": start, "text": state_text(text)} for start, _, text in self.pieces()],
@@ -90,7 +90,7 @@ class Timeline:
         }
 
     def css(self) -> str:
-        """How high it is."""
+        """The style rule with the timeline's height."""
         keys = sum(len(plot.curves) > 1 for plot in self.plots)
         return f":root {{ --foot: calc({_HEIGHT + keys * _KEY_HEIGHT}px + {len(self.plots)} * var(--plot)); }}"
 
@@ -122,7 +122,7 @@ def timeline_html(timeline: Timeline) -> str:
 
 
 def _parts(said: Instant, time: float) -> dict[str, str]:
-    """What an instant changes of the page, by the ends of its elements' ids."""
+    """The contents of the page's elements at an instant, by their ids without the prefix."""
     return {
         "said": said_html(said, f"At {time:.2f} s"),
         "hypotheses": table_html(said.hypotheses),
@@ -131,7 +131,7 @@ def _parts(said: Instant, time: float) -> dict[str, str]:
 
 
 def _time_axis(end: float) -> str:
-    """Round numbers along the axis of time."""
+    """Ticks at round numbers along the time axis."""
     rough = end / _MOST_TICKS
     decade = 10.0 ** np.floor(np.log10(rough))
     step = next(times * decade for times in (1.0, 2.0, 5.0, 10.0) if times * decade >= rough)
@@ -140,7 +140,7 @@ def _time_axis(end: float) -> str:
 
 
 def state_colour(text: str) -> str:
-    """Of a state."""
+    """Colour of a status."""
     return _STATES.get(_word(text), _OTHER_STATE)
 
 
@@ -172,7 +172,7 @@ def _plot(plot: Plot, times: FloatArray) -> str:
 
 
 def _finite_runs(values: FloatArray) -> list[list[int]]:
-    """Rows of values that are known one after the other."""
+    """Runs of consecutive rows with finite values."""
     runs: list[list[int]] = [[]]
     for row, value in enumerate(values):
         if np.isfinite(value):

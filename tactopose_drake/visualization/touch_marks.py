@@ -1,6 +1,6 @@
-"""Contacts in Meshcat: points, normals, friction cones and forces; those that are none of the object crossed out.
+"""Contacts in Meshcat: points, normals, friction cones and forces; false contacts are crossed out.
 
-The parts are made once and then only moved, shown and stretched, because that is what Meshcat records.
+The parts are made once and then only moved, shown and scaled, because Meshcat records only such changes.
 """
 
 import numpy as np
@@ -17,10 +17,10 @@ from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
 from tactopose_drake.visualization.scene import arrow_lengths
 
 CONE_LENGTH = 0.018
-"""Of a friction cone, m."""
+"""Length of a friction cone, m."""
 
 _CONTACT_RADIUS = 0.003
-_HIDDEN_OPACITY = 0.3  # of a contact behind something
+_HIDDEN_OPACITY = 0.3  # of a contact behind a surface
 _ARROW_RADIUS = 0.0012
 _HEAD_RADIUS, _HEAD_LENGTH = 0.0036, 0.009
 _NORMAL_RADIUS, _NORMAL_LENGTH = 0.0006, 0.02
@@ -33,10 +33,10 @@ def add_touch(meshcat: Meshcat | RemoteMeshcat, path: str, count: int, *, fricti
     """Adds the parts that show contacts, hidden until `move_touch` places them.
 
     Args:
-        meshcat: receives them.
-        path: where.
-        count: of contacts that can be shown at once.
-        friction: coefficient of the cones in which the contact forces must lie; no cones without.
+        meshcat: the display.
+        path: path of the parts.
+        count: number of contacts that can be shown at once.
+        friction: coefficient of friction of the cones at the contacts; None to add no cones.
     """
     meshcat.Delete(path)
     for row in range(count):
@@ -67,12 +67,12 @@ def move_touch(
     The arrows are the forces on the fingers; they and the normals point out of the object.
 
     Args:
-        meshcat: holds the parts.
-        path: where.
-        contacts: in the frame of the path's parent; what is beyond `count` is not shown.
-        count: of contacts that `add_touch` has made.
-        time: of the recording, s, if there is one.
-        is_false: which contacts are probably none of the object, shape (k,); none of them by default.
+        meshcat: the display.
+        path: path of the parts.
+        contacts: in the frame of the path's parent; those beyond `count` are not shown.
+        count: number of contacts for which `add_touch` has added parts.
+        time: time in the recording, s, if there is one.
+        is_false: which contacts are probably not on the object, shape (k,); by default, all are.
     """
     lengths, has_normal = arrow_lengths(contacts), tell_normals(contacts)
     for row in range(count):
@@ -92,19 +92,19 @@ def move_touch(
         if contacts.f_PC is not None and has_arrow:
             shaft = float(lengths[row]) - _HEAD_LENGTH
             meshcat.SetTransform(f"{at}/force", along(contacts.f_PC[row]), time)
-            # In this order: where nothing is recorded, a transform takes a scale back.
+            # In this order, because without a recording, setting a transform resets the scale.
             meshcat.SetTransform(f"{at}/force/shaft", RigidTransform([0.0, 0.0, shaft / 2]), time)
             meshcat.SetProperty(f"{at}/force/shaft", "scale", [1.0, 1.0, shaft], time)
             meshcat.SetTransform(f"{at}/force/head", RigidTransform(_FLIPPED, [0.0, 0.0, shaft + _HEAD_LENGTH]), time)
 
 
 def along(direction: FloatArray) -> RigidTransform:
-    """A frame whose z axis is along a direction of any length but zero."""
+    """A pose at the origin whose z axis is along a nonzero direction."""
     return RigidTransform(RotationMatrix.MakeFromOneVector(direction, 2), np.zeros(3))
 
 
 def _add_cross(meshcat: Meshcat | RemoteMeshcat, path: str) -> None:
-    """A grey ball with three bars across it, which look like a cross from every side."""
+    """Adds a grey ball with three bars, which look like a cross from every side."""
     _add_both(meshcat, f"{path}/ball", Sphere(_CONTACT_RADIUS), FALSE_CONTACT)
     for axis in range(3):
         _add_both(meshcat, f"{path}/bar_{axis}", Cylinder(_CROSS_RADIUS, _CROSS_LENGTH), FALSE_CONTACT)
@@ -113,7 +113,7 @@ def _add_cross(meshcat: Meshcat | RemoteMeshcat, path: str) -> None:
 
 
 def _add_both(meshcat: Meshcat | RemoteMeshcat, path: str, shape: Shape, look: Look) -> None:
-    """A shape, and its translucent twin that shines through what hides it."""
+    """Adds a shape, and a translucent copy that stays visible behind other objects."""
     meshcat.SetObject(path, shape, Rgba(*look.colour))
     meshcat.SetObject(f"{path}/through", shape, Rgba(*look.colour, _HIDDEN_OPACITY))
     shine_through(meshcat, f"{path}/through")

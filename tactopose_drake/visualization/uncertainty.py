@@ -1,4 +1,4 @@
-"""What is drawn of how sure a pose is: where points of the object may be, and along what the touch leaves it free."""
+"""The drawn uncertainty of a pose: 95 % regions of points of the object, and directions that the touch leaves free."""
 
 import dataclasses
 from typing import NamedTuple
@@ -18,21 +18,21 @@ from tactopose_drake.visualization.arrow_shapes import SLIDE_TIP, TURN_TIP
 from tactopose_drake.visualization.scene import ShownHypothesis
 
 POINTS = 10
-"""Of the object, at which its uncertainty is drawn."""
+"""Number of points of the object at which its uncertainty is drawn."""
 
-_SIGMAS = 2.796  # of the ellipsoid that holds 95 % of a Gaussian in three dimensions
-_LEAST_RADIUS, _MOST_RADIUS = 1e-5, 0.25  # of an ellipsoid, of the object's size
-_TURN_RADII = 0.012, 0.08  # least and most of a curved arrow, m
-_BEYOND = 0.06  # of the object's size, by which an arrow stands off it
+_SIGMAS = 2.796  # radius, in standard deviations, of the ellipsoid with 95 % of a Gaussian in three dimensions
+_LEAST_RADIUS, _MOST_RADIUS = 1e-5, 0.25  # limits of an ellipsoid's radii, as shares of the object's size
+_TURN_RADII = 0.012, 0.08  # limits of the radius of a curved arrow, m
+_BEYOND = 0.06  # distance of a straight arrow's head from the object, as a share of its size
 
 
 class ConfidenceEllipsoid(NamedTuple):
-    """Where one point of the object is with 95 % probability, as far as the touch determines it.
+    """The 95 % region of one point of the object, in the directions that the touch determines.
 
     Attributes:
         X_OE: the ellipsoid's frame E, at the point; its axes are E's.
-        radii: shape (3,), m, no larger than the limit.
-        is_cut: whether one of them is larger than the limit, at which it is drawn.
+        radii: drawn radii, shape (3,), m, at most `most_radius`.
+        is_cut: whether a radius is larger than that, and drawn smaller.
     """
 
     X_OE: RigidTransform
@@ -44,10 +44,10 @@ class FreeArrow(NamedTuple):
     """A free direction as it is drawn.
 
     Attributes:
-        is_turn: whether it is an arrow around the z axis, or else one to both sides along it.
-        X_PA: the arrow's frame A.
-        scale: the radius of a turn, or the length of a slide, m.
-        name: what moves, in words.
+        is_turn: true for an arrow around the z axis, false for a double-headed one along it.
+        X_PA: pose of the arrow's frame A.
+        scale: the radius of a rotation's arrow, or the length of a translation's, m.
+        name: the label.
     """
 
     is_turn: bool
@@ -57,7 +57,7 @@ class FreeArrow(NamedTuple):
 
     @property
     def p_AT(self) -> FloatArray:
-        """Where its name stands, in A, shape (3,), m."""
+        """Position of its label in A, shape (3,), m."""
         return self.scale * np.array(TURN_TIP if self.is_turn else SLIDE_TIP)
 
     @property
@@ -83,7 +83,7 @@ def shown_points(model: ObjectModel) -> FloatArray:
 
 
 def ellipsoids(model: ObjectModel, hypothesis: ShownHypothesis, p_OQ: FloatArray) -> list[ConfidenceEllipsoid]:
-    """Where points (n, 3) of the object are; none without a covariance."""
+    """The 95 % regions of points (n, 3) of the object, in O; empty without a covariance."""
     if hypothesis.covariance is None:
         return []
     p_ON = model.middle if has_far_origin(model) else np.zeros(3)
@@ -106,12 +106,12 @@ def ellipsoids(model: ObjectModel, hypothesis: ShownHypothesis, p_OQ: FloatArray
 
 
 def most_radius(model: ObjectModel) -> float:
-    """At which ellipsoids are cut off, m: larger ones would hide the object, and each other."""
+    """Maximum drawn radius of ellipsoids, m; larger ones would hide the object and each other."""
     return _MOST_RADIUS * model.size
 
 
 def has_cut_ellipsoids(model: ObjectModel, hypothesis: ShownHypothesis) -> bool:
-    """Whether any of the ellipsoids that are drawn is cut off: what is drawn then looks surer than it is."""
+    """Whether any of the drawn ellipsoids is cut off, so that the pose looks more certain than it is."""
     return any(ellipsoid.is_cut for ellipsoid in ellipsoids(model, hypothesis, shown_points(model)))
 
 
@@ -126,7 +126,7 @@ def free_arrows(model: ObjectModel, hypothesis: ShownHypothesis) -> list[FreeArr
     arrows = []
     for direction in hypothesis.free_directions:
         w_O, v_O = direction[:3], R_PO.T @ direction[3:]
-        # As the names have it: a turn of less than 1 rad per metre is a slide.
+        # As in the names: less than 1 rad per metre is a translation.
         is_turn = bool(np.linalg.norm(w_O) >= np.linalg.norm(v_O))
         X_OA, scale = _turn(model, w_O, v_O) if is_turn else _slide(model, v_O)
         arrows.append(FreeArrow(is_turn, X_PO @ X_OA, scale, direction_name(direction, R_PO)))
@@ -134,7 +134,7 @@ def free_arrows(model: ObjectModel, hypothesis: ShownHypothesis) -> list[FreeArr
 
 
 def _seen_near(model: ObjectModel, hypothesis: ShownHypothesis) -> ShownHypothesis:
-    """The hypothesis of where the object's middle is, if its origin is far away, about which turns move it far."""
+    """The hypothesis about the object's middle if its origin is far away, so that rotations would move it far."""
     if not has_far_origin(model):
         return hypothesis
     covariance = np.eye(6) if hypothesis.covariance is None else hypothesis.covariance
@@ -149,9 +149,9 @@ def _seen_near(model: ObjectModel, hypothesis: ShownHypothesis) -> ShownHypothes
 
 
 def _turn(model: ObjectModel, w_O: FloatArray, v_O: FloatArray) -> tuple[RigidTransform, float]:
-    """Frame and radius of arrows around the axis of a turn, outside of the object at half its height.
+    """Frame and radius of arrows around the axis of a rotation, outside of the object at half its height.
 
-    An axis that does not pass through the object would not be seen beside it: its arrows are around the middle.
+    If the axis is farther from the object's middle than half its size, the arrows are around the middle.
     """
     axis = w_O / np.linalg.norm(w_O)
     on_axis = np.cross(w_O, v_O) / (w_O @ w_O)
@@ -166,7 +166,7 @@ def _turn(model: ObjectModel, w_O: FloatArray, v_O: FloatArray) -> tuple[RigidTr
 
 
 def _slide(model: ObjectModel, v_O: FloatArray) -> tuple[RigidTransform, float]:
-    """Frame and length of an arrow along a slide, through the object's middle."""
+    """Frame and length of an arrow along a translation, through the object's middle."""
     axis = v_O / np.linalg.norm(v_O)
     middle = 0.5 * (model.vertices.min(axis=0) + model.vertices.max(axis=0))
     heights = (model.vertices - middle) @ axis

@@ -1,4 +1,4 @@
-"""From where a scene is best seen."""
+"""The viewpoint of a scene."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,16 +9,16 @@ from tactopose_drake.core.vision.rasterizer import Camera, DrawnSurface, render
 from tactopose_drake.visualization.scene import Scene, arrow_lengths
 from tactopose_drake.visualization.uncertainty import ellipsoids, free_arrows, shown_points
 
-# Of a hypothesis beside the best.
+# Minimum probability of a hypothesis beside the best that the view must hold.
 _LEAST_FRAMED = 0.1
-# The hand is of interest this far from the object, m.
+# The view holds the hand up to this distance from the object, m.
 _SURROUNDINGS = 0.05
-# Azimuths and elevations among which the view is chosen.
+# Candidate azimuths and elevations of the view.
 _AZIMUTHS = np.radians(np.arange(0.0, 360.0, 30.0))
 _ELEVATIONS = np.radians([15.0, 38.0])
-_SIZE = (84, 74)  # of the small images that the views are judged by, pixels
-_CONTACT_WEIGHT = 0.6  # of all contacts seen, against the object seen at its largest
-_STANDS_OFF = 0.005  # a contact is seen where a point so far out of the object is, m
+_SIZE = (84, 74)  # of the small images by which views are compared, pixels
+_CONTACT_WEIGHT = 0.6  # of the share of visible contacts, against the object's relative visible area
+_STANDS_OFF = 0.005  # a contact is visible if a point this far along its normal is, m
 
 
 def points_of_interest(scene: Scene) -> FloatArray:
@@ -37,7 +37,7 @@ def points_of_interest(scene: Scene) -> FloatArray:
 
 
 def choose_view(scene: Scene) -> FloatArray:
-    """Of a ring of directions from the scene to the camera, the one that shows most of object and contacts, (3,)."""
+    """The direction to the camera, of several candidates, that shows most of the object and its contacts, (3,)."""
     points = points_of_interest(scene)
     up = scene.up_P / np.linalg.norm(scene.up_P)
     side, ahead = axes_across(up)
@@ -55,7 +55,7 @@ def choose_view(scene: Scene) -> FloatArray:
 
 
 def _seen(scene: Scene, camera: Camera) -> tuple[float, float]:
-    """The area that the object shows past the hand, m^2, and the share of contacts that neither of them hides."""
+    """The object's visible area, m^2, and the share of contacts that neither object nor hand hides."""
     nearest: NDArray[np.floating] = np.zeros((camera.height, camera.width))
     pose = scene.estimate or scene.prior or scene.truth
     if pose is not None:
@@ -65,7 +65,7 @@ def _seen(scene: Scene, camera: Camera) -> tuple[float, float]:
         shown, nearest = nearest > hand, np.maximum(nearest, hand)
     else:
         shown = nearest > 0.0
-    # A pixel covers more where what it shows is farther away.
+    # A pixel covers a larger area at a larger distance.
     area = float(np.sum(1.0 / nearest[shown] ** 2)) / camera.focal_length**2
     contacts = scene.contacts
     if contacts.n_PC is None or not len(contacts):
@@ -91,7 +91,7 @@ def _arrow_tips(scene: Scene) -> FloatArray:
 
 
 def _region_ends(scene: Scene) -> list[FloatArray]:
-    """The ends of the axes of each 95 % region of the best hypothesis, in P, shape (6, 3), m."""
+    """The ends of the axes of each 95 % region of the best hypothesis, in P, each (6, 3), m."""
     if not scene.hypotheses:
         return []
     best = scene.hypotheses[0]

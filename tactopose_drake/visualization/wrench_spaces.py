@@ -1,4 +1,4 @@
-"""Grasp quality in Meshcat: the wrench space's projections, and where a finger should move."""
+"""Grasp quality in Meshcat: projections of the wrench space, and where another contact would improve the grasp."""
 
 from typing import Literal
 
@@ -17,22 +17,22 @@ FORCE_RGBA, TORQUE_RGBA = Rgba(0.13, 0.62, 0.24, 0.45), Rgba(0.85, 0.16, 0.12, 0
 _WIRE_WIDTH = 1.0
 _MARK_RADIUS = 0.0009
 _MARK_RGBA = Rgba(0.05, 0.05, 0.05, 1.0)
-# Red, as good as it is, blue. [B16] figure 6.3
+# Red for worse, near white for equal, blue for better. [B16] figure 6.3
 _COLOURS = np.array([[0.80, 0.09, 0.10], [0.93, 0.92, 0.90], [0.10, 0.25, 0.80]])
-# Samples that a vertex takes its colour from.
+# Number of samples from which a vertex's colour is interpolated.
 _NEIGHBOURS = 4
 
 
 def draw_wrench_space(meshcat: Meshcat, path: str, space: WrenchSpace, *, scale: float = 0.1) -> None:
     """Draws the forces (green) and torques (red) that a grasp can exert, as two hulls about the path's origin.
 
-    Those of contacts that span no volume are left out.
+    A hull without volume is not drawn.
 
     Args:
-        meshcat: receives them.
-        path: where; `path/forces` and `path/torques` are made.
-        space: of the grasp.
-        scale: length of 1 N, m; torques are over the wrench space's length.
+        meshcat: the display.
+        path: parent path; `path/forces` and `path/torques` are added.
+        space: the wrench space of the grasp.
+        scale: drawn length of 1 N, m; torques are divided by the wrench space's length.
     """
     parts: tuple[tuple[Literal["force", "torque"], str, Rgba], ...] = (
         ("force", "forces", FORCE_RGBA),
@@ -53,14 +53,14 @@ def draw_wrench_space(meshcat: Meshcat, path: str, space: WrenchSpace, *, scale:
 def draw_improvement(
     meshcat: Meshcat, path: str, model: ObjectModel, found: ImprovementMap, reachable: NDArray[np.bool_] | None = None
 ) -> None:
-    """Draws an object in its frame O, from red, where a finger would spoil the grasp, to blue, where it improves it.
+    """Draws an object in its frame O, red where a finger would make the grasp worse, and blue where better.
 
     Args:
-        meshcat: receives it.
-        path: where.
+        meshcat: the display.
+        path: path of the object.
         model: the object.
-        found: the quality at points of its surface.
-        reachable: which of these the finger reaches, shape (n,); they are marked with dots.
+        found: the quality for a contact at points of its surface.
+        reachable: which of these points the finger reaches, shape (n,); they are marked with dots.
     """
     meshcat.Delete(path)
     meshcat.SetTriangleColorMesh(
@@ -76,7 +76,7 @@ def draw_improvement(
 
 
 def vertex_levels(model: ObjectModel, found: ImprovementMap) -> FloatArray:
-    """The map's levels at the mesh's vertices, shape (v,), from the points nearest on the same side of the surface."""
+    """The map's levels at the mesh's vertices, shape (v,), from the nearest points on the same side of the surface."""
     tree = cKDTree(_place(model, found.p_OQ, found.n_OQ))
     count = min(_NEIGHBOURS, len(found.p_OQ))
     _, normals = model.grid.distance_and_normal(model.vertices)
@@ -92,11 +92,11 @@ def level_colours(level: FloatArray) -> FloatArray:
 
 
 def _linear(colours: FloatArray) -> FloatArray:
-    """Amounts of light, as Meshcat takes vertices' colours to be, of sRGB's, as pictures have them."""
+    """Converts sRGB colours to linear ones, which Meshcat expects of vertices."""
     light: FloatArray = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
     return light
 
 
 def _place(model: ObjectModel, points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Where points are near each other if they are on one side of a wall, shape (n, 6)."""
+    """Coordinates (n, 6) in which points with opposite normals, as on the two sides of a wall, are far apart."""
     return np.concatenate([points, 0.1 * model.size * normals], axis=1)

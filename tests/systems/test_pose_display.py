@@ -264,7 +264,7 @@ def test_a_bad_parameter_is_named(name: str, value: float) -> None:
 
 
 def test_what_is_no_display_and_no_object_is_refused_at_once(model: ObjectModel) -> None:
-    with pytest.raises(InvalidInputError, match=r"^meshcat: is a NoneType; allowed are a Meshcat, such as of"):
+    with pytest.raises(InvalidInputError, match=r"^meshcat: is a NoneType; allowed are a Meshcat, such as from"):
         PoseDisplay(None, model)
     with pytest.raises(InvalidInputError, match=r"^model: is a str; allowed is an ObjectModel"):
         PoseDisplay(RecordingMeshcat(), "bust")
