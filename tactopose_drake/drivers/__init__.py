@@ -1,6 +1,6 @@
-"""Sensors on CAN buses, with python-can: drivers, simulated devices with the same protocols, recording, replay.
+"""Sensors on CAN buses, with python-can: drivers, simulated devices with the same protocols, recording and replay.
 
-And what other processes say and hear over LCM and ROS 2: the messages, and who receives them.
+Also messages to and from other processes over LCM and ROS 2.
 """
 
 import lazy_loader

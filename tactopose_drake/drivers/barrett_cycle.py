@@ -1,4 +1,4 @@
-"""One round of questions to Barrett's BH8-280 hand, and the sample that its answers make."""
+"""One polling round of Barrett's BH8-280 hand: its replies make one sample."""
 
 import collections
 import dataclasses
@@ -17,23 +17,24 @@ from tactopose_drake.errors import ProtocolError
 
 FINGERS = (Puck.F1, Puck.F2, Puck.F3)
 ARRAYS = ("F1", "F2", "F3", "palm")  # the tactile arrays, in the order of their pucks
-# A position without the joint's encoder may be one that was cut off: it is believed when so many came, and no other.
+# A position without the joint's encoder may be a truncated frame. It is accepted from the third one on, if the puck has
+# never sent the encoder's counts.
 _BELIEVED = 3
-Answer = tuple[Puck, str]  # a puck, and what it has been asked for: "position", "torque" or "pressures"
+Answer = tuple[Puck, str]  # a puck, and the requested quantity: "position", "torque" or "pressures"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HandSample:
-    """What the hand said in one round. NaN where it said nothing, or nothing that can be.
+    """The measurements of one polling round. Missing and invalid values are NaN.
 
     Attributes:
-        time: when the last frame of the round came, s since the epoch.
-        joint_positions: in the order of `barrett_joints.JOINTS`, shape (7,), rad; counted from where the hand was
-            initialised, or else switched on. NaN from a restart on, until the joint is initialised.
-        pressures: of the 24 cells of each array, in the order of `ARRAYS`, shape (4, 24), Pa. A short reading gives the
+        time: arrival of the round's last frame, s since the epoch.
+        joint_positions: in the order of `barrett_joints.JOINTS`, shape (7,), rad; relative to the position at which the
+            hand was initialized, or else switched on. NaN after a restart, until the joint is initialized.
+        pressures: of the 24 cells of each array, in the order of `ARRAYS`, shape (4, 24), Pa. A short reading has the
             ten highest cells, and NaN for the others.
         fingertip_torques: about the outer joints of F1 to F3, shape (3,), N m.
-        status: "ok"; or what is missing, wrong or saturated, separated by "; ".
+        status: "ok"; or the missing, invalid and saturated values, separated by "; ".
     """
 
     time: float
@@ -44,10 +45,10 @@ class HandSample:
 
 
 class EncoderState:
-    """What is known of the encoders: which fingers have one at the inner link, by their answers, and which restarted.
+    """The state of the encoders: which fingers have one at the inner link, by their replies, and which pucks restarted.
 
     Attributes:
-        restarted: pucks that have forgotten where their joints were initialized.
+        restarted: pucks that have restarted, and whose positions have no known zero until the joint is initialized.
     """
 
     def __init__(self) -> None:
@@ -56,10 +57,11 @@ class EncoderState:
         self._without: collections.Counter[Puck] = collections.Counter()
 
     def check(self, puck: Puck, joint: int | None) -> None:
-        """Takes note of an answer.
+        """Takes a puck's position reply; `joint` is the counts of the inner link's encoder, if the reply has them.
 
         Raises:
-            ProtocolError: if it counts from elsewhere, or lacks what a finger has, or may have.
+            ProtocolError: if the zero of the position is unknown, or the reply lacks an encoder that the finger has, or
+                may have.
         """
         if puck in self.restarted:
             raise ProtocolError("position: counts from where the puck restarted, until the joint is initialized.")
@@ -79,7 +81,7 @@ class HandCycle:
     """Collects the answers of one round.
 
     Attributes:
-        missing: expected answers that are still to come; those that are wrong count as come.
+        missing: expected answers that have not arrived; invalid ones count as arrived.
     """
 
     def __init__(
@@ -92,10 +94,10 @@ class HandCycle:
         """Begins a round.
 
         Args:
-            expected: answers that a sample without remarks has.
-            awaited: those of them without which the round is not complete.
-            strain_polynomials: of the gauges of F1 to F3.
-            joint_encoders: what is known of them; the answers add to it.
+            expected: all answers of a complete sample.
+            awaited: the expected answers that the round waits for.
+            strain_polynomials: calibration of the strain gauges of F1 to F3.
+            joint_encoders: state of the encoders, which the answers update.
         """
         self.missing = set(expected)
         self._awaited = set(awaited)
@@ -103,14 +105,14 @@ class HandCycle:
         self._time = 0.0
         self._positions = np.full(len(joints.JOINTS), np.nan)
         self._pressures = np.full((len(ARRAYS), tactile.CELLS), np.nan)
-        self._highest = np.full(len(ARRAYS), np.inf)  # pressure that an array's reading can tell
+        self._highest = np.full(len(ARRAYS), np.inf)  # saturation pressure of each array's reading
         self._torques = np.full(len(FINGERS), np.nan)
         self._readings = {puck: tactile.FullReading() for puck in Puck}
         self._errors: dict[Answer, str] = {}
         self._overloads: list[str] = []
 
     def collect(self, frame: can.Message) -> bool:
-        """Takes a frame; True when the round is complete."""
+        """Takes a frame; returns whether the round is complete."""
         sender, group = protocol.split_reply(frame.arbitration_id)
         if sender not in {*Puck}:
             return False
@@ -129,11 +131,11 @@ class HandCycle:
         return not self._awaited
 
     def sample(self, time: float, remarks: Sequence[str]) -> HandSample:
-        """What was said.
+        """The sample.
 
         Args:
-            time: of the sample, where nothing was said at all.
-            remarks: further ones, for the status.
+            time: time of the sample if no reply arrived.
+            remarks: further remarks for the status.
         """
         missing = [f"{puck.name}: no {what}" for puck, what in sorted(self.missing)]
         errors = [f"{puck.name}: {error}" for (puck, _), error in self._errors.items()]
@@ -141,7 +143,7 @@ class HandCycle:
         return HandSample(self._time or time, self._positions, self._pressures, self._torques, status or OK)
 
     def _decode(self, puck: Puck, group: ReplyGroup, data: bytes) -> bool:
-        """Takes a reply; whether it completes an answer."""
+        """Takes a reply; returns whether it completes an answer."""
         values = self._values((puck, _MEANING[group]))
         if group is ReplyGroup.POSITION:
             motor, joint = protocol.decode_position(data)
@@ -163,14 +165,14 @@ class HandCycle:
             name, strain = protocol.decode_value(data)
             if name != Property.STRAIN:
                 return False
-            if puck in FINGERS:  # The reading of the spread's puck means nothing. [O]
+            if puck in FINGERS:  # The reading of the spread's puck is meaningless. [O]
                 values[...] = joints.fingertip_torque(strain, self._polynomials[puck - Puck.F1])
                 if not joints.STRAIN_LIMITS[0] <= strain <= joints.STRAIN_LIMITS[1]:
                     self._overloads.append(f"{puck.name}: fingertip torque beyond its limit")
         return True
 
     def _values(self, answer: Answer) -> FloatArray:
-        """Where an answer's values belong; a view."""
+        """The array elements of an answer, as a view."""
         puck, what = answer
         row = puck - Puck.F1
         if what == "pressures":

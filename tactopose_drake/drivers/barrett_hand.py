@@ -1,7 +1,7 @@
 """The driver of Barrett's BH8-280 hand: joint angles, tactile arrays and fingertip torques over CAN.
 
-Not tried on hardware: written from what public drivers agree on (`barrett_protocol.py`). How long a tare takes, and
-which bit of ROLE says that a puck has a tactile array, are assumptions.
+Not tested on hardware: written from what public drivers agree on (`barrett_protocol.py`). The duration of a tare and
+the bit of ROLE that marks a tactile array are assumptions.
 """
 
 import collections
@@ -22,23 +22,23 @@ from tactopose_drake.errors import DeviceError, DeviceTimeoutError, InvalidInput
 
 _NODES = range(1, 32)  # identifiers of pucks, the hand's and others (an arm's)
 _SPACING = 0.001  # between two requests of an enumeration, s [L]
-_WAKE_SPACING, _WAKE_TIME = 0.010, 1.0  # s; what is said while a puck wakes up can take it off the bus [L]
-_SETTLE_TIME = 0.05  # for what is on its way, such as the reading that a new tactile mode brings, s
+_WAKE_SPACING, _WAKE_TIME = 0.010, 1.0  # s; frames sent while a puck wakes up can take it off the bus [L]
+_SETTLE_TIME = 0.05  # wait for pending replies, such as the reading that follows a new tactile mode, s
 _TARE_TIME = 0.5  # s, assumed
-_ABSENT_AFTER = 3  # rounds without an answer, after which it is not waited for any more
+_ABSENT_AFTER = 3  # rounds without an answer, after which a round does not wait for it
 _SEARCH_PERIOD = 1.0  # between two searches for pucks that are absent, s
 
 
 class BarrettHand(Device[HandSample]):
-    """A BH8-280 hand: its pucks are found and woken, then asked in rounds. Only `initialize` ever moves it.
+    """A BH8-280 hand: its pucks are found and woken, then polled in rounds. Only `initialize` moves it.
 
-    Each round asks all pucks for position, fingertip torque and pressures, and gives one sample of what they said in
-    that round. A puck that keeps silent costs one timeout for a few rounds, and is then no longer waited for; the
-    status goes on naming it. It is looked for once a second, and greeted anew when it is back. Answers carry no number:
-    those of a single puck that is later than a whole round would be taken for the next round's.
+    Each round requests position, fingertip torque and pressures from all pucks, and gives one sample of the replies. A
+    puck that does not reply delays a few rounds by one timeout each; later rounds do not wait for it, but the status
+    still names it. It is searched for once a second, and set up again when it is back. Replies have no sequence number:
+    those of a single puck that come more than a round late are taken for the next round's.
 
-    A puck that has to be woken again has restarted, and counts positions from where it stood then: they are not known
-    until its joint is initialized.
+    A puck that must be woken again has restarted, so that the zero of its positions is unknown until its joint is
+    initialized.
 
     Attributes:
         pucks: status of every puck that answered the last enumeration, by its number.
@@ -54,15 +54,16 @@ class BarrettHand(Device[HandSample]):
         strain_polynomials: Sequence[Sequence[float]] = (STRAIN_POLYNOMIAL,) * 3,
         name: str = "Barrett hand",
     ) -> None:
-        """Prepares the driver; as a context manager it takes part in the bus's traffic.
+        """Prepares the driver, which uses the bus while it is entered as a context manager.
 
         Args:
-            bus: where the hand is.
-            mode: of the tactile arrays: `FULL` or `TOP`.
-            period: between two rounds, s; the arrays manage about 40 a second.
-            timeout: longest wait for the answers of a round, s.
-            strain_polynomials: calibration of the strain gauges of F1 to F3, highest power first, N m over reading.
-            name: for messages.
+            bus: the bus that the hand is on.
+            mode: mode of the tactile arrays, `FULL` or `TOP`.
+            period: time between two rounds, s; the arrays reach about 40 rounds per second.
+            timeout: maximum wait for the answers of a round, s.
+            strain_polynomials: calibration of the strain gauges of F1 to F3: polynomials from reading to torque, N m,
+                highest power first.
+            name: the hand's name in messages.
 
         Raises:
             InvalidInputError: if an argument is out of its range.
@@ -82,22 +83,22 @@ class BarrettHand(Device[HandSample]):
         self._bare: set[Puck] = set()  # pucks without a tactile array
         self._sampling = False
         self._joint_encoders = EncoderState()
-        self._known: set[Puck] = set()  # pucks that were awake once
+        self._known: set[Puck] = set()  # pucks that have been awake before
         self.pucks: dict[int, PuckStatus] = {}
 
     def tare(self, timeout: float = 2.0) -> None:
-        """Makes the present pressures the zero, in the hand itself; after the present round. It takes half a second.
+        """Makes the present pressures the zero in the hand itself, after the present round. It takes half a second.
 
-        Samples of before, which wait to be read, are dropped.
+        Unread samples from before the tare are dropped.
 
         Args:
-            timeout: for it, and then for the first sample, s.
+            timeout: maximum wait for the tare, and then for the first sample, s.
 
         Raises:
-            InvalidInputError: if `timeout` is no finite number > 0.
-            DeviceError: if the hand is not being sampled (nothing is sent then, nor later), or an array is silent, at
-                the tare or after it, or has failed.
-            DeviceTimeoutError: if the hand falls silent meanwhile.
+            InvalidInputError: if `timeout` is not a finite number > 0.
+            DeviceError: if the hand is not being sampled, in which case nothing is sent; or an array does not answer or
+                has failed.
+            DeviceTimeoutError: if the hand does not answer in time.
         """
         timeout = positive_number("timeout", timeout)  # before anything is sent
         arrays = [puck for puck in Puck if puck not in self._bare]
@@ -115,39 +116,39 @@ class BarrettHand(Device[HandSample]):
             raise DeviceError(f"{self.name}: cannot be tared; silent, or failed, are the arrays of {', '.join(lost)}.")
 
     def initialize(self, puck: Puck) -> None:
-        """MOVES a joint to its stops, so that its positions count from there; after the present round.
+        """MOVES a joint to its stops, which sets the zero of its positions, after the present round.
 
-        Fingers first, and the spread when they are open: they may collide otherwise.
+        Initialize the fingers first, and the spread when they are open; otherwise, they may collide.
 
         Args:
-            puck: of the joint.
+            puck: puck of the joint.
 
         Raises:
             InvalidInputError: if there is no such puck.
-            DeviceError: if the hand is not being sampled; nothing is sent then, nor later.
+            DeviceError: if the hand is not being sampled, in which case nothing is sent.
         """
         self._command(self._initialize(Puck(whole_number("puck", puck, least=Puck.F1, most=Puck.SPREAD))))
 
     def follow(self, request: can.Message, time: float) -> None:
-        """Takes a recorded request; a joint that was initialized then counts from there."""
+        """Takes a recorded request; one that initializes a joint sets the zero of its positions."""
         super().follow(request, time)
         self._note(request)
 
     def _note(self, request: can.Message) -> None:
-        """Takes note of a command that makes positions count anew."""
+        """Notes a command that sets the zero of a joint's positions."""
         if request.data == protocol.encode_set(Property.COMMAND, protocol.INITIALIZE):
             self._joint_encoders.restarted.discard(request.arbitration_id)
 
     def _command(self, command: Conversation) -> None:
-        # A command that waited until the hand is back could move it when nobody expects that.
+        # Never queued for a hand that does not answer, because it could then move unexpectedly.
         if not self._sampling:
             raise DeviceError(f"{self.name}: cannot be commanded; its state: {self.status.removesuffix('.')}.")
         self._commands.append(command)
 
     def _tare(self, arrays: list[Puck], outcome: list[dict[int, int]]) -> Conversation:
-        """Tares the arrays; `outcome` gets their identities.
+        """Tares the arrays; `outcome` receives their identities.
 
-        A tare is not acknowledged. But who answers the question right before it, has heard it too.
+        A tare is not acknowledged. A puck that answers the request right before it is taken to have received it.
         """
         answers = Answers(Property.TACTILE_ID)
         questions = tuple(get_frame(puck, Property.TACTILE_ID) for puck in arrays)
@@ -191,13 +192,13 @@ class BarrettHand(Device[HandSample]):
     def _wake(self, asleep: list[Puck]) -> Conversation:
         self._state = "its pucks are waking up"
         self.bus.hush(self, self._now + _SETTLE_TIME + len(asleep) * _WAKE_SPACING + _WAKE_TIME)
-        yield Pause(_SETTLE_TIME)  # for answers that are on their way
+        yield Pause(_SETTLE_TIME)  # for pending replies
         for puck in asleep:
             yield Exchange((set_frame(puck, Property.STATUS, PuckStatus.READY),), _ignore, _WAKE_SPACING)
         yield Pause(_WAKE_TIME)
 
     def _examine(self) -> Generator[Exchange | Pause, bool, tuple[set[Answer], list[str]]]:
-        """What the pucks have: the answers to expect of them, and remarks on what is not as it should be."""
+        """The answers to expect from the pucks, and remarks on missing and failed parts."""
         awake = [puck for puck in Puck if self.pucks.get(puck, PuckStatus.MONITOR) is not PuckStatus.MONITOR]
         roles = yield from self._ask(awake, Property.ROLE)
         members = [puck for puck in awake if puck in roles and roles[puck] & protocol.ROLE_MASK == protocol.ROLE_HAND]
@@ -223,14 +224,14 @@ class BarrettHand(Device[HandSample]):
         return expected, remarks
 
     def _ask(self, pucks: list[Puck], name: Property) -> Generator[Exchange | Pause, bool, dict[int, int]]:
-        """A property of several pucks; those that keep silent are left out."""
+        """A property of several pucks, without those that do not reply."""
         answers = Answers(name, pucks)
         if pucks:
             yield Exchange(tuple(get_frame(puck, name) for puck in pucks), answers.collect, self._timeout)
         return answers.values
 
     def _sample(self, expected: set[Answer], remarks: list[str]) -> Conversation:
-        """Asks in rounds, until a puck that was absent is back."""
+        """Polls in rounds, until an absent puck is back."""
         questions = [get_frame(HAND_GROUP, name) for name in (Property.POSITION, Property.STRAIN, Property.TACTILE)]
         missed: collections.Counter[Answer] = collections.Counter()
         ask_at, search_at = self._now, self._now + _SEARCH_PERIOD
@@ -244,7 +245,7 @@ class BarrettHand(Device[HandSample]):
             yield Exchange(tuple(questions), cycle.collect, self._timeout)
             self._publish(cycle.sample(self._now, remarks))
             if awaited <= cycle.missing:
-                # Answers that come a round late could not be told from those of the next round.
+                # Answers that come a round late cannot be distinguished from those of the next round.
                 raise DeviceTimeoutError("no puck of the hand answers")
             for answer in expected:
                 missed[answer] = missed[answer] + 1 if answer in cycle.missing else 0
@@ -254,12 +255,12 @@ class BarrettHand(Device[HandSample]):
             yield Pause(ask_at - self._now)
 
     def _search(self, expected: set[Answer], lost: set[Answer]) -> Generator[Exchange | Pause, bool, bool]:
-        """Looks for the pucks that keep silent; whether one of them is back."""
+        """Searches for the pucks that do not reply; returns whether one of them is back."""
         absent = [puck for puck in Puck if (puck, "position") in lost or (puck, "position") not in expected]
         answers = Answers(Property.STATUS, absent[:1])
         if absent:
             yield Exchange(tuple(get_frame(puck, Property.STATUS) for puck in absent), answers.collect, _SETTLE_TIME)
-        # A puck whose array alone keeps silent may have lost its mode.
+        # If only a puck's array does not reply, it may have lost its mode.
         mute = [puck for puck in Puck if puck not in absent and (puck, "pressures") in lost]
         for puck in mute:
             yield Exchange((set_frame(puck, Property.TACTILE, self._mode),), _ignore, _SETTLE_TIME)

@@ -1,7 +1,7 @@
-"""From the encoder counts and strain gauges of Barrett's BH8-280 hand to angles and torques, and back.
+"""Conversion of the encoder counts and strain readings of Barrett's BH8-280 hand to angles and torques, and back.
 
-Sources: [L] libbarrett, [W] WUT's and [R] Robotnik's drivers. Gear ratios: the motor turns 125 times for a turn of the
-inner link and 375 times for one of the outer link. [O] (owd) adds 42 degrees to the outer link, its angle at rest.
+Sources: [L] libbarrett, [W] WUT's and [R] Robotnik's drivers. Gear ratios: the motor turns 125 times per turn of the
+inner link, and 375 times per turn of the outer link. [O] (owd) adds 42 degrees, the outer link's angle at rest.
 """
 
 import math
@@ -14,15 +14,15 @@ from tactopose_drake.errors import ProtocolError
 
 JOINTS = ("F1_inner", "F2_inner", "F3_inner", "F1_outer", "F2_outer", "F3_outer", "spread")
 STRAIN_MAX = 4095
-# Beyond these the finger's torque is about 1.14 N m, and the finger moves by itself.
+# Beyond these limits, the finger's torque is about 1.14 N m, and the finger moves by itself.
 STRAIN_LIMITS = (667, 3460)
-# [R]'s fit, highest power first, N m; where it comes from is not known. Calibrate each finger.
+# The polynomial of [R], highest power first, N m; its origin is unknown. Calibrate each finger.
 STRAIN_POLYNOMIAL = (2.754e-10, -1.708e-6, 3.764e-3, -2.85)
 
-_RADIANS = 2 * math.pi / 4096  # in a count of an encoder
+_RADIANS = 2 * math.pi / 4096  # per encoder count
 _INNER, _OUTER, _JOINT, _SPREAD = 125.0, 375.0, 50.0, 35840 / math.pi
-# A joint that has not been initialised counts from where it was switched on, so half a range may be negative. What is
-# further out than a tenth beyond the range cannot be.
+# The zero of a joint that has not been initialized is its position at power-up, so counts may be negative. Counts that
+# exceed the joint's range by more than a tenth are invalid.
 _MOTOR_MAX, _JOINT_MAX, _SPREAD_MAX = 219_000, 87_600, 39_400
 
 
@@ -31,11 +31,11 @@ def finger_angles(motor: int, joint: int | None) -> tuple[float, float]:
 
     Args:
         motor: counts of the motor.
-        joint: counts of the inner link's own encoder. None: it has none, and the clutch is taken for closed, so that
-            both links move together.
+        joint: counts of the inner link's own encoder. None if it has none; the clutch is then assumed to be closed, so
+            that both links move together.
 
     Raises:
-        ProtocolError: if a count is beyond what the joint can do.
+        ProtocolError: if a count is beyond the joint's range.
     """
     _within("motor position", motor, _MOTOR_MAX)
     if joint is None:
@@ -56,7 +56,7 @@ def spread_angle(motor: int) -> float:
     """Angle of the spread, rad.
 
     Raises:
-        ProtocolError: if the count is beyond what the joint can do.
+        ProtocolError: if the count is beyond the joint's range.
     """
     _within("spread position", motor, _SPREAD_MAX)
     return motor / _SPREAD
@@ -72,10 +72,10 @@ def fingertip_torque(strain: int, polynomial: Sequence[float] = STRAIN_POLYNOMIA
 
     Args:
         strain: the gauge's reading, 0 to 4095.
-        polynomial: torque over reading, highest power first.
+        polynomial: from reading to torque, highest power first.
 
     Raises:
-        ProtocolError: if the reading is outside of its 12 bits.
+        ProtocolError: if the reading does not have 12 bits.
     """
     if not 0 <= strain <= STRAIN_MAX:
         raise ProtocolError(f"strain: is {strain}; allowed are 0 to {STRAIN_MAX}.")
@@ -83,7 +83,7 @@ def fingertip_torque(strain: int, polynomial: Sequence[float] = STRAIN_POLYNOMIA
 
 
 def strain_of(torque: float) -> int:
-    """The gauge's reading at this torque, N m: the nearest that `STRAIN_POLYNOMIAL`, which rises, reaches."""
+    """The gauge's reading whose torque by `STRAIN_POLYNOMIAL`, an increasing function, is nearest to this one, N m."""
     torques: FloatArray = np.polyval(np.asarray(STRAIN_POLYNOMIAL, np.float64), np.arange(STRAIN_MAX + 1.0))
     return int(np.argmin(np.abs(torques - torque)))
 

@@ -1,12 +1,12 @@
-"""The protocol of the motor controllers ("pucks") of Barrett's BH8-280 hand: bytes to values and back.
+"""The protocol of the motor controllers ("pucks") of Barrett's BH8-280 hand: encoding and decoding of frames.
 
 A puck has properties, which are read (GET) and written (SET, not acknowledged). An identifier is
-`group << 10 | sender << 5 | receiver`; the host is 0, so that a request to a puck has the puck's number. Replies go to
-a group, which tells their kind. Property values are little-endian, positions big-endian. Every decoder raises
-`ProtocolError` for what the protocol does not allow.
+`group << 10 | sender << 5 | receiver`; the host is 0, so that the identifier of a request to a puck is the puck's
+number. Replies go to a group, which identifies their kind. Property values are little-endian, positions big-endian.
+Every decoder raises `ProtocolError` for data that the protocol does not allow.
 
 Sources: [L] libbarrett, [O] owd, [R] Robotnik's and [W] WUT's drivers of the hand, where they agree; firmware 145 and
-later. Not tried on hardware.
+later. Not tested on hardware.
 """
 
 import enum
@@ -14,11 +14,11 @@ import enum
 from tactopose_drake.errors import ProtocolError
 
 GROUP = 0x400
-HAND_GROUP = GROUP | 5  # what all four pucks of the hand hear
+HAND_GROUP = GROUP | 5  # identifier that all four pucks of the hand receive
 
 
 class Puck(enum.IntEnum):
-    """The hand's pucks; the one of the spread has the palm's tactile array too."""
+    """The hand's pucks; that of the spread also has the palm's tactile array."""
 
     F1 = 11
     F2 = 12
@@ -27,7 +27,7 @@ class Puck(enum.IntEnum):
 
 
 class Property(enum.IntEnum):
-    """The properties that the driver uses. Writing `COMMAND` may move the hand; nothing else here does."""
+    """The properties that the driver uses. Writing `COMMAND` may move the hand; no other property does."""
 
     ROLE = 1
     STATUS = 5
@@ -39,7 +39,7 @@ class Property(enum.IntEnum):
 
 
 class ReplyGroup(enum.IntEnum):
-    """The groups that replies go to."""
+    """The groups to which replies are sent."""
 
     POSITION = 3
     ORDINARY = 6
@@ -64,7 +64,7 @@ class TactileMode(enum.IntEnum):
     TARE = 3
 
 
-INITIALIZE = 13  # value of `Property.COMMAND`: the joint runs to its stops. It moves.
+INITIALIZE = 13  # value of `Property.COMMAND`: the joint moves to its stops
 ROLE_HAND, ROLE_MASK, ROLE_STRAIN, ROLE_TACTILE = 5, 0x1F, 0x0800, 0x1000  # [L]
 TACTILE_FAILED = -2  # value of `Property.TACTILE_ID` [L]
 _WIDE = {Property.POSITION}  # properties of 32 bits; the others have 16
@@ -82,7 +82,7 @@ def encode_set(name: Property, value: int) -> bytes:
 
 
 def decode_request(data: bytes) -> tuple[int, int | None]:
-    """The number of the property that a request names, and the value to write (None: it is to be read)."""
+    """The number of a request's property, and the value to write; None if the property is read."""
     if len(data) == 1 and data[0] < 0x80:
         return data[0], None
     return decode_value(data)
@@ -101,12 +101,12 @@ def split_reply(arbitration_id: int) -> tuple[int, ReplyGroup]:
 
 
 def encode_value(name: Property, value: int) -> bytes:
-    """An ordinary reply; it looks like the command that writes the value."""
+    """An ordinary reply; its data equals that of the command that writes the value."""
     return encode_set(name, value)
 
 
 def decode_value(data: bytes) -> tuple[int, int]:
-    """The number of the property of an ordinary reply, which `Property` may not have, and its value."""
+    """The number of the property of an ordinary reply, which may be missing in `Property`, and its value."""
     if len(data) not in (4, 6) or not data[0] & 0x80 or data[1] != 0:
         raise ProtocolError(f"property value: is {data.hex()}; allowed are 80|property, 00, and 2 or 4 bytes.")
     return data[0] & 0x7F, int.from_bytes(data[2:], "little", signed=True)
@@ -124,7 +124,7 @@ def encode_position(motor: int, joint: int | None = None) -> bytes:
 
 
 def decode_position(data: bytes) -> tuple[int, int | None]:
-    """Encoder counts of the motor, and of the joint where the puck has that encoder."""
+    """Encoder counts of the motor, and of the joint if the puck has that encoder."""
     if len(data) not in (3, 6):
         raise ProtocolError(f"position: has {len(data)} bytes; allowed are 3 and 6.")
     motor, *joint = (_signed22(int.from_bytes(data[k : k + 3], "big")) for k in range(0, len(data), 3))

@@ -1,4 +1,4 @@
-"""Frames that ask for properties of the BH8-280's pucks, or write them, and the answers as they come in."""
+"""Frames that read or write properties of the BH8-280's pucks, and the collection of the replies."""
 
 import contextlib
 from collections.abc import Iterable
@@ -12,11 +12,11 @@ from tactopose_drake.errors import ProtocolError
 
 
 class Answers:
-    """Values of one property, by puck, as they come in.
+    """Collects the values of one property, by puck.
 
     Attributes:
-        values: so far.
-        awaited: pucks without which they are not complete.
+        values: the values so far.
+        awaited: pucks whose values are required for completeness.
     """
 
     def __init__(self, name: Property, awaited: Iterable[int] = ()) -> None:
@@ -25,10 +25,10 @@ class Answers:
         self.awaited = set(awaited)
 
     def collect(self, frame: can.Message) -> bool:
-        """Takes a frame; True when the answers are complete."""
+        """Takes a frame; returns whether the answers are complete."""
         puck, group = protocol.split_reply(frame.arbitration_id)
         if group is ReplyGroup.ORDINARY:
-            # What another master has asked for, or what is damaged, is no answer.
+            # Damaged frames, and replies to other masters, are ignored.
             with contextlib.suppress(ProtocolError):
                 name, value = protocol.decode_value(bytes(frame.data))
                 if name == self._name:
@@ -36,7 +36,7 @@ class Answers:
         return self.awaited <= self.values.keys()
 
     def ignore_end(self, frame: can.Message) -> bool:
-        """Takes a frame; more may come always."""
+        """Takes a frame; always returns False, so that more frames are accepted."""
         self.collect(frame)
         return False
 

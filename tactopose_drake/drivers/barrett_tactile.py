@@ -1,7 +1,7 @@
-"""The tactile arrays of Barrett's BH8-280 hand: frames to pressures and back.
+"""The tactile arrays of Barrett's BH8-280 hand: conversion of frames to pressures, and back.
 
-An array has 24 cells. A full reading comes in five frames of five 12-bit cells; a short one has the ten highest cells
-in one frame. Sources as in `barrett_protocol.py`; the full frame of raw values 1 to 24 begins 0001002003004005.
+An array has 24 cells. A full reading has five frames of five 12-bit cells; a short one has the ten highest cells in one
+frame. Sources as in `barrett_protocol.py`; the full reading of raw values 1 to 24 begins with 0001002003004005.
 """
 
 import numpy as np
@@ -15,8 +15,8 @@ FRAMES = 5  # in a full reading
 CELLS_IN_FRAME = 5
 TOP_CELLS = 10
 RAW_MAX, TOP_MAX = 4095, 15
-PASCALS_PER_RAW = 1e4 / 256  # raw values are N/cm^2 in 1/256
-PASCALS_PER_TOP = 1e4  # those of the short reading are whole N/cm^2
+PASCALS_PER_RAW = 1e4 / 256  # raw values are in 1/256 N/cm^2
+PASCALS_PER_TOP = 1e4  # values of the short reading are in N/cm^2
 
 RawCells = NDArray[np.int64]
 
@@ -47,7 +47,7 @@ def encode_top(levels: dict[int, int]) -> bytes:
     """The frame of a short reading.
 
     Args:
-        levels: whole N/cm^2, 0 to 15, by cell, 0 to 23; at most ten.
+        levels: pressures in N/cm^2, integers from 0 to 15, by cell, 0 to 23; at most ten.
     """
     mask = sum(1 << cell for cell in levels)
     nibbles = [levels[cell] for cell in sorted(levels)]
@@ -58,7 +58,7 @@ def encode_top(levels: dict[int, int]) -> bytes:
 
 
 def decode_top(data: bytes) -> dict[int, int]:
-    """The cells of a short reading, 0 to 23, and their pressures in whole N/cm^2, 0 to 15."""
+    """The pressures of a short reading in N/cm^2, integers from 0 to 15, by cell, 0 to 23."""
     if len(data) != 8:
         raise ProtocolError(f"tactile frame: has {len(data)} bytes; allowed are 8.")
     mask = int.from_bytes(data[:3], "big")
@@ -75,14 +75,14 @@ def full_pressures(raw: list[int]) -> FloatArray:
 
 
 def top_pressures(levels: dict[int, int]) -> FloatArray:
-    """Pressures of the 24 cells, Pa; NaN where the short reading does not name the cell."""
+    """Pressures of the 24 cells, Pa; NaN for cells that the short reading does not have."""
     pressures = np.full(CELLS, np.nan)
     pressures[list(levels)] = PASCALS_PER_TOP * np.array(list(levels.values()), dtype=np.float64)
     return pressures
 
 
 class FullReading:
-    """Puts the five frames of a reading together; a frame that is not the next one ends it."""
+    """Assembles a reading from its five frames; a frame out of order discards it."""
 
     def __init__(self) -> None:
         self._raw: list[int] = []
@@ -91,10 +91,10 @@ class FullReading:
         """Takes one frame.
 
         Returns:
-            The 24 raw cells, with the fifth frame; None before.
+            The 24 raw cells if it is the fifth frame; else None.
 
         Raises:
-            ProtocolError: if the frame does not belong here; what was gathered is dropped.
+            ProtocolError: if the frame is out of order; the frames before it are discarded.
         """
         gathered, self._raw = self._raw, []
         sequence, cells = decode_full_frame(data)

@@ -1,4 +1,4 @@
-"""Recording what happens on CAN buses, with python-can's own log formats."""
+"""Recording of the traffic on CAN buses, in python-can's log formats."""
 
 import copy
 import struct
@@ -13,26 +13,26 @@ from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 
 FORMATS = (".blf", ".asc")
-# What has not filled a container is lost when the process dies: some 150 frames.
+# The frames of an unfinished container, about 150, are lost if the process dies.
 _BLF_CONTAINER = 8192  # bytes
-_FLUSH_AFTER = 100  # frames, after which the file is brought up to date
-_BLF_START = 40  # bytes from the beginning, where the header has the start of the log
+_FLUSH_AFTER = 100  # number of frames between two flushes of the file
+_BLF_START = 40  # offset of the log's start time in the header, bytes
 
 
 class _TextWriter(can.ASCWriter):
-    """Writes the milliseconds of the log's start with all three digits: python-can's 62 would be read as 0.62 s."""
+    """Writes the milliseconds of the log's start with three digits; python-can writes 62, which is read as 0.62 s."""
 
     FORMAT_DATE = "%a %b %d %H:%M:%S.{:03d} %Y"
 
 
 class CanRecorder:
-    """A log of one or more buses, with every frame that was received or sent; a context manager.
+    """A log of every frame that is received or sent on one or more buses; a context manager.
 
-    `.blf` keeps time stamps to their last bit. `.asc` is readable, but rounds them to a microsecond, moves all of them
-    by the same part of a millisecond, and does not say what an error frame was about.
+    `.blf` stores time stamps exactly. `.asc` is human-readable, but rounds them to a microsecond, shifts all of them by
+    the same fraction of a millisecond, and does not store the kind of an error frame.
 
     Attributes:
-        problem: why it records no more, in a sentence; empty while all is well.
+        problem: why the recording has stopped, as a sentence; empty if it has not.
     """
 
     def __init__(self, path: Path) -> None:
@@ -42,7 +42,7 @@ class CanRecorder:
             path: ends in `.blf` or `.asc`; an existing file is replaced.
 
         Raises:
-            InvalidInputError: for another ending.
+            InvalidInputError: if the path has another suffix.
             InvalidFileError: if the file cannot be written.
         """
         if path.suffix.lower() not in FORMATS:
@@ -66,8 +66,8 @@ class CanRecorder:
         """Records a bus from now on.
 
         Args:
-            bus: to be recorded; attach its devices afterwards, so that the log has how they begin.
-            channel: its number in the log.
+            bus: the bus; attach its devices afterwards, so that the log has their first frames.
+            channel: the bus's number in the log.
         """
         track = _Track(self, channel)
         self._recorded.append((bus, track))
@@ -92,7 +92,7 @@ class CanRecorder:
         with self._lock:
             if self.problem:
                 return
-            # The formats count from the first frame, and know no time before it.
+            # The formats store times relative to the first frame, which cannot be negative.
             self._first = copied.timestamp if self._first is None else self._first
             copied.timestamp = max(copied.timestamp, self._first)
             try:
@@ -102,14 +102,14 @@ class CanRecorder:
                 self._count += 1
                 if self._count % _FLUSH_AFTER == 0:
                     self._writer.file.flush()
-            except OSError as error:  # a full disk ends the log, and not the thread of the bus
+            except OSError as error:  # such as a full disk, which ends the log, but not the thread of the bus
                 self._fail(error)
 
     def _fail(self, error: OSError) -> None:
         self.problem = self.problem or f"{self._path}: ends after about {self._count} frames ({error.strerror})."
 
     def _date(self, writer: can.BLFWriter) -> None:
-        """Puts the start into the header, which python-can does at the end: a log that is cut off has its times too."""
+        """Writes the start time into the header, which python-can does only at the end, for logs that are cut off."""
         end = writer.file.tell()
         writer.file.seek(_BLF_START)
         writer.file.write(struct.pack("<8H", *timestamp_to_systemtime(writer.start_timestamp)))

@@ -1,18 +1,18 @@
-"""What time it is: a steady clock of the host's, or one that only its owner moves."""
+"""Clocks: a monotonic one of the host, and a virtual one."""
 
 import math
 import time
 from typing import Protocol
 
-# Time stamps below this cannot count from the epoch: they are of a clock that a CAN adapter started at power-up.
+# Smaller time stamps are not relative to the epoch, but of a clock that a CAN adapter started at power-up.
 FIRST_EPOCH_STAMP = 1.0e9
 
-_LEAST_STEP = 5e-3  # s, by which the clock of day must have been set for that to be noticed
-_LONGEST_READ = 1e-3  # s, in which two clocks are read at once
+_LEAST_STEP = 5e-3  # smallest step of the system clock that is corrected for, s
+_LONGEST_READ = 1e-3  # maximum time in which both clocks must be read to be compared, s
 
 
 class Clock(Protocol):
-    """A clock that can be waited on."""
+    """A clock with a sleep function."""
 
     def time(self) -> float:
         """Seconds since the epoch."""
@@ -23,14 +23,14 @@ class Clock(Protocol):
         ...
 
     def of_stamp(self, stamp: float) -> float:
-        """What this clock showed when a frame that has just come in was stamped, s since the epoch."""
+        """The time of this clock at the time stamp of a frame that has just been received, s since the epoch."""
         ...
 
 
 class SteadyClock:
-    """Seconds since the epoch as the host's clock of day had them at first; who sets that one later moves nothing.
+    """A monotonic clock with the system clock's time at its creation; later steps of the system clock do not change it.
 
-    Frames are stamped by the clock of day. By how much it was set since, is subtracted from their stamps.
+    Frames are stamped by the system clock; its steps are subtracted from their time stamps.
     """
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class SteadyClock:
         time.sleep(seconds)
 
     def of_stamp(self, stamp: float) -> float:
-        """What this clock showed when the clock of day showed `stamp`, lately."""
+        """The time of this clock when the system clock showed `stamp`, a recent time."""
         before, day, after = time.monotonic(), time.time(), time.monotonic()
         step = day - self._offset - before
         if after - before < _LONGEST_READ and abs(step - self._step) > _LEAST_STEP:
@@ -55,11 +55,11 @@ class SteadyClock:
 
 
 HOST_CLOCK = SteadyClock()
-"""The clock of all buses that have none of their own, so that what comes from several can be compared."""
+"""The clock of all buses without a clock of their own, so that times on different buses are comparable."""
 
 
 class VirtualClock:
-    """Virtual time: it passes when somebody waits, at once. Everything on it is deterministic and takes no time."""
+    """Virtual time: `sleep` advances it and returns immediately, so that everything is deterministic."""
 
     def __init__(self, start: float) -> None:
         self._now = start
@@ -69,14 +69,14 @@ class VirtualClock:
         return self._now
 
     def sleep(self, seconds: float) -> None:
-        """Lets time pass; by the least step there is where `seconds` is too short for the clock's precision."""
+        """Advances the time, by at least the smallest representable step if `seconds` > 0."""
         if seconds > 0:
             self._now = max(self._now + seconds, math.nextafter(self._now, math.inf))
 
     def sleep_until(self, time: float) -> None:
-        """Lets time pass until `time`; it never goes back."""
+        """Advances the time to `time`; it never goes back."""
         self._now = max(self._now, time)
 
     def of_stamp(self, stamp: float) -> float:
-        """The stamp: what is on this clock is stamped by it."""
+        """The time stamp itself, which is of this clock."""
         return stamp

@@ -1,8 +1,8 @@
-"""What all drivers share: a conversation with the device, and its samples.
+"""The base class of all drivers: a conversation with the device, and its samples.
 
-A driver is written as one generator, its conversation: it yields an `Exchange` (frames to send, and what to do with the
-answers) or a `Pause`, and is resumed when that is over. It knows neither threads nor sockets nor the real time, so the
-same code runs on a bus, on a recorded log and in virtual time. The `DeviceBus` drives it.
+A driver is one generator, its conversation: it yields an `Exchange` (frames to send, and a callback for the replies) or
+a `Pause`, and is resumed when that is over. It uses no threads, sockets or real time, so that the same code runs on a
+bus, on a recorded log and in virtual time. The `DeviceBus` runs it.
 """
 
 import collections
@@ -19,7 +19,7 @@ from tactopose_drake.errors import DeviceError, DeviceTimeoutError, ProtocolErro
 
 NO_SAMPLE = "no sample yet"
 OK = "ok"
-_UNREAD = 1024  # samples that wait to be read; the oldest are dropped
+_UNREAD = 1024  # maximum number of unread samples; the oldest are dropped
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -27,10 +27,10 @@ class Exchange:
     """Frames to send, and the answers to wait for. The generator is resumed with True, or with False after a timeout.
 
     Attributes:
-        frames: sent in this order.
-        collect: takes a received frame of the device; True: that was all. May raise `ProtocolError`, which is then
-            raised in the generator.
-        timeout: s.
+        frames: frames to send, in this order.
+        collect: takes a received frame of the device, and returns whether the answer is complete. It may raise
+            `ProtocolError`, which is then raised in the generator.
+        timeout: maximum wait for the answer, s.
     """
 
     frames: tuple[can.Message, ...]
@@ -40,10 +40,10 @@ class Exchange:
 
 @dataclasses.dataclass(frozen=True)
 class Pause:
-    """Waits; frames that come in meanwhile are dropped. The generator is resumed with False.
+    """Waits; frames that are received in the meantime are dropped. The generator is resumed with False.
 
     Attributes:
-        duration: s.
+        duration: duration, s.
     """
 
     duration: float
@@ -53,10 +53,10 @@ Conversation = Generator[Exchange | Pause, bool, None]
 
 
 class Sampled(Protocol):
-    """What every sample has.
+    """The attributes of every sample.
 
     Attributes:
-        time: when its last frame came, s since the epoch.
+        time: arrival of its last frame, s since the epoch.
         status: "ok", or what is wrong with it.
     """
 
@@ -71,27 +71,27 @@ Sample = TypeVar("Sample", bound=Sampled)
 
 
 class Device(ABC, Generic[Sample]):
-    """A sensor on a bus. As a context manager it takes part in the bus's traffic.
+    """A sensor on a bus, which it uses while it is entered as a context manager.
 
-    Nothing is waited for on entry: a device that does not answer is asked again, less and less often, and `read` says
-    what is wrong with it.
+    Entering it does not wait. A device that does not answer is asked again with growing pauses, and the error of `read`
+    gives the reason.
     """
 
-    # Between two attempts to talk to a device that does not answer, s: doubles from the first to the last.
+    # Pauses between attempts to talk to a device that does not answer, s: doubled from the first to the last.
     backoff = (0.02, 1.0)
 
     def __init__(self, bus: DeviceBus, name: str, *, requests: frozenset[int], replies: frozenset[int]) -> None:
         """Keeps its arguments.
 
         Args:
-            bus: where the device is.
-            name: for messages.
+            bus: the bus that the device is on.
+            name: the device's name in messages.
             requests: identifiers of the frames that the driver sends.
             replies: identifiers of the frames that the device sends.
         """
         self.bus, self.name, self.requests, self.replies = bus, name, requests, replies
-        self.samples = 0  # how many there have been
-        self.due = 0.0  # when `poll` is to be called next, s since the epoch
+        self.samples = 0  # number of samples so far
+        self.due = 0.0  # time of the next call of `poll`, s since the epoch
         self._now = 0.0
         self._state = NO_SAMPLE
         self._newest: Sample | None = None
@@ -99,7 +99,7 @@ class Device(ABC, Generic[Sample]):
         self._conversation: Conversation | None = None
         self._step: Exchange | Pause = Pause(0.0)
         self._begun = False
-        self._sent = 0  # frames of the present step that the log has shown, where one is followed
+        self._sent = 0  # in a replay, number of frames of the present step that the log has had
         self._failures = 0
 
     def __enter__(self) -> Self:
@@ -112,39 +112,40 @@ class Device(ABC, Generic[Sample]):
             self._conversation.close()
 
     def read(self, timeout: float = 1.0) -> Sample:
-        """The oldest sample that has not been read; waits for one where there is none. At most 1024 are kept.
+        """Returns the oldest unread sample, and waits for one if there is none. At most 1024 unread samples are kept.
 
         Args:
-            timeout: s, finite.
+            timeout: maximum wait, s, finite.
 
         Raises:
-            InvalidInputError: if `timeout` is no finite number >= 0.
-            DeviceTimeoutError: if none comes in time; the message says what the device's state is.
-            BusError: if the bus was closed.
+            InvalidInputError: if `timeout` is not a finite number >= 0.
+            DeviceTimeoutError: if there is no sample in time; the message has the device's state.
+            BusError: if the bus has been closed.
             EndOfLogError: if the bus replays a log that is at its end.
         """
         sample = self.bus.wait_for(self._next_unread, timeout)
         if sample is None:
-            state = self.status.removesuffix(".")  # Some are sentences.
+            state = self.status.removesuffix(".")  # Some statuses are sentences.
             raise DeviceTimeoutError(f"{self.name}: gave no sample within {timeout:g} s; its state: {state}.")
         return sample
 
     def observe(self, max_age: float, now: float | None = None) -> tuple[Sample | None, float, str]:
-        """What is known now, without waiting.
+        """Returns the newest sample without waiting.
 
         Args:
-            max_age: of a sample that counts, s.
-            now: when its age counts, s since the epoch, as `DeviceBus.keep_up` tells; None: by the bus's clock.
+            max_age: maximum age of a sample, s; older ones are stale.
+            now: time at which the age is taken, s since the epoch, as returned by `DeviceBus.keep_up`; by default the
+                time of the bus's clock.
 
         Returns:
-            The newest sample (None: there is none, or it is stale), its age in s (infinite before the first), and the
+            The newest sample (None if there is none, or it is stale), its age in s (infinite before the first), and the
             sample's status, or else why there is none.
         """
         sample = self._newest
         if sample is None:
             return None, math.inf, self.status
         age = (self.bus.clock.time() if now is None else now) - sample.time
-        # A stamp from the future is no fresher: then two clocks differ, and the age says nothing.
+        # A time stamp in the future means that two clocks differ, so that the age is unknown.
         if abs(age) > max_age:
             return None, age, f"stale: {age:.2f} s" + ("" if self.status == OK else f"; {self.status}")
         return sample, age, sample.status
@@ -156,10 +157,10 @@ class Device(ABC, Generic[Sample]):
 
     @property
     def status(self) -> str:
-        """What the device is doing: the newest sample's status, or why there are no new ones."""
+        """The newest sample's status, or why there are no new samples."""
         return self.bus.problem or self._state
 
-    # The rest is called by the bus, from one thread at a time.
+    # The following methods are called by the bus, from one thread at a time.
 
     def restart(self, time: float) -> None:
         """Begins the conversation anew, as after a power-up."""
@@ -170,7 +171,7 @@ class Device(ABC, Generic[Sample]):
         self._take(next(self._conversation))
 
     def handle(self, frame: can.Message, time: float) -> None:
-        """Takes a frame that belongs to the device, and that came at `time`, whatever its stamp says."""
+        """Takes a frame of the device that was received at `time`, whatever its time stamp."""
         self._now = time
         if self._begun and isinstance(self._step, Exchange):
             assert self._conversation is not None
@@ -183,7 +184,7 @@ class Device(ABC, Generic[Sample]):
                     self._take(self._conversation.send(True))
 
     def poll(self, time: float) -> None:
-        """Goes on where a wait is over; to be called from `due` on."""
+        """Continues the conversation if its wait is over; to be called from `due` on."""
         self._now = time
         if not self._begun:
             self._take(self._step)
@@ -192,9 +193,9 @@ class Device(ABC, Generic[Sample]):
             self._take(self._conversation.send(False))
 
     def follow(self, request: can.Message, time: float) -> None:
-        """Takes a request that was sent when the log was made: whatever was waited for before, is over.
+        """Takes a request that was sent when the log was recorded, which ends all waits before it.
 
-        A request that the driver does not send (a command of then) is passed over.
+        A request that the driver does not send by itself, such as a command, is ignored.
         """
         self._now = time
         assert self._conversation is not None
@@ -212,7 +213,7 @@ class Device(ABC, Generic[Sample]):
         return same
 
     def _take(self, step: Exchange | Pause) -> None:
-        """Begins a step, or keeps it for when the bus may be used again."""
+        """Begins a step, or postpones it until the device may send."""
         self._step, self._begun, self._sent = step, False, 0
         if isinstance(step, Pause):
             self._begun, self.due = True, self._now + step.duration
@@ -226,7 +227,7 @@ class Device(ABC, Generic[Sample]):
                 self.bus.send(frame, self._now)
 
     def _persevere(self) -> Conversation:
-        """The conversation, again and again with growing pauses while it fails."""
+        """Repeats the conversation, with growing pauses while it fails."""
         while True:
             try:
                 yield from self._converse()
@@ -238,7 +239,7 @@ class Device(ABC, Generic[Sample]):
 
     @abstractmethod
     def _converse(self) -> Conversation:
-        """Greets the device and samples it; returns or raises where it has to be greeted again."""
+        """Sets the device up and samples it; returns or raises if it must be set up again."""
 
     def _publish(self, sample: Sample) -> None:
         self._failures = 0

@@ -1,9 +1,9 @@
 """A CAN bus and the devices on it.
 
-One thread does all: it receives, gives each frame to the device that it belongs to, and lets the devices send what is
-due. So no two threads ever use the bus, and a device needs no locks. (python-can's `Notifier` only receives: polling
-would need a second thread, and a lock around every send.) Without the thread, whoever waits for a sample does the same
-work; that is how logs are replayed and how tests run in virtual time.
+One thread does all the work: it receives, passes each frame to its device, and lets the devices send when they are due.
+So no two threads use the bus, and a device needs no locks. (python-can's `Notifier` only receives: polling would need a
+second thread, and a lock around every send.) Without the thread, the caller that waits for a sample does the same work;
+this is how logs are replayed and tests run in virtual time.
 """
 
 import contextlib
@@ -22,20 +22,20 @@ from tactopose_drake.errors import BusError, DriverError, EndOfLogError, Unknown
 
 Found = TypeVar("Found")
 
-_LONGEST_WAIT = 0.02  # for a frame, s; how long closing may take
-_MOST_FRAMES = 64  # that are handed on in one turn
+_LONGEST_WAIT = 0.02  # for a frame, s; closing may take as long
+_MOST_FRAMES = 64  # maximum number of frames that are passed on in one turn
 
 
 class DeviceBus:
     """A CAN bus that devices share; a context manager.
 
-    A bus that fails is opened again, with growing pauses, and its devices are started anew.
+    A bus that fails is reopened, with growing pauses, and its devices are restarted.
 
     Attributes:
-        name: what messages call it; "bus", and where it is, unless set.
-        clock: what time stamps are compared with, and waits are made on.
-        follows_log: whether the bus replays what was recorded.
-        origin: the time at which `keep_up` begins to count, s since the epoch: when the bus was opened, unless set.
+        name: its name in messages; "bus", unless `open` or the caller sets it.
+        clock: the clock of time stamps and waits.
+        follows_log: whether the bus replays a log.
+        origin: the time to which `keep_up` is relative, s since the epoch; by default the time of opening.
         quiet_until: only one device may send before this time, s since the epoch.
     """
 
@@ -50,11 +50,11 @@ class DeviceBus:
         """Prepares a bus; `__enter__` opens it.
 
         Args:
-            open_bus: makes the bus, and makes it again after a failure.
-            clock: the host's, unless the bus has its own.
-            threaded: whether a thread does the work. Otherwise it is done inside `Device.read` and `pump`.
-            follows_log: whether the bus gives recorded frames, sent ones too. The devices then do what they did when
-                those were sent; they neither send, nor look at the clock.
+            open_bus: creates the bus, also again after a failure.
+            clock: the bus's clock; by default the host's.
+            threaded: whether a thread does the work. Otherwise it is done in `Device.read` and `pump`.
+            follows_log: whether the bus gives recorded frames, both received and sent. The devices then follow the
+                recorded requests, and neither send nor use the clock.
         """
         self.name = "bus"
         self.clock, self.follows_log = clock, follows_log
@@ -66,16 +66,16 @@ class DeviceBus:
         self._changed = threading.Condition(threading.RLock())
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
-        self._end: BaseException | None = None  # what ended the thread
+        self._end: BaseException | None = None  # why the work has ended
 
     @classmethod
     def open(cls, interface: str, channel: str | int, **options: Any) -> Self:
-        """A bus by the name of python-can's interface.
+        """A bus of one of python-can's interfaces.
 
         Args:
-            interface: such as "socketcan", "pcan", "kvaser", "virtual", "udp_multicast".
-            channel: such as "can0"; what it may be depends on the interface.
-            options: the interface's own, such as `bitrate`.
+            interface: its name, such as "socketcan", "pcan", "kvaser", "virtual", "udp_multicast".
+            channel: the channel, such as "can0"; its form depends on the interface.
+            options: options of the interface, such as `bitrate`.
 
         Raises:
             UnknownNameError: if python-can has no such interface.
@@ -114,7 +114,7 @@ class DeviceBus:
 
     @property
     def problem(self) -> str:
-        """Why nothing can come from the bus; empty where all is well."""
+        """Why the bus gives no frames; empty if it works."""
         if isinstance(self._end, DriverError):
             return str(self._end)
         if self._end is not None:
@@ -125,55 +125,55 @@ class DeviceBus:
 
     @property
     def error_frames(self) -> int:
-        """How many error frames the controller has reported."""
+        """Number of error frames that the controller has reported."""
         return self._dispatch.error_frames
 
     @property
     def log_end(self) -> EndOfLogError | None:
-        """How the log that is replayed ended; None while it goes on, and of a real bus."""
+        """How the replayed log ended; None before its end, and for a real bus."""
         return self._end if isinstance(self._end, EndOfLogError) else None
 
     def attach(self, device: BusUser) -> None:
-        """Lets a device take part.
+        """Adds a device to the bus.
 
         Raises:
-            InvalidInputError: if another device on the bus has the same identifiers.
+            InvalidInputError: if another device on the bus uses one of its identifiers.
         """
         with self._changed:
             self._dispatch.attach(device)
 
     def detach(self, device: BusUser) -> None:
-        """Ends a device's part."""
+        """Removes a device from the bus."""
         with self._changed:
             self._dispatch.detach(device)
 
     def listen(self, listener: Listener) -> None:
-        """Has every frame that is received (`is_rx`) or sent from now on given to `listener` too, with its time."""
+        """Passes every frame that is received (`is_rx`) or sent from now on to `listener`, too, with its time stamp."""
         with self._changed:
             self._dispatch.listen(listener)
 
     def ignore(self, listener: Listener) -> None:
-        """Ends what `listen` began."""
+        """Removes a listener."""
         with self._changed:
             self._dispatch.ignore(listener)
 
     def wait_for(self, find: Callable[[], Found | None], timeout: float) -> Found | None:
-        """Calls `find` after each frame until it finds something.
+        """Calls `find` after each frame until it returns something.
 
         Args:
-            find: called with the bus's lock held.
-            timeout: s.
+            find: function that is called with the bus's lock held.
+            timeout: maximum wait, s.
 
         Returns:
-            What was found; None after the timeout.
+            The result of `find`; None after the timeout.
 
         Raises:
-            BusError: if the bus was closed, or its thread has died.
+            BusError: if the bus has been closed, or its thread has died.
             EndOfLogError: if the bus replays a log that is at its end.
-            InvalidInputError: if `timeout` is no finite number >= 0.
+            InvalidInputError: if `timeout` is not a finite number >= 0.
         """
         timeout = positive_number("timeout", timeout, allow_zero=True)
-        # On the bus's own clock only where the caller lets it run.
+        # The bus's own clock is used only without a thread, since then the caller advances it.
         clock: Clock = HOST_CLOCK if self._threaded else self.clock
         deadline = clock.time() + timeout
         with self._changed:
@@ -190,7 +190,7 @@ class DeviceBus:
             return found
 
     def run_until(self, time: float) -> None:
-        """Does the bus's work until its clock shows `time`, s since the epoch; not for a bus with a thread of its own.
+        """Does the bus's work until its clock shows `time`, s since the epoch; only for a bus without a thread.
 
         Raises:
             EndOfLogError: if the bus replays a log that ends before.
@@ -203,10 +203,11 @@ class DeviceBus:
     def keep_up(self, elapsed: float) -> float:
         """Does the bus's work up to `elapsed` s after the origin, unless its thread does it.
 
-        For who has a clock of his own, such as a simulator that replays a log. After the log's end only time goes on.
+        For callers with their own clock, such as a simulator that replays a log. After the log's end, only the time
+        advances.
 
         Returns:
-            What time that is, s since the epoch. Where the caller's clock has gone back, the bus's is ahead of it.
+            That time, s since the epoch. If the caller's clock has gone back, the bus's clock is ahead of it.
         """
         if self._threaded:
             return self.clock.time()
@@ -217,12 +218,12 @@ class DeviceBus:
         return now
 
     def pump(self, timeout: float) -> None:
-        """One turn of the bus's work: waits for a frame, hands it on, lets the devices send what is due.
+        """One turn of the bus's work: waits for a frame, passes it on, and lets the devices send when they are due.
 
-        All frames that are there are handed on before: an answer is not late because this program was.
+        The frames that have arrived are passed on before, so that a delay of this program makes no answer late.
 
         Args:
-            timeout: longest wait, s.
+            timeout: maximum wait, s.
         """
         if self._line.bus is None:
             if self._line.reopen(timeout):
@@ -241,21 +242,21 @@ class DeviceBus:
                 self._dispatch.poll(self.clock.time())
             self._changed.notify_all()
 
-    # For devices, whose methods the bus calls.
+    # The following methods are called by devices, from methods that the bus calls.
 
     def send(self, frame: can.Message, time: float) -> None:
-        """Sends a frame. A bus that fails is opened again; its devices then start anew, so nothing is raised.
+        """Sends a frame. A failure raises nothing, because the bus is then reopened and its devices are restarted.
 
         Args:
-            frame: to be sent.
-            time: when the device decided to, s since the epoch; a log will have it.
+            frame: the frame.
+            time: time of the device's decision to send, s since the epoch; it becomes the frame's time stamp in a log.
         """
         if self._line.send(frame):
             frame.timestamp = time
             self._dispatch.tell(frame)
 
     def hush(self, speaker: BusUser, until: float) -> None:
-        """Has nothing sent before a time, s since the epoch, except by one device."""
+        """Lets only one device send before a time, s since the epoch."""
         self.quiet_until, self._speaker = until, speaker
 
     def is_hushed(self, device: BusUser, now: float) -> bool:
@@ -289,6 +290,6 @@ class DeviceBus:
         if self.follows_log and not frame.is_rx:
             self._dispatch.follow(frame)
             return
-        frame.is_rx = True  # Some backends say otherwise of what another program on this machine has sent.
-        # What devices do in a replay hangs on the log alone, and not on when its frames are played.
+        frame.is_rx = True  # Some backends set False for frames from another program on this machine.
+        # In a replay, devices use the recorded times, so that the result depends on the log alone.
         self._dispatch.hand_on(frame, frame.timestamp if self.follows_log else now)

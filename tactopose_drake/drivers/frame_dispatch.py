@@ -1,4 +1,4 @@
-"""To whom the frames of a bus belong: the devices that take part, by their identifiers, and those who only listen."""
+"""Dispatch of a bus's frames to devices, by their identifiers, and to listeners."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -13,7 +13,7 @@ Listener = Callable[[can.Message], None]
 
 
 class BusUser(Protocol):
-    """What the bus knows of a device; `Device` says what the methods do."""
+    """The interface of a device to the bus; `Device` documents the methods."""
 
     name: str
     requests: frozenset[int]
@@ -30,11 +30,11 @@ class BusUser(Protocol):
 
 
 class FrameDispatch:
-    """Hands frames on, and has devices start and send when it is time; needs no bus, and no lock of its own.
+    """Passes frames on, and starts and polls devices when they are due; without a bus and without locks.
 
     Attributes:
-        error_frames: how many the controller has reported.
-        is_bus_off: whether the last that was heard of the controller is that it has switched itself off.
+        error_frames: number of error frames that the controller has reported.
+        is_bus_off: whether the controller has reported bus-off, and only error frames were received since.
     """
 
     def __init__(self) -> None:
@@ -47,10 +47,10 @@ class FrameDispatch:
         self._listeners: list[Listener] = []
 
     def attach(self, device: BusUser) -> None:
-        """Lets a device take part.
+        """Adds a device.
 
         Raises:
-            InvalidInputError: if another device has the same identifiers.
+            InvalidInputError: if another device uses one of its identifiers.
         """
         for other in self._devices:
             for identifier in sorted((device.requests | device.replies) & (other.requests | other.replies)):
@@ -60,57 +60,57 @@ class FrameDispatch:
         self._devices += (device,)
         self._askers.update(dict.fromkeys(device.requests, device))
         self._owners.update(dict.fromkeys(device.replies, device))
-        self._to_start.append(device)  # by whoever does the work
+        self._to_start.append(device)  # started by `start`, in the thread that does the work
 
     def detach(self, device: BusUser) -> None:
-        """Ends a device's part."""
+        """Removes a device."""
         self._devices = tuple(other for other in self._devices if other is not device)
         self._to_start = [other for other in self._to_start if other is not device]
         self._askers = {identifier: other for identifier, other in self._askers.items() if other is not device}
         self._owners = {identifier: other for identifier, other in self._owners.items() if other is not device}
 
     def listen(self, listener: Listener) -> None:
-        """Has every frame from now on told to `listener` too."""
+        """Passes every frame from now on to `listener`, too."""
         self._listeners.append(listener)
 
     def ignore(self, listener: Listener) -> None:
-        """Ends what `listen` began."""
+        """Removes a listener."""
         self._listeners.remove(listener)
 
     def renew(self) -> None:
-        """Has all devices start anew."""
+        """Marks all devices to be restarted."""
         self._to_start = list(self._devices)
 
     def start(self, clock: Clock) -> None:
-        """Starts the devices that wait for it."""
+        """Starts the devices that are marked."""
         for device in self._to_start:
             device.restart(clock.time())
         self._to_start.clear()
 
     def due(self, follows_log: bool) -> float:
-        """When the first device wants to go on, s since the epoch; where a log is followed none does by itself."""
+        """When a device is due next, s since the epoch: 0 if one must be started; infinity for a log otherwise."""
         if self._to_start:
             return 0.0
         return min((device.due for device in self._devices if not follows_log), default=float("inf"))
 
     def poll(self, now: float) -> None:
-        """Lets the devices go on that are due."""
+        """Polls the devices that are due."""
         for device in self._devices:
             if now >= device.due:
                 device.poll(now)
 
     def follow(self, request: can.Message) -> None:
-        """Gives a frame that was sent when a log was recorded to the device that asks so."""
+        """Passes a request that was sent when a log was recorded to the device whose request it is."""
         asker = self._askers.get(request.arbitration_id)
         if asker is not None:
             asker.follow(request, request.timestamp)
 
     def hand_on(self, frame: can.Message, now: float) -> None:
-        """Gives a received frame to the listeners, and to the device that it belongs to.
+        """Passes a received frame to the listeners, and to its device.
 
         Args:
-            frame: as received; its stamp says how old it is, and is not believed for more.
-            now: by which the device paces itself, s since the epoch.
+            frame: the frame; its time stamp is used only for its age.
+            now: the time for the device's waits, s since the epoch.
         """
         self.tell(frame)
         if frame.is_error_frame:
@@ -123,6 +123,6 @@ class FrameDispatch:
             device.handle(frame, now)
 
     def tell(self, frame: can.Message) -> None:
-        """Gives a frame to the listeners."""
+        """Passes a frame to the listeners."""
         for listener in self._listeners:
             listener(frame)

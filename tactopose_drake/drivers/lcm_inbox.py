@@ -1,4 +1,4 @@
-"""Messages that come over LCM: all of them are taken in, the newest is used, and what is missing is counted."""
+"""Received LCM messages: all are decoded, the newest is used, and lost ones are counted."""
 
 import importlib
 from typing import Any, Protocol
@@ -7,35 +7,35 @@ from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectPoseMe
 from tactopose_drake.drivers.waiting_pictures import WaitingPictures
 from tactopose_drake.errors import BusError, InvalidInputError, ProtocolError
 
-_BACK = 1_000_000  # microseconds that a message may be older than the one before; beyond, its sender began anew
-_MOST_MISSED = 10**6  # a gap beyond is another counter, and not that many messages
+_BACK = 1_000_000  # a message that is older than the one before by more, microseconds, is of a restarted sender
+_MOST_MISSED = 10**6  # a larger gap in the sequence is taken for a restarted sender, not for lost messages
 
 
 class LcmConnection(Protocol):
-    """What the package `lcm` calls LCM."""
+    """The class `LCM` of the package `lcm`."""
 
     def subscribe(self, channel: str, handler: Any) -> Any:
-        """Has a handler called with channel and data."""
+        """Calls a handler with the channel and the data of each message."""
 
     def publish(self, channel: str, data: bytes) -> Any:
         """Sends a message."""
 
     def handle_timeout(self, timeout: int, /) -> int:
-        """Handles messages for as long as that at most, ms."""
+        """Waits for a message for at most `timeout` ms, and handles it."""
 
 
 def open_lcm(url: str) -> LcmConnection:
-    """Opens LCM at a URL, such as `udpm://239.255.76.67:7667?ttl=0`: with ttl=0 nothing leaves this machine.
+    """Opens LCM at a URL, such as `udpm://239.255.76.67:7667?ttl=0`; with ttl=0, nothing leaves this machine.
 
     Raises:
         InvalidInputError: if the package `lcm` is not installed.
-        BusError: if there is no such network, or the URL is invalid.
+        BusError: if the network is not available, or the URL is invalid.
     """
     try:
         lcm = importlib.import_module("lcm")
     except ModuleNotFoundError:
         raise InvalidInputError(
-            "LCM: the package lcm is not installed; `pip install tactopose_drake[lcm]` brings it."
+            "LCM: the package lcm is not installed; `pip install tactopose_drake[lcm]` installs it."
         ) from None
     try:
         connection: LcmConnection = lcm.LCM(url)
@@ -45,22 +45,22 @@ def open_lcm(url: str) -> LcmConnection:
 
 
 class LcmInbox:
-    """What a hand senses and what vision says, as it comes in.
+    """Receives the messages of a hand's senses and of vision.
 
     Attributes:
-        received: messages of senses so far.
-        lost: how many had not come when a later one did, by their sequence.
-        passed_over: how many were received and not taken, since a newer one was there or had been.
-        remarks: what is to be said of what came since the last was taken.
+        received: number of received messages of the senses.
+        lost: number of messages that are missing in the sequence of received ones.
+        passed_over: number of received messages that were not used, because a newer one had been received.
+        remarks: remarks on the messages that were received since the last call of `take_remarks`.
     """
 
     def __init__(self, connection: LcmConnection, senses_channel: str, vision_channel: str = "") -> None:
         """Subscribes.
 
         Args:
-            connection: an open one.
-            senses_channel: of `lcmt_hand_senses`.
-            vision_channel: of `lcmt_object_pose`; empty: there is no vision.
+            connection: an open connection.
+            senses_channel: channel of `lcmt_hand_senses`.
+            vision_channel: channel of `lcmt_object_pose`; empty if there is no vision.
         """
         self.received = self.lost = self.passed_over = 0
         self.remarks: list[str] = []
@@ -68,40 +68,41 @@ class LcmInbox:
         self._last: HandSensesMessage | None = None
         self._newest: HandSensesMessage | None = None
         self._pictures = WaitingPictures[ObjectPoseMessage]()
-        connection.subscribe(senses_channel, self._on_senses).set_queue_capacity(0)  # no limit: none is lost here
+        connection.subscribe(senses_channel, self._on_senses).set_queue_capacity(0)  # unlimited
         if vision_channel:
             connection.subscribe(vision_channel, self._on_vision)
 
     def wait(self, timeout: float) -> None:
-        """Takes in all that is there; waits for a first message for as long as that, s.
+        """Handles all received messages; waits for the first for at most `timeout` s.
 
         Raises:
-            BusError: if the network can no longer be read.
+            BusError: if reading fails.
         """
         try:
             if self._connection.handle_timeout(max(0, round(1e3 * timeout))) > 0:
                 while self._connection.handle_timeout(0) > 0:
                     pass
         except OSError as error:
-            # Where a signal ended the wait, its handler runs with the next call, which is this one.
+            # If a signal ended the wait, its handler runs at the next call, which is this one.
             fault = BusError(f"LCM: cannot be read ({error}).")
             raise fault from None
 
     def take(self) -> HandSensesMessage | None:
-        """The newest message of senses, once; None where there is no new one."""
+        """Takes the newest message of the senses; None if there is no new one."""
         newest, self._newest = self._newest, None
         return newest
 
     def take_vision(self, utime: int) -> ObjectPoseMessage | None:
-        """The newest message of vision, once.
+        """Takes the newest message of vision; None if there is no new one.
 
         Args:
-            utime: of the senses that it goes with. A picture that is newer by less than half a second waits for them.
+            utime: time of the senses that it is used with. A message that is newer than they are, by up to half a
+                second, is kept for later senses.
         """
         return self._pictures.take(utime)
 
     def take_remarks(self) -> tuple[str, ...]:
-        """The remarks, once."""
+        """Takes the remarks."""
         remarks, self.remarks = tuple(dict.fromkeys(self.remarks)), []
         return remarks
 
@@ -114,7 +115,8 @@ class LcmInbox:
         self.received += 1
         if self._last is not None:
             step, back = message.sequence - self._last.sequence, self._last.utime - message.utime
-            if step <= 0 < message.sequence and 0 <= back < _BACK:  # It was overtaken, or came twice; 0 is a first one.
+            # A late message or a duplicate; sequence 0 is the first message of a sender.
+            if step <= 0 < message.sequence and 0 <= back < _BACK:
                 self.passed_over += 1
                 return
             self._count(step)
@@ -123,7 +125,7 @@ class LcmInbox:
         self._last = self._newest = message
 
     def _count(self, step: int) -> None:
-        """Counts what is missing between two messages that came one after the other."""
+        """Counts the messages that are missing between two consecutive ones."""
         if 1 < step <= _MOST_MISSED:
             self.lost += step - 1
             lost = "1 message of the senses was" if step == 2 else f"{step - 1} messages of the senses were"

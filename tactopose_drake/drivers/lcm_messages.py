@@ -1,7 +1,7 @@
-"""The LCM types of `tactopose.lcm` in Python: what a hand senses, what vision says, what is believed.
+"""The LCM types of `tactopose.lcm` in Python: a hand's senses, the object's pose by vision, and the belief.
 
-They are as good as what lcm-gen makes of that file, byte by byte: `lcm` and Drake's `LcmSubscriberSystem.Make` and
-`LcmPublisherSystem.Make` take them.
+They encode to the same bytes as the types that lcm-gen makes of that file, and can be used with `lcm`, and with Drake's
+`LcmSubscriberSystem.Make` and `LcmPublisherSystem.Make`.
 """
 
 import dataclasses
@@ -18,14 +18,14 @@ from tactopose_drake.errors import ProtocolError
 
 @dataclasses.dataclass(kw_only=True, eq=False)
 class HandSensesMessage:
-    """`lcmt_hand_senses`: what a hand senses at one time.
+    """`lcmt_hand_senses`: the measurements of a hand's sensors at one time.
 
     Attributes:
-        utime: when it was measured, microseconds of the sender's clock.
-        sequence: counts the sender's messages from 0 on; -1 of one that nobody has sent.
-        joints: positions by the names in the hand's model, rad, of prismatic joints m; NaN where not known.
-        wrenches: F_S on the fingertip by the fingers' names, shape (6,) each, N m and N; NaN where there is none.
-        pressures: by the pads' names, of each cell, shape (n,), Pa; NaN where a cell says nothing.
+        utime: time of the measurement, microseconds of the sender's clock.
+        sequence: number of the sender's message, from 0; -1 for a message that was never sent.
+        joints: joint positions by the joint's name in the hand's model, rad, or m for prismatic joints; NaN if unknown.
+        wrenches: wrench F_S on the fingertip by the finger's name, each (6,), N m and N; NaN if unknown.
+        pressures: pressures of the cells by the pad's name, each (n,), Pa; NaN if unknown.
 
     Raises:
         InvalidInputError: if a value is of another type or shape.
@@ -94,10 +94,10 @@ class ObjectPoseMessage:
     """`lcmt_object_pose`: the object's pose by vision.
 
     Attributes:
-        utime: when the picture was taken, microseconds of the clock that the senses' utime is of.
+        utime: time of the picture, microseconds of the clock that the senses use.
         position: p_PO, shape (3,), m.
-        quaternion_wxyz: of R_PO, shape (4,).
-        covariance: of the increment (w, v) from it to the true pose, shape (6, 6), rad and m.
+        quaternion_wxyz: quaternion of R_PO, shape (4,).
+        covariance: covariance of the increment (w, v) from it to the true pose, shape (6, 6), rad and m.
 
     Raises:
         InvalidInputError: if a value is of another type or shape.
@@ -137,20 +137,20 @@ class ObjectPoseMessage:
 
 @dataclasses.dataclass(kw_only=True, eq=False)
 class ObjectBeliefMessage:
-    """`lcmt_object_belief`: what is believed of the object's pose in the palm; n modes by falling probability.
+    """`lcmt_object_belief`: the belief over the object's pose in the palm; n modes in order of falling probability.
 
     Attributes:
-        utime: of the senses that it is of, microseconds of their sender's clock.
-        sequence: of those senses; -1 before the first.
-        session: another one for each start of the estimator.
-        received: messages of senses since its start.
-        lost: of those that were sent meanwhile, by their sequence.
-        passed_over: of those received: newer ones were there before a belief could be made of them.
+        utime: time of the senses that it is based on, microseconds of their sender's clock.
+        sequence: sequence number of those senses; -1 before the first.
+        session: a number that differs for each start of the estimator.
+        received: number of messages of the senses received since its start.
+        lost: number of messages missing in their sequence.
+        passed_over: number of received messages that were not used, because a newer one had been received.
         status: "ok", "ambiguous", "slipping", "no_contact" or "lost"; remarks after a colon.
-        probability: of each mode, shape (n,).
+        probability: probability of each mode, shape (n,).
         position: p_PO, shape (n, 3), m.
-        quaternion_wxyz: of R_PO, shape (n, 4).
-        covariance: of the increments (w, v), shape (n, 6, 6), rad and m.
+        quaternion_wxyz: quaternions of R_PO, shape (n, 4).
+        covariance: covariances of the increments (w, v), shape (n, 6, 6), rad and m.
 
     Raises:
         InvalidInputError: if a value is of another type or shape.
@@ -216,14 +216,14 @@ class ObjectBeliefMessage:
 
 
 def _check_integers(message: object, names: Iterable[str]) -> None:
-    """Raises InvalidInputError if one of a message's integers is no integer, or not of 64 bits."""
+    """Raises InvalidInputError if one of a message's fields is not an integer of 64 bits."""
     for name in names:
         value = getattr(message, name)
         whole_number(f"{type(message).__name__}.{name}", value, least=-(2**63), most=2**63 - 1)
 
 
 def _arrays(what: str, given: Mapping[str, ArrayLike], shape: tuple[int | None, ...]) -> dict[str, FloatArray]:
-    """Numbers by name, each of one shape; raises InvalidInputError if they are not."""
+    """Arrays of one shape by name; raises InvalidInputError if they are invalid."""
     instance_of(what, given, Mapping)
     for name in given:
         instance_of(f"{what}: the name {name!r}", name, str)
@@ -231,13 +231,13 @@ def _arrays(what: str, given: Mapping[str, ArrayLike], shape: tuple[int | None, 
 
 
 def _fingerprint(number: int) -> bytes:
-    """Of a type without types in it: lcm-gen's number, its bits turned left by one."""
+    """Fingerprint of a type without nested types: lcm-gen's hash, rotated left by one bit."""
     return ((number << 1 | number >> 63) & 0xFFFF_FFFF_FFFF_FFFF).to_bytes(8, "big")
 
 
 _POSE_SHAPES: dict[str, tuple[int, ...]] = {"position": (3,), "quaternion_wxyz": (4,), "covariance": (6, 6)}
 
-# As lcm-gen computes them of `tactopose.lcm`.
+# As computed by lcm-gen from `tactopose.lcm`.
 _HAND_SENSES = _fingerprint(0xB95DA6B012AA2FEF)
 _OBJECT_POSE = _fingerprint(0x9DAD27A955770D43)
 _OBJECT_BELIEF = _fingerprint(0xD9BA3C0199BCDA3F)

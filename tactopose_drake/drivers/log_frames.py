@@ -1,4 +1,4 @@
-"""Reading the CAN logs of `can_recorder.py`, and those of other programs in these formats, as far as they are whole."""
+"""Reading the CAN logs of `can_recorder.py`, and of other programs in these formats, up to the first damage."""
 
 import io
 import math
@@ -11,23 +11,24 @@ from can.io.blf import OBJ_HEADER_BASE_STRUCT, BLFParseError
 
 from tactopose_drake.errors import EndOfLogError, InvalidFileError
 
-_LONGEST_GAP = 600.0  # s between two frames; the devices are polled, so a longer one is none of theirs
-_MOST_BYTES = 8  # of a frame of classic CAN, whatever length it says
-_LARGEST_STEP_BACK = 1.0  # s; buses with several channels do not sort their frames
-_TOLD = 3  # frames that are left out and named
+_LONGEST_GAP = 600.0  # maximum time between two frames, s; the devices are polled, so a larger one is an error
+_MOST_BYTES = 8  # maximum size of a frame of classic CAN, whatever its length field
+_LARGEST_STEP_BACK = 1.0  # s; frames of several channels need not be sorted
+_TOLD = 3  # maximum number of omitted frames that the message lists
 
 
 def log_frames(path: Path) -> Iterator[can.Message]:
-    """The frames of a log in their order, received and sent (`is_rx`) ones. It ends with an error, which says how.
+    """The frames of a log in order, both received (`is_rx`) and sent. It always ends with an EndOfLogError.
 
-    A single frame whose time stamp is far from those of its neighbours, which follow each other, is left out.
+    A single frame whose time stamp is far from those of its neighbours is omitted if the neighbours' fit each other.
 
     Args:
-        path: of a `.blf` or `.asc` file.
+        path: a `.blf` or `.asc` file.
 
     Raises:
-        InvalidFileError: at the first frame, if the file cannot be read or is no such log.
-        EndOfLogError: after the last whole frame; the message says whether the log was cut off, and what was left out.
+        InvalidFileError: at the first frame, if the file cannot be read or is not such a log.
+        EndOfLogError: after the last complete frame; the message says whether the log was cut off, and lists the
+            omitted frames.
     """
     try:
         file = path.open("rb")
@@ -65,7 +66,7 @@ def log_frames(path: Path) -> Iterator[can.Message]:
 
 
 def _next_of(frames: Iterator[can.Message]) -> tuple[can.Message | None, bool]:
-    """The next frame if there is a whole one, and whether the log is sound up to there."""
+    """The next frame, if it is complete, and whether the log is undamaged up to there."""
     try:
         frame = next(frames, None)
     except Exception:  # python-can's readers raise whatever their parsing runs into
@@ -74,40 +75,40 @@ def _next_of(frames: Iterator[can.Message]) -> tuple[can.Message | None, bool]:
 
 
 def _has_all(frame: can.Message) -> bool:
-    """Whether a frame has all of its bytes: a line that was cut off may still parse. Lengths 9 to 15 are 8 bytes."""
+    """Whether a frame has all its bytes, since a truncated line may still parse. Lengths 9 to 15 mean 8 bytes."""
     length = frame.dlc if frame.is_fd else min(frame.dlc, _MOST_BYTES)
     return frame.is_remote_frame or len(frame.data) == length
 
 
 def _follows(time: float, last: float | None) -> bool:
-    """Whether a frame may come at this time after the last one: a replay waits for each."""
+    """Whether this time is plausible after the last frame's; a replay would wait for it."""
     if last is None:
         return math.isfinite(time) and time >= 0.0
     return last - _LARGEST_STEP_BACK <= time <= last + _LONGEST_GAP
 
 
 def _is_stray(time: float, last: float, following: float) -> bool:
-    """Whether a frame's time stamp is wrong by itself: without it, the frame after it follows the one before it."""
+    """Whether only this frame's time stamp is wrong, so that its neighbours' fit each other."""
     return _follows(following, last) and not (_follows(time, last) and _follows(following, time))
 
 
 def _reader(path: Path, file: BinaryIO) -> tuple[can.BLFReader | can.ASCReader, bool]:
-    """A reader, and whether the log is whole as far as can be told before it is read."""
+    """A reader, and whether the log is complete as far as its header shows."""
     suffix = path.suffix.lower()
     try:
         if suffix == ".blf":
             blf = _SteadyReader(file)
-            # The writer puts the size into the header when it is done.
+            # The writer stores the size in the header when it closes the file.
             return blf, blf.file_size == path.stat().st_size
         if suffix == ".asc":
             return can.ASCReader(_WholeLines(file, encoding="utf-8"), relative_timestamp=False), True
-    except Exception as error:  # likewise
+    except Exception as error:  # as in `_next_of`
         raise InvalidFileError(f"{path}: is not a log of CAN frames ({error!r}).") from error
     raise InvalidFileError(f"{path}: ends in {suffix!r}; allowed are .blf and .asc.")
 
 
 class _SteadyReader(can.BLFReader):
-    """Ends at an object that has no length, at which python-can's would stay for ever."""
+    """Stops at an object without a length, at which python-can's reader would loop forever."""
 
     def _parse_data(self, data: bytes) -> Iterator[can.Message]:
         start = 0
@@ -121,7 +122,7 @@ class _SteadyReader(can.BLFReader):
 
 
 class _WholeLines(io.TextIOWrapper):
-    """The lines of a file that have an end. A hexadecimal digit may be missing in another, and nobody would see it."""
+    """The lines of a file that end in a line feed; another may be truncated within a number."""
 
     def __next__(self) -> str:  # type: ignore[override]  # as io.TextIOWrapper itself
         line = super().__next__()

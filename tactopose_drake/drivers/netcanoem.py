@@ -1,6 +1,6 @@
 """The driver of ATI's NETCANOEM board: a six-axis force-torque transducer on CAN.
 
-Not tried on hardware: written from the manual and from what public drivers agree on (`netcanoem_protocol.py`).
+Not tested on hardware: written from the manual and from what public drivers agree on (`netcanoem_protocol.py`).
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ from tactopose_drake.drivers.frames import data_frame
 from tactopose_drake.drivers.netcanoem_protocol import Firmware, ForceUnit, Opcode, TorqueUnit
 from tactopose_drake.errors import DeviceError, DeviceTimeoutError, ProtocolError
 
-# What boards count that cannot be asked (firmware before 3.7). [A]
+# Counts per unit of force and torque of boards that do not report them (firmware before 3.7). [A]
 _OLD_COUNTS = (1_000_000, 1_000_000)
 
 
@@ -27,12 +27,12 @@ class ForceTorqueSample:
     """One sample of a force-torque board.
 
     Attributes:
-        time: when its last frame came, s since the epoch.
+        time: arrival of its last frame, s since the epoch.
         F_S: wrench on the transducer [m_x, m_y, m_z, f_x, f_y, f_z] about the origin of its frame S, in S, N m and N,
-            shape (6,); NaN unless the status is "ok" or a warning.
-        gauges: the strain gauges' readings, before the bias is taken off, shape (6,); zeros after a bad reply.
-        status: "ok"; "ok (" and warnings ")"; "saturated: " and the gauges, from 0; "error: " and the status bits; or
-            "bad reply: " and what is wrong with it.
+            shape (6,); NaN unless the status is "ok", with or without warnings.
+        gauges: readings of the strain gauges before the bias is subtracted, shape (6,); zeros after a bad reply.
+        status: "ok"; "ok (...)" with warnings; "saturated: " and the gauges, from 0; "error: " and the status bits; or
+            "bad reply: " and the reason.
     """
 
     time: float
@@ -43,14 +43,14 @@ class ForceTorqueSample:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BoardCalibration:
-    """What turns gauge readings into a wrench.
+    """The calibration that converts gauge readings to a wrench.
 
     Attributes:
-        matrix: as the board gives it, rows F_x, F_y, F_z, T_x, T_y, T_z, in counts, shape (6, 6).
-        counts_per_force: counts in a unit of force.
-        counts_per_torque: counts in a unit of torque.
-        force_unit: that unit.
-        torque_unit: that unit.
+        matrix: the board's matrix, rows F_x, F_y, F_z, T_x, T_y, T_z, in counts, shape (6, 6).
+        counts_per_force: counts per unit of force.
+        counts_per_torque: counts per unit of torque.
+        force_unit: unit of force.
+        torque_unit: unit of torque.
     """
 
     matrix: FloatArray
@@ -60,21 +60,21 @@ class BoardCalibration:
     torque_unit: TorqueUnit
 
     def wrench_matrix(self) -> FloatArray:
-        """A with F_S = A @ (gauges - bias): rows m_x, m_y, m_z, f_x, f_y, f_z, N m and N per reading, (6, 6)."""
+        """A with F_S = A @ (gauges - bias): rows m_x, m_y, m_z, f_x, f_y, f_z, N m and N per reading, shape (6, 6)."""
         force = self.matrix[:3] * (self.force_unit.newtons / self.counts_per_force)
         torque = self.matrix[3:] * (self.torque_unit.newton_meters / self.counts_per_torque)
         return np.concatenate([torque, force])
 
 
 class NetCanOemForceTorque(Device[ForceTorqueSample]):
-    """A NETCANOEM board: its calibration is read from it, then it is polled; the bias is taken off here.
+    """A NETCANOEM board: the driver reads its calibration, polls it, and subtracts the bias.
 
-    A board that misses an answer may have restarted, and then measures with calibration 0: it is greeted again, which
-    sets the calibration, before any further sample is believed.
+    If an answer is missing, the board may have restarted with calibration 0. It is then set up again, which activates
+    the calibration, before further samples are used.
 
     Attributes:
-        firmware: the board's, once it has answered.
-        calibration: likewise.
+        firmware: the board's firmware version; None until it has answered.
+        calibration: the board's calibration; None until it has answered.
     """
 
     def __init__(
@@ -88,16 +88,16 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
         timeout: float = 0.1,
         name: str = "",
     ) -> None:
-        """Prepares the driver; as a context manager it takes part in the bus's traffic.
+        """Prepares the driver, which uses the bus while it is entered as a context manager.
 
         Args:
-            bus: where the board is.
-            base: of its identifiers, 0 to 127.
+            bus: the bus that the board is on.
+            base: base of the board's identifiers, 0 to 127.
             calibration_slot: calibration to activate, 0 to 15.
-            period: between two samples, s.
-            units: the calibration's, for boards that do not tell them (firmware before 3.7).
-            timeout: longest wait for an answer, s.
-            name: for messages.
+            period: time between two samples, s.
+            units: units of the calibration, required for boards that do not report them (firmware before 3.7).
+            timeout: maximum wait for an answer, s.
+            name: the board's name in messages.
 
         Raises:
             InvalidInputError: if a number is out of its range.
@@ -112,11 +112,11 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
         self.firmware: Firmware | None = None
         self.calibration: BoardCalibration | None = None
         self._answered_at = 0.0
-        self._answers: dict[int, bytes] = {}  # of this greeting, by identifier
+        self._answers: dict[int, bytes] = {}  # of the present setup, by identifier
 
     @property
     def bias(self) -> FloatArray:
-        """Gauge readings that count as no load, shape (6,)."""
+        """Gauge readings without a load, shape (6,)."""
         return self._bias.copy()
 
     @bias.setter
@@ -124,18 +124,18 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
         self._bias = finite_array("bias", gauges, (6,))
 
     def tare(self, samples: int = 50, timeout: float = 2.0) -> FloatArray:
-        """Makes the present load the zero: the bias becomes the mean of the next gauge readings.
+        """Makes the present load the zero: sets the bias to the mean of the next gauge readings. Drops unread samples.
 
         Args:
-            samples: how many; those that wait to be read are dropped.
-            timeout: for each, s.
+            samples: number of samples.
+            timeout: maximum wait for each, s.
 
         Returns:
             The bias, shape (6,).
 
         Raises:
-            DeviceTimeoutError: if a sample does not come.
-            DeviceError: if a sample is not valid; the bias then stays what it was.
+            DeviceTimeoutError: if a sample does not arrive in time.
+            DeviceError: if a sample is invalid; the bias is then unchanged.
             InvalidInputError: if an argument is out of its range.
         """
         samples = whole_number("samples", samples, least=1)
@@ -150,8 +150,9 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
         return self.bias
 
     def _converse(self) -> Conversation:
-        # The request for a calibration and its answer are the same frame. So ask first what cannot be mistaken: if that
-        # request comes back too, the bus echoes, and of the calibration's two frames the second is the answer.
+        # A request to activate a calibration and its answer are equal frames. Therefore, the firmware version is
+        # requested first: if that request comes back, too, the bus echoes requests, and the second of the two frames is
+        # the answer about the calibration.
         self._answers.clear()
         (version,), echoed = yield from self._ask(Opcode.FIRMWARE)
         self.firmware = protocol.decode_firmware(version)
@@ -166,20 +167,21 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
         if self.firmware.tells_units:
             counts = protocol.decode_counts((yield from self._ask(Opcode.COUNTS))[0][0])
             units = protocol.decode_units((yield from self._ask(Opcode.UNITS))[0][0])
-        # What follows on an answer and contradicts it has come in when the next one is there.
+        # A second, contradicting reply to the last request has arrived when this one is answered.
         if (yield from self._ask(Opcode.FIRMWARE))[0] != [version]:
             raise ProtocolError("firmware version: came twice, with different data.")
         self._answers.clear()
         if units is None:
             raise DeviceError(
-                f"{self.name}: firmware {self.firmware.major}.{self.firmware.minor} does not tell its units; give them."
+                f"{self.name}: firmware {self.firmware.major}.{self.firmware.minor} does not report its units; set the "
+                "argument `units`."
             )
         self.calibration = BoardCalibration(matrix, *counts, *units)
         to_wrench = self.calibration.wrench_matrix()
         ask_at = self._now
         while True:
             yield from self._sample(to_wrench)
-            # From when it was due, not from when it was: else each delay would lower the rate.
+            # Relative to the due time, so that delays do not lower the rate.
             ask_at = max(ask_at + self._period, self._now)
             yield Pause(ask_at - self._now)
 
@@ -205,14 +207,14 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
     def _ask(
         self, opcode: Opcode, data: bytes = b"", parts: int = 1
     ) -> Generator[Exchange | Pause, bool, tuple[list[bytes], bool]]:
-        """A request that its answer differs from.
+        """Sends a request whose answer differs from it.
 
         Returns:
             The answer's frames, and whether the request itself came back.
 
         Raises:
-            ProtocolError: if the answer's frames are not in order.
-            DeviceTimeoutError: if it does not come.
+            ProtocolError: if one of the answer's frames comes twice, with different data.
+            DeviceTimeoutError: if the answer does not arrive in time.
         """
         request = data_frame(protocol.identifier(self._base, opcode), data)
         replies: list[bytes] = []
@@ -239,7 +241,7 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
         return replies, echoed
 
     def _compare(self, frame: can.Message) -> None:
-        """Raises ProtocolError if a frame contradicts an answer of this greeting."""
+        """Raises ProtocolError if a frame contradicts an answer of the present setup."""
         if self._answers.get(frame.arbitration_id, frame.data) != frame.data:
             raise ProtocolError(
                 f"reply with the identifier {frame.arbitration_id:#x}: came twice, with different data."

@@ -1,11 +1,10 @@
-"""The protocol of ATI's NETCANOEM force-torque board: bytes to values and back, as pure functions.
+"""The protocol of ATI's NETCANOEM force-torque board: encoding and decoding of frames, as pure functions.
 
 An identifier is `base << 4 | opcode`; replies use the identifiers of the requests. Numbers are big-endian. Every
-decoder takes the data of its frames and raises `ProtocolError` if they have another length, or hold a value that cannot
-be.
+decoder takes the data of its frames and raises `ProtocolError` if their length or a value is invalid.
 
 Source: [A] ATI Industrial Automation, NETCANOEM manual 9610-05-1030. Written from that and from what public drivers
-agree on; not tried on hardware.
+agree on; not tested on hardware.
 """
 
 import dataclasses
@@ -25,7 +24,7 @@ BASES = 128  # of 7 bits
 
 
 class Opcode(enum.IntEnum):
-    """The low four bits of an identifier: what is asked for. Long replies go on under the following opcodes."""
+    """The requests, the low four bits of an identifier. Long replies continue under the next opcodes."""
 
     SAMPLE = 0x0  # replies 0 and 1
     MATRIX = 0x2  # replies 2, 3 and 4
@@ -104,12 +103,12 @@ class StatusBit(enum.IntFlag):
     ANY_ERROR = 1 << 15
 
 
-# The board keeps sending data whatever its status is, so the host must reject them. These bits leave them usable. [A]
+# The board sends data whatever its status, so the host must reject invalid ones. They are valid under these bits. [A]
 HARMLESS = StatusBit.WATCHDOG_RESET | StatusBit.CONFIGURATION | StatusBit.CAN_ERROR
 
 
 def status_names(word: int) -> list[str]:
-    """What a status word says, in words; bit 15 is named only where no other bit explains it."""
+    """The names of the bits of a status word; bit 15 is named only if no other bit is set."""
     names = []
     for bit in range(15):
         if word >> bit & 1:

@@ -1,4 +1,4 @@
-"""A bus that is opened again after a failure."""
+"""A bus that is reopened after a failure."""
 
 import contextlib
 from collections.abc import Callable
@@ -7,27 +7,27 @@ import can
 
 from tactopose_drake.drivers.clock import Clock
 
-# What python-can's interfaces raise where a bus cannot be opened: their own errors and the operating system's;
-# ValueError and TypeError for a channel or an option that they cannot take; ImportError and NotImplementedError where a
-# vendor's library is missing or lacks what is asked for. Anything else is a fault of the program, no state of a bus.
+# What python-can's interfaces raise if a bus cannot be opened: their own errors and the operating system's; ValueError
+# and TypeError for an invalid channel or option; ImportError and NotImplementedError if a vendor's library is missing
+# or incomplete. Other exceptions are errors of the program, not states of a bus.
 _CANNOT_OPEN = (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError)
-_BACKOFF = (0.1, 2.0)  # s between two attempts to open a bus again: doubles from the first to the last
+_BACKOFF = (0.1, 2.0)  # pauses between attempts to reopen a bus, s: doubled from the first to the last
 
 
 class ReconnectingBus:
-    """One of python-can's buses, and the way to another when it fails. Its errors become a state.
+    """One of python-can's buses, which is replaced when it fails. Its errors are stored instead of raised.
 
     Attributes:
-        bus: the present one; None where there is none.
-        failure: what has gone wrong since it was last opened; empty where all is well.
+        bus: the present bus; None if there is none.
+        failure: the failure since it was last opened; empty if there is none.
     """
 
     def __init__(self, open_bus: Callable[[], can.BusABC], clock: Clock) -> None:
         """Keeps its arguments.
 
         Args:
-            open_bus: makes a bus.
-            clock: on which the pauses between two attempts are.
+            open_bus: creates a bus.
+            clock: clock of the pauses between attempts.
         """
         self._open_bus, self._clock = open_bus, clock
         self.bus: can.BusABC | None = None
@@ -35,7 +35,7 @@ class ReconnectingBus:
         self._retry_at, self._pause = 0.0, 0.0
 
     def open(self) -> bool:
-        """Opens it; whether that worked."""
+        """Opens the bus; returns whether that succeeded."""
         try:
             self.bus = self._open_bus()
         except _CANNOT_OPEN as error:
@@ -45,7 +45,7 @@ class ReconnectingBus:
         return True
 
     def close(self) -> None:
-        """Shuts it down."""
+        """Shuts the bus down."""
         bus, self.bus = self.bus, None
         if bus is not None:
             bus.shutdown()
@@ -59,7 +59,7 @@ class ReconnectingBus:
             return None
 
     def send(self, frame: can.Message) -> bool:
-        """Sends a frame; whether that worked."""
+        """Sends a frame; returns whether that succeeded."""
         if self.bus is None:
             return False
         try:
@@ -70,7 +70,7 @@ class ReconnectingBus:
         return True
 
     def reopen(self, timeout: float) -> bool:
-        """Waits for the next attempt, for at most `timeout` s; whether the bus is open again."""
+        """Waits for the next attempt for at most `timeout` s, or makes it; returns whether the bus is open again."""
         wait = self._retry_at - self._clock.time()
         if wait > 0:
             self._clock.sleep(min(wait, timeout))
@@ -88,9 +88,9 @@ class ReconnectingBus:
 
 
 def receive(bus: can.BusABC, timeout: float) -> can.Message | None:
-    """The next frame on a bus; None after `timeout` s, or sooner where a frame came that the bus's filters reject.
+    """The next frame on a bus; None after `timeout` s, or sooner if the bus's filters reject a received frame.
 
-    python-can's own `recv` looks at the clock of day: if that was set back, it would wait until it has caught up.
+    python-can's own `recv` uses the system clock: if that is set back, it waits for as much longer.
     """
     if type(bus).recv is not can.BusABC.recv:
         return bus.recv(timeout)

@@ -1,10 +1,10 @@
-"""Playing a log through the real drivers: a bus whose frames come from a file, on a clock that shows the log's time.
+"""Replay of a log with the real drivers: a bus whose frames come from a file, and a clock that shows the log's time.
 
     with open_log(path) as bus, NetCanOemForceTorque(bus) as sensor:
         sample = sensor.read()
 
-The drivers find the recorded answers to the recorded requests, so what they make of a log depends on the log alone. A
-bias that was taken on the host is not in it: set it as it was.
+The drivers match the recorded answers to the recorded requests, so that the samples depend on the log alone. A bias
+that was set on the host is not in the log: set it again.
 """
 
 import itertools
@@ -19,22 +19,21 @@ from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.log_frames import log_frames
 from tactopose_drake.errors import EndOfLogError, InvalidFileError
 
-_LEAD = 0.5  # s, of a paced replay
+_LEAD = 0.5  # time from the opening of the bus to the first frame in a paced replay, s
 
 
 def open_log(path: Path, channel: int = 0, *, paced: bool = False) -> DeviceBus:
-    """A bus that plays a log, once.
+    """A bus that replays a log, once.
 
     Args:
-        path: of a `.blf` or `.asc` file.
+        path: a `.blf` or `.asc` file.
         channel: the bus's number in the log.
-        paced: whether it plays as fast as it was recorded, and in a thread of its own, from half a second after the bus
-            is opened. What a device misses of the beginning it cannot make up for: let all take part by then, or even
-            before (`with sensor, bus:`). Otherwise it plays as fast as it is asked to, by `Device.read` or
-            `DeviceBus.run_until`.
+        paced: whether it replays in real time in its own thread, starting half a second after the bus is opened. A
+            device cannot recover frames that it misses at the beginning: enter all devices before, or even before the
+            bus (`with sensor, bus:`). Otherwise, `Device.read` and `DeviceBus.run_until` advance the replay.
 
     Raises:
-        InvalidFileError: if it cannot be read, is no such log, or holds no frame.
+        InvalidFileError: if the file cannot be read, is not such a log, or holds no frame.
     """
     frames = log_frames(path)
     try:
@@ -52,13 +51,13 @@ def open_log(path: Path, channel: int = 0, *, paced: bool = False) -> DeviceBus:
 
 
 class PacedClock:
-    """A clock that runs as fast as the real one, from another time on."""
+    """A real-time clock with another origin."""
 
     def __init__(self, start: float) -> None:
         self.set(start)
 
     def set(self, now: float) -> None:
-        """Makes it this time, s since the epoch."""
+        """Sets the time, s since the epoch."""
         self._offset = now - time.monotonic()
 
     def time(self) -> float:
@@ -74,20 +73,20 @@ class PacedClock:
         self.sleep(max(0.0, time - self.time()))
 
     def of_stamp(self, stamp: float) -> float:
-        """The stamp: it is of the log, as this clock is."""
+        """The time stamp itself: the clock shows the log's time."""
         return stamp
 
 
 class ReplayBus(can.BusABC):
-    """A bus that gives recorded frames, received and sent ones, when its clock shows their times."""
+    """A bus that gives recorded frames, both received and sent, when its clock shows their times."""
 
     def __init__(self, frames: Iterator[can.Message], channel: int, clock: VirtualClock | PacedClock) -> None:
         """Keeps its arguments.
 
         Args:
-            frames: in the order in which they are given; `EndOfLogError` after the last.
-            channel: of the frames that are given; others are passed over.
-            clock: shows the log's time.
+            frames: the recorded frames in order; raises `EndOfLogError` after the last.
+            channel: the channel whose frames are given; others are ignored.
+            clock: the clock, which shows the log's time.
         """
         super().__init__(channel=channel)
         self.channel_info = f"channel {channel} of a log"
@@ -111,7 +110,7 @@ class ReplayBus(can.BusABC):
         return frame
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Does nothing: a log cannot be asked."""
+        """Does nothing, since a log takes no requests."""
 
     def shutdown(self) -> None:
         """Closes the log."""

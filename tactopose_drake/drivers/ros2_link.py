@@ -1,7 +1,7 @@
-"""Messages of ROS 2 over DDS, by CycloneDDS and without a ROS 2: what DDS calls topics and types is as ROS 2 has it.
+"""ROS 2 messages over DDS, with CycloneDDS and without an installation of ROS 2.
 
-ROS 2's topic `/joint_states` is `rt/joint_states` of DDS, and its type `sensor_msgs/JointState` is
-`sensor_msgs::msg::dds_::JointState_`. The package `cyclonedds` is needed only where a link is opened.
+ROS 2's topic `/joint_states` is `rt/joint_states` in DDS, and its type `sensor_msgs/JointState` is
+`sensor_msgs::msg::dds_::JointState_`. The package `cyclonedds` is needed only to open a link.
 """
 
 import functools
@@ -22,18 +22,18 @@ _THIS_MACHINE = """<CycloneDDS><Domain><General>
 <AllowMulticast>false</AllowMulticast></General>
 <Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>30</MaxAutoParticipantIndex>
 <Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>"""
-_DEPTH = 10  # messages that a topic keeps for who is late
-_MOST_DOMAIN = 232  # beyond, DDS' ports are none
+_DEPTH = 10  # number of messages that a topic keeps
+_MOST_DOMAIN = 232  # larger domains have no valid UDP ports
 
-# A process has each domain once, as it was first opened.
+# A process opens each domain once, with the first configuration.
 _domains: dict[int, tuple[str, Any]] = {}
 
 
 class Ros2Link:
-    """A participant of a domain, with what it hears and what it says.
+    """A participant in a DDS domain, with its subscriptions and publishers.
 
     Attributes:
-        damaged: topics of messages that could not be read, which are left out, in the order in which they came.
+        damaged: topics of received messages that could not be decoded, in their order; the messages are ignored.
     """
 
     def __init__(self, domain: int = 0, config: str = "") -> None:
@@ -41,14 +41,13 @@ class Ros2Link:
 
         Args:
             domain: ROS_DOMAIN_ID.
-            config: path of CycloneDDS' own XML file; empty: nothing is sent to other machines, and others are looked
-                for on this one alone.
+            config: path of a CycloneDDS XML file; if empty, all communication stays on this machine.
 
         Raises:
-            InvalidInputError: if the package `cyclonedds` is not installed, or there is no such domain.
+            InvalidInputError: if the package `cyclonedds` is not installed, the domain is out of range, or this process
+                has opened it with another configuration.
             InvalidFileError: if the file cannot be read.
-            BusError: if the domain cannot be joined, or something else in this process has opened it: its configuration
-                would not be this one.
+            BusError: if the domain cannot be joined, or other code in this process has opened it.
         """
         if not 0 <= domain <= _MOST_DOMAIN:
             raise InvalidInputError(f"ROS 2: domain: is {domain}; allowed are integers from 0 to {_MOST_DOMAIN}.")
@@ -60,23 +59,23 @@ class Ros2Link:
             self._waiting = self._dds["core"].WaitSet(self._participant)
         except self._fault as error:
             raise BusError(f"ROS 2: the domain {domain} cannot be joined ({error}).") from None
-        # A reader, its condition, which lives as long as it is held, and who hears it.
+        # Each reader, its condition, which must be kept alive, and its handler.
         self._heard: list[tuple[Any, Any, Callable[[Any], None]]] = []
         self.damaged: list[str] = []
 
     def subscribe(self, topic: str, kind: str, handler: Callable[[Any], None]) -> None:
-        """Has a handler called with each message, whose fields are its attributes.
+        """Calls a handler with each message, whose fields are its attributes.
 
         Args:
-            topic: such as /joint_states.
+            topic: the topic, such as /joint_states.
             kind: its type, such as "sensor_msgs/JointState".
-            handler: is called within `wait`.
+            handler: the handler, which `wait` calls.
 
         Raises:
-            InvalidInputError: a topic that is no topic's name.
+            InvalidInputError: if the topic is not a valid name.
         """
         dds, qos = self._dds, self._dds["qos"]
-        # As sensors are mostly sent; it hears those that are sent reliably, too.
+        # Best effort, as of most sensors; it also receives from reliable publishers.
         quality = qos.Qos(qos.Policy.Reliability.BestEffort, qos.Policy.History.KeepLast(_DEPTH))
         reader = self._made(lambda: dds["sub"].DataReader(self._participant, self._topic(topic, kind), qos=quality))
         any_new = dds["core"].InstanceState.Any | dds["core"].ViewState.Any | dds["core"].SampleState.NotRead
@@ -85,10 +84,10 @@ class Ros2Link:
         self._heard.append((reader, condition, handler))
 
     def publisher(self, topic: str, kind: str) -> Callable[[Mapping[str, Any]], None]:
-        """What sends messages, given as `ros2_messages.encode` takes them, reliably.
+        """A function that reliably sends messages, given as for `ros2_messages.encode`.
 
         Raises:
-            InvalidInputError: a topic that is no topic's name.
+            InvalidInputError: if the topic is not a valid name.
         """
         qos = self._dds["qos"]
         quality = qos.Qos(
@@ -108,10 +107,10 @@ class Ros2Link:
         return send
 
     def wait(self, timeout: float) -> int:
-        """Waits for a message as long as that at the most, s; handles all that are there, and tells how many.
+        """Waits for a message for at most `timeout` s, handles all that have arrived, and returns their number.
 
         Raises:
-            BusError: if messages can no longer be read.
+            BusError: if reading fails.
         """
         count = 0
         try:
@@ -125,7 +124,7 @@ class Ros2Link:
         return count
 
     def _taken(self, reader: Any) -> list[Any]:
-        """All messages that are there, one by one, so that a damaged one takes no other with it."""
+        """The messages that have arrived, read one by one, so that a damaged one does not affect the others."""
         found: list[Any] = []
         for _ in range(_DEPTH):
             try:
@@ -151,7 +150,7 @@ class Ros2Link:
 
 
 def _import_dds() -> dict[str, Any]:
-    """The modules of the binding, by their last names."""
+    """The modules of `cyclonedds`, by name."""
     try:
         return {
             name: importlib.import_module(f"cyclonedds.{name}")
@@ -159,12 +158,12 @@ def _import_dds() -> dict[str, Any]:
         }
     except ModuleNotFoundError:
         raise InvalidInputError(
-            "ROS 2: the package cyclonedds is not installed; `pip install tactopose_drake[ros2]` brings it."
+            "ROS 2: the package cyclonedds is not installed; `pip install tactopose_drake[ros2]` installs it."
         ) from None
 
 
 def _open_domain(dds: dict[str, Any], number: int, config: str) -> None:
-    """Opens a domain of this process, unless it is open."""
+    """Opens a domain in this process, unless it is open already."""
     if number in _domains:
         if _domains[number][0] != config:
             raise InvalidInputError(f"ROS 2: config: the domain {number} is open already, with another configuration.")
@@ -181,7 +180,7 @@ def _open_domain(dds: dict[str, Any], number: int, config: str) -> None:
 
 @functools.cache
 def message_type(kind: str) -> Any:
-    """The class of messages that DDS knows, of a type such as "sensor_msgs/JointState"."""
+    """The DDS class of a message type such as "sensor_msgs/JointState"."""
     idl, types = (importlib.import_module(f"cyclonedds.idl{part}") for part in ("", ".types"))
     final = importlib.import_module("cyclonedds.idl.annotations").final
     numbers = {"bool": bool, "uint8": types.uint8, "int32": types.int32, "uint32": types.uint32, "string": str}
@@ -195,11 +194,11 @@ def message_type(kind: str) -> Any:
 
 
 def message_of(kind: str, value: Mapping[str, Any]) -> Any:
-    """A message of that class; what is left out is zero or empty.
+    """A message of that class; missing fields are zero or empty.
 
     Args:
         kind: its type.
-        value: its fields by name, arrays of points (n, 3) for lists of them.
+        value: its fields by name; lists of points may be arrays (n, 3).
     """
     return message_type(kind)(**{name: _part(part, length, value.get(name)) for part, length, name in fields_of(kind)})
 
@@ -221,11 +220,11 @@ def _part(part: str, length: str | None, given: Any) -> Any:
 
 
 def stamp_of(seconds: float) -> dict[str, int]:
-    """A time as the header of a message has it, s."""
+    """The stamp of a message's header, for a time in s."""
     whole, rest = divmod(round(1e9 * seconds), 10**9)
     return {"sec": whole, "nanosec": rest}
 
 
 def seconds_of(stamp: Any) -> float:
-    """The time of a message's header, s."""
+    """The time, s, of the stamp of a message's header."""
     return float(stamp.sec) + 1e-9 * float(stamp.nanosec)

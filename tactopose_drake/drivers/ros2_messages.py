@@ -1,4 +1,4 @@
-"""The ROS 2 messages that are sent, heard and exported: their definitions, and their bytes in CDR.
+"""The ROS 2 messages that are sent, received and exported: their definitions, and their encoding in CDR.
 
 Sources: the interface definitions of ROS 2 (common_interfaces, rcl_interfaces, geometry2), which are the same from
 Galactic on; OMG, Common Object Request Broker Architecture, part 2, 9.3 (CDR), little-endian.
@@ -55,14 +55,14 @@ _FIELD = re.compile(r"([\w/]+?)(\[(\d*)\])? (\w+)")
 _LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 
 TRIANGLE_LIST = 11
-"""The type of a marker of triangles."""
+"""The type of a triangle list marker."""
 
 
 def definition(kind: str) -> str:
-    """What a type is made of, in the text that MCAP calls `ros2msg`: its own fields, then those of its parts.
+    """The definition of a type in MCAP's `ros2msg` encoding: its own fields, then those of the nested types.
 
     Args:
-        kind: such as "geometry_msgs/Pose".
+        kind: the type, such as "geometry_msgs/Pose".
     """
     parts: dict[str, None] = {}
 
@@ -78,11 +78,11 @@ def definition(kind: str) -> str:
 
 
 def encode(kind: str, value: Mapping[str, Any]) -> bytes:
-    """A message as ROS 2 has it on the wire and in its records.
+    """Encodes a message as ROS 2 does on the wire and in bags.
 
     Args:
         kind: its type, such as "geometry_msgs/Pose".
-        value: its fields by name, arrays of points (n, 3) for lists of them; what is left out is zero or empty.
+        value: its fields by name; lists of points may be arrays (n, 3), and missing fields are zero or empty.
     """
     out = bytearray()
     _write(out, kind, value)
@@ -90,12 +90,12 @@ def encode(kind: str, value: Mapping[str, Any]) -> bytes:
 
 
 def is_message(part: str) -> bool:
-    """Whether the type of a field is a message, and not a number or text."""
+    """Whether the type of a field is a message rather than a number or a string."""
     return part in _DEFINITIONS
 
 
 def fields_of(kind: str) -> Iterator[tuple[str, str | None, str]]:
-    """Type, length (None: one; empty: any), and name of each field."""
+    """Type, length and name of each field; a length of None is a single value, and an empty one a sequence."""
     for line in _DEFINITIONS[kind].splitlines():
         match = _FIELD.fullmatch(line)
         assert match is not None
@@ -118,8 +118,8 @@ def _write(out: bytearray, kind: str, value: Mapping[str, Any]) -> None:
 
 
 def _write_items(out: bytearray, part: str, items: Any) -> None:
-    """The members of a list."""
-    if isinstance(items, np.ndarray):  # of numbers, or of parts that are nothing but doubles
+    """Writes the elements of a list."""
+    if isinstance(items, np.ndarray):  # of doubles, or of messages that consist of doubles
         if items.size:
             _align(out, 8)
             out.extend(items.astype("<f8").tobytes())

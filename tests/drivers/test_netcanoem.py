@@ -96,7 +96,7 @@ def test_units_and_counts_are_the_boards_own(force: ForceUnit, torque: TorqueUni
 def test_old_firmware_needs_to_be_told_its_units() -> None:
     board = make_board(firmware=Firmware(3, 6, 9))
     with virtual_bus(board) as bus:
-        refused = pytest.raises(DeviceTimeoutError, match=r"firmware 3\.6 does not tell its units")
+        refused = pytest.raises(DeviceTimeoutError, match=r"firmware 3\.6 does not report its units")
         with NetCanOemForceTorque(bus, calibration_slot=SLOT) as sensor, refused:
             sensor.read()
         units = ForceUnit.NEWTON, TorqueUnit.NEWTON_MILLIMETER

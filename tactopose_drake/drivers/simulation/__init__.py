@@ -1,1 +1,1 @@
-"""Simulated devices, which speak the real ones' protocols on the other end of a bus, and fail on command."""
+"""Simulated devices with the real ones' protocols, at the other end of a bus, and faults for tests."""

@@ -1,4 +1,4 @@
-"""Reading CSV files of numbers over time; what is wrong is told with its row and what is allowed."""
+"""Reading CSV files of time series; errors name the row and the allowed values."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -11,20 +11,20 @@ from tactopose_drake.errors import InvalidFileError
 
 
 def read_csv_table(path: Path, columns: int | None = None) -> tuple[list[str], FloatArray]:
-    """Reads a file of a header and rows of finite numbers, the first of which, the times, rise.
+    """Reads a file of a header and rows of finite numbers, the first of which, the time, increases.
 
-    The text is UTF-8, with or without a byte order mark. Empty lines are left out.
+    The text is UTF-8, with or without a byte order mark. Empty lines are ignored.
 
     Args:
         path: the file.
-        columns: of the rows, whatever the header's text; if not given, as many as the header names.
+        columns: number of columns, in which case the header is not checked; by default that of the header.
 
     Returns:
         Names of the columns, and the numbers, shape (n, k), n > 0.
 
     Raises:
-        InvalidFileError: if the file cannot be read, has no header or no rows, a name twice where names count, or a
-            row that does not fit; the message is one line that names the file and the row.
+        InvalidFileError: if the file cannot be read, has no header, no rows or an invalid row, or if `columns` is not
+            given and the header has a name twice; the message is one line that names the file and the row.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -67,7 +67,7 @@ def _numbers(path: Path, names: Sequence[str], rows: Sequence[tuple[int, list[st
 
 
 def _number(text: str) -> float | None:
-    """What a text says, if that is a number; not 1_0, which is one to Python, nor digits of other scripts."""
+    """The number in a text, or None; 1_0 and digits of other scripts, which Python accepts, are not numbers here."""
     try:
         return float(text) if text.isascii() and "_" not in text else None
     except ValueError:

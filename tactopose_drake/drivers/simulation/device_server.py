@@ -1,4 +1,4 @@
-"""Simulated devices on a real bus, or on one of python-can's virtual ones: answers in real time."""
+"""Simulated devices on a real bus or one of python-can's virtual buses, in real time."""
 
 import collections
 import heapq
@@ -14,25 +14,25 @@ from tactopose_drake.drivers.clock import HOST_CLOCK
 from tactopose_drake.drivers.reconnecting_bus import receive
 from tactopose_drake.drivers.simulation.simulated_device import SimulatedDevice
 
-_LONGEST_WAIT = 0.02  # for a frame, s; how long closing may take
+_LONGEST_WAIT = 0.02  # for a frame, s; closing may take as long
 
 
 class DeviceServer:
-    """Answers for simulated devices in a thread of its own; a context manager."""
+    """Runs simulated devices in its own thread; a context manager."""
 
     def __init__(self, bus: can.BusABC, devices: Sequence[SimulatedDevice]) -> None:
         """Keeps its arguments.
 
         Args:
-            bus: an open one, that nobody else uses; it is shut down with the server.
-            devices: on that bus.
+            bus: an open bus that nothing else uses; the server shuts it down at its end.
+            devices: the devices on that bus.
         """
         self._bus, self._devices = bus, devices
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=f"simulated devices on {bus}", daemon=True)
         self._waiting: list[tuple[float, int, can.Message]] = []
         self._count = itertools.count()
-        # A multicast bus gives back what one has sent; a device that took its own answer for a request would not stop.
+        # A multicast bus returns sent frames; a device that took its own answer for a request would never stop.
         self._echoes = isinstance(bus, UdpMulticastBus)
         self._sent: collections.Counter[tuple[int, bytes]] = collections.Counter()
 

@@ -1,7 +1,7 @@
-"""What can go wrong with the answers of a device.
+"""Faults of a device's answers.
 
-A fault changes the answer to one request: it is a function of the request and of the frames, with their delays, that
-would have been the answer.
+A fault is a function from a request and the frames of its answer, with their delays, to the frames that are sent
+instead.
 """
 
 import copy
@@ -19,7 +19,7 @@ class Reply:
     """A frame that a device sends.
 
     Attributes:
-        delay: after the request, s.
+        delay: time after the request, s.
         frame: the frame.
     """
 
@@ -31,7 +31,7 @@ Fault = Callable[[can.Message, list[Reply]], list[Reply]]
 
 
 def silence(_: can.Message, replies: list[Reply]) -> list[Reply]:
-    """Nothing is said."""
+    """The device does not answer."""
     return []
 
 
@@ -41,7 +41,7 @@ def missing_frame(_: can.Message, replies: list[Reply]) -> list[Reply]:
 
 
 def out_of_order(_: can.Message, replies: list[Reply]) -> list[Reply]:
-    """The frames of each answer come in the reverse order."""
+    """The frames of each answer come in reverse order."""
     return replies[::-1]
 
 
@@ -51,7 +51,7 @@ def duplicates(_: can.Message, replies: list[Reply]) -> list[Reply]:
 
 
 def extra_frames(_: can.Message, replies: list[Reply]) -> list[Reply]:
-    """Each frame is preceded by one of the same identifier whose bits are all the other way round."""
+    """Each frame is preceded by one with the same identifier and inverted data bits."""
     result = []
     for reply in replies:
         noise = bytes(0xFF ^ byte for byte in reply.frame.data)
@@ -60,7 +60,7 @@ def extra_frames(_: can.Message, replies: list[Reply]) -> list[Reply]:
 
 
 def own_frame_echo(request: can.Message, replies: list[Reply]) -> list[Reply]:
-    """The request itself comes back to who has sent it, before the answer."""
+    """The request itself comes back to its sender before the answer."""
     return [Reply(0.0, copy.copy(request)), *replies]
 
 
@@ -70,12 +70,12 @@ def error_frames(_: can.Message, replies: list[Reply]) -> list[Reply]:
 
 
 def bus_off(_: can.Message, replies: list[Reply]) -> list[Reply]:
-    """The controller has left the bus, and says so."""
+    """The controller reports that it has left the bus, and nothing else comes."""
     return [Reply(0.0, error_frame(ERROR_BUS_OFF))]
 
 
 def wrong_length(length: int) -> Fault:
-    """Each frame has `length` bytes: it is cut off, or filled with zeros."""
+    """Each frame has `length` bytes: it is truncated, or padded with zeros."""
 
     def fault(_: can.Message, replies: list[Reply]) -> list[Reply]:
         return [
@@ -99,7 +99,7 @@ def late(delay: float) -> Fault:
 
 
 def sometimes(fault: Fault, probability: float, generator: np.random.Generator) -> Fault:
-    """A fault of some of the answers, drawn at random."""
+    """A fault that affects each answer with some probability."""
 
     def drawn(request: can.Message, replies: list[Reply]) -> list[Reply]:
         return fault(request, replies) if generator.random() < probability else replies

@@ -1,4 +1,4 @@
-"""A simulated Barrett BH8-280 hand, fed with joint angles, pressures and torques."""
+"""A simulated Barrett BH8-280 hand with given joint angles, pressures and torques."""
 
 import dataclasses
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from tactopose_drake.drivers.simulation.simulated_device import SimulatedDevice
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HandState:
-    """What the hand feels at one time.
+    """The quantities that the hand measures at one time.
 
     Attributes:
         joint_positions: in the order of `barrett_joints.JOINTS`, shape (7,), rad.
@@ -32,7 +32,7 @@ class HandState:
 
     @classmethod
     def from_row(cls, row: FloatArray) -> "HandState":
-        """The state as one row of a file: 7 positions, 96 pressures, 3 torques."""
+        """The state from one row of a file: 7 positions, 96 pressures, 3 torques."""
         return cls(row[:7], row[7:103].reshape(4, 24), row[103:106])
 
 
@@ -40,9 +40,9 @@ class SimulatedBarrettHand(SimulatedDevice):
     """A hand whose four pucks sleep until they are woken.
 
     Attributes:
-        moves: every value that was written to the property which moves the hand, with the puck.
-        disturbed: whether anything was said on the bus while a puck was waking up.
-        absent: pucks that keep silent.
+        moves: each value that was written to the property that moves the hand, with its puck.
+        disturbed: whether any frame but a wake-up was sent while a puck was waking up.
+        absent: pucks that do not reply.
     """
 
     wake_time = 0.9  # s
@@ -51,8 +51,8 @@ class SimulatedBarrettHand(SimulatedDevice):
         """Keeps its arguments.
 
         Args:
-            state: at a time in s since the epoch.
-            awake: whether the pucks are awake already.
+            state: the state at a time in s since the epoch.
+            awake: whether the pucks are awake from the start.
         """
         super().__init__()
         self._state = state

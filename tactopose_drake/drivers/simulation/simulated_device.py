@@ -1,4 +1,4 @@
-"""What all simulated devices share: they answer frames, as faults let them."""
+"""The base class of simulated devices, which answer frames, subject to faults."""
 
 import dataclasses
 from abc import ABC, abstractmethod
@@ -12,10 +12,10 @@ _LATENCY = 2e-4  # s between the end of a request and the first frame of its ans
 
 
 class SimulatedDevice(ABC):
-    """A device on the other end of a bus. It only speaks when it is asked, and has no thread or clock of its own.
+    """A device at the other end of a bus. It only answers requests, and has no thread or clock of its own.
 
     Attributes:
-        faults: what is wrong with its answers at present, applied in this order; may be changed at any time.
+        faults: the present faults of its answers, applied in this order; they may be changed at any time.
     """
 
     def __init__(self) -> None:
@@ -25,19 +25,19 @@ class SimulatedDevice(ABC):
         self._back_at = 0.0
 
     def reboot(self, duration: float = 0.2) -> None:
-        """Restarts the device at the next frame that it hears: it keeps silent, and forgets what it was told.
+        """Restarts the device at the next received frame: it does not answer for a while, and loses its settings.
 
         Args:
-            duration: s.
+            duration: duration of the restart, s.
         """
         self._reboot_time = duration
 
     def handle(self, frame: can.Message, time: float) -> list[Reply]:
-        """What the device says to a frame; nothing, if it is not meant for it.
+        """The replies of the device to a frame; none if the frame is not meant for it.
 
         Args:
-            frame: as it was received.
-            time: s since the epoch.
+            frame: the received frame.
+            time: time of its reception, s since the epoch.
         """
         if self._reboot_time > 0.0:
             self._back_at, self._reboot_time = time + self._reboot_time, 0.0

@@ -1,4 +1,4 @@
-"""A simulated NETCANOEM board, fed with wrenches."""
+"""A simulated NETCANOEM board with given wrenches."""
 
 from collections.abc import Callable, Mapping
 
@@ -16,18 +16,18 @@ DEFAULT_FIRMWARE = Firmware(3, 8, 1)
 
 
 def nano17_like_calibration(generator: np.random.Generator) -> BoardCalibration:
-    """A calibration of the kind of a Nano17's, SI-12-0.12: a full scale of about 12 N and 0.12 N m.
+    """A calibration like that of a Nano17, SI-12-0.12: a full scale of about 12 N and 0.12 N m.
 
     Args:
-        generator: draws the coupling of the gauges, which differs from one transducer to the next.
+        generator: draws the coupling of the gauges, which differs between transducers.
     """
-    # Six gauges that feel six independent loads, and each other: orthogonal rows, so that it can be inverted well.
+    # The six gauges measure combinations of six loads; orthogonal rows make the matrix well-conditioned.
     coupling = np.linalg.qr(generator.normal(size=(6, 6)))[0]
     full_scale = np.array([12.0, 12.0, 17.0, 120.0, 120.0, 120.0])  # N, N mm
     counts = np.array([1e6] * 6)
-    # Full scale on one axis leaves the gauges at a quarter of their range, so that loads add up before they saturate.
+    # Full scale on one axis uses a quarter of the gauges' range, so that loads on several axes do not saturate them.
     matrix = (full_scale * counts / 8000.0)[:, None] * coupling
-    matrix = matrix.astype(np.float32).astype(np.float64)  # as the wire has it
+    matrix = matrix.astype(np.float32).astype(np.float64)  # as transmitted
     return BoardCalibration(matrix, 1_000_000, 1_000_000, ForceUnit.NEWTON, TorqueUnit.NEWTON_MILLIMETER)
 
 
@@ -35,9 +35,9 @@ class SimulatedNetCanOem(SimulatedDevice):
     """A NETCANOEM board with a transducer.
 
     Attributes:
-        status: bits that the status word has, whatever the board itself adds.
-        broken_gauges: readings of gauges that do not work, by gauge.
-        active: calibration, 0 after power-up.
+        status: bits of the status word, to which the board adds its own.
+        broken_gauges: constant readings of broken gauges, by gauge.
+        active: slot of the active calibration, 0 after power-up.
     """
 
     def __init__(
@@ -53,11 +53,11 @@ class SimulatedNetCanOem(SimulatedDevice):
 
         Args:
             wrench: the load F_S = [m_x, m_y, m_z, f_x, f_y, f_z] at a time in s since the epoch, shape (6,), N m and N;
-                NaN of one that is beyond the transducer's range.
-            calibrations: by slot.
-            base: of the board's identifiers.
+                NaN for a load beyond the transducer's range.
+            calibrations: the calibrations by slot.
+            base: base of the board's identifiers.
             offset: gauge readings without a load, shape (6,).
-            firmware: its version.
+            firmware: the firmware version.
         """
         super().__init__()
         self._wrench, self._calibrations, self._base = wrench, calibrations, base

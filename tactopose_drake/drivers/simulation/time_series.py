@@ -1,4 +1,4 @@
-"""What a simulated device feels, read from a file."""
+"""Inputs of a simulated device over time, read from a file."""
 
 import dataclasses
 from pathlib import Path
@@ -11,12 +11,12 @@ from tactopose_drake.drivers.simulation.csv_tables import read_csv_table
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TimeSeries:
-    """Values over time; called with a time it gives the row that held then.
+    """Piecewise constant values over time; a call with a time, s since the epoch, returns the row at that time.
 
     Attributes:
-        times: rising, shape (n,), s; the first row holds before the first time too, and the last for ever.
-        rows: shape (n, k).
-        start: when, in s since the epoch, the file's time 0 is.
+        times: increasing times from which each row holds, shape (n,), s; the first row also holds before.
+        rows: the values, shape (n, k).
+        start: the time 0 of the file, s since the epoch.
     """
 
     times: FloatArray
@@ -34,10 +34,11 @@ def load_time_series(path: Path, columns: int, start: float = 0.0) -> TimeSeries
     Args:
         path: the file.
         columns: 6 for a wrench [m_x, m_y, m_z, f_x, f_y, f_z]; 106 for `HandState.from_row`.
-        start: when, in s since the epoch, the file's time 0 is.
+        start: the time 0 of the file, s since the epoch.
 
     Raises:
-        InvalidFileError: if the file cannot be read, or has no header, other columns, or times that do not rise.
+        InvalidFileError: if the file cannot be read, or has no header, another number of columns, or times that do not
+            increase.
     """
     _, table = read_csv_table(path, 1 + columns)
     return TimeSeries(table[:, 0], table[:, 1:], start)

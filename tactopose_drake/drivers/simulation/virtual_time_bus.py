@@ -1,6 +1,6 @@
-"""A bus in virtual time, with simulated devices on its other end.
+"""A bus in virtual time, with simulated devices at its other end.
 
-Nothing here takes real time or a thread: waiting for a frame moves the clock to its arrival.
+It needs no real time and no thread: waiting for a frame sets the clock to its arrival.
 """
 
 import copy
@@ -15,16 +15,16 @@ from tactopose_drake.drivers.simulation.simulated_device import SimulatedDevice
 
 
 def bits_of(frame: can.Message) -> int:
-    """How many bits a classic frame with an 11-bit identifier takes at most: all possible stuff bits are counted."""
+    """The maximum number of bits of a classic frame with an 11-bit identifier, with all possible stuff bits."""
     size = 8 * len(frame.data)
     return 47 + size + (33 + size) // 4
 
 
 class VirtualTimeBus(can.BusABC):
-    """A CAN bus whose time passes in `recv` alone; frames take the time that they take on a wire.
+    """A CAN bus whose time advances only in `recv`; frames take as long as on a real bus.
 
     Attributes:
-        unplugged: whether using the bus fails, as with an adapter that is gone.
+        unplugged: whether the bus fails when it is used, like an adapter that was unplugged.
     """
 
     def __init__(
@@ -33,9 +33,9 @@ class VirtualTimeBus(can.BusABC):
         """Keeps its arguments.
 
         Args:
-            devices: that hear what is sent.
-            clock: the bus's time.
-            bitrate: bit/s.
+            devices: the devices on the bus.
+            clock: the bus's clock.
+            bitrate: bit rate, bit/s.
             unplugged: initial value of the attribute.
         """
         super().__init__(channel="virtual time")
@@ -47,7 +47,7 @@ class VirtualTimeBus(can.BusABC):
         self._free_at = 0.0
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Sends a frame, and has the devices answer it."""
+        """Sends a frame, which the devices answer."""
         self._check()
         sent_at = self._free_at = self._arrival(msg, self._clock.time())
         for device in self._devices:
@@ -56,7 +56,7 @@ class VirtualTimeBus(can.BusABC):
                 heapq.heappush(self._coming, (ready, next(self._count), copy.copy(reply.frame)))
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """The next frame, at once, and the clock at its arrival; None after `timeout` s of the clock's time."""
+        """Returns the next frame, with the clock at its arrival; None after `timeout` s of the clock's time."""
         self._check()
         if self._coming:
             ready, _, frame = self._coming[0]
@@ -71,7 +71,7 @@ class VirtualTimeBus(can.BusABC):
         return None
 
     def _arrival(self, frame: can.Message, ready: float) -> float:
-        """When a frame that waits for the bus since `ready` has passed over it."""
+        """When the transmission of a frame that waits for the bus since `ready` is complete."""
         return max(ready, self._free_at) + bits_of(frame) / self._bitrate
 
     def _check(self) -> None:
