@@ -1,4 +1,4 @@
-"""Where models and diagrams lie, how `package://` URLs resolve, and YAML files read into dataclasses."""
+"""Paths of models and diagrams, the resolution of `package://` URLs, and reading YAML files into dataclasses."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What Drake logs while it reads a model, told apart by what it is about and not by the line that it is about."""
+"""Messages that Drake logs while it parses a model, grouped by kind, regardless of the line in the file."""
 
 import re
 
@@ -7,9 +7,9 @@ _PLACE = re.compile(r"^(?P<file>[^\n]*?):\d+: (?P<rest>(warning|error): .*)", re
 
 
 def complaint_kind(message: str) -> str:
-    """A message without the line in the model's file, and then without what follows on its first line of text.
+    """The kind of a message: its file and the first line of its text, without the line number.
 
-    Messages of the same kind differ in their places and in numbers. One that names no place is its own kind.
+    Messages of the same kind differ in their places and in numbers. One without a place is its own kind.
     """
     found = _PLACE.match(message)
     if found is None:

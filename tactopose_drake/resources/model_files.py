@@ -1,4 +1,4 @@
-"""Models that Drake reads, and how their `package://` URLs resolve."""
+"""Parsing of models with Drake, and the resolution of their `package://` URLs."""
 
 import contextlib
 import dataclasses
@@ -24,14 +24,14 @@ _FARTHEST = 1000.0  # m
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class ModelPackage:
-    """A package of models that a Python distribution has installed."""
+    """A package of models that a Python distribution installs."""
 
-    name: str = ""  # what `package://<name>/...` calls it in the model's files
-    distribution: str = ""  # the distribution that brings it, as pip names it
+    name: str = ""  # the name in `package://<name>/...` URLs
+    distribution: str = ""  # the distribution that contains it, as pip names it
     folder: str = ""  # its root among the distribution's files
 
     def path(self) -> Path:
-        """Its root.
+        """The package's root.
 
         Raises:
             InvalidInputError: if the distribution is not installed, or has no such folder.
@@ -49,9 +49,9 @@ class ModelPackage:
 
 
 def make_parser(plant: MultibodyPlant, packages: Sequence[ModelPackage] = ()) -> Parser:
-    """A parser that resolves `package://tactopose_drake/...`, what ROS_PACKAGE_PATH leads to, and the given packages.
+    """A parser that resolves `package://` URLs of tactopose_drake, of ROS_PACKAGE_PATH, and of the given packages.
 
-    A model whose name is taken gets another, such as `gripper_1`.
+    If a model's name is taken, the model is renamed, for example to `gripper_1`.
 
     Raises:
         InvalidInputError: if a package is not installed.
@@ -67,14 +67,14 @@ def make_parser(plant: MultibodyPlant, packages: Sequence[ModelPackage] = ()) ->
 
 @contextlib.contextmanager
 def passing_builder() -> Iterator[DiagramBuilder]:
-    """A builder for bodies that are only looked at: Drake keeps it and them for ever, unless it has built a diagram."""
+    """A builder for temporary systems. It builds a diagram at the end, without which Drake would never free them."""
     builder = DiagramBuilder()
     yield builder
     builder.Build()
 
 
 def add_model(parser: Parser, model: str | Path) -> ModelInstanceIndex:
-    """Parses a file that holds one model: an SDF, URDF or MJCF, by path or by URL.
+    """Parses a file that holds one model: an SDF, URDF or MJCF, given by path or URL.
 
     Raises:
         InvalidFileError: if there is no such file, Drake cannot read it, or it does not hold exactly one model.
@@ -100,12 +100,12 @@ def add_model(parser: Parser, model: str | Path) -> ModelInstanceIndex:
 
 
 def fixed_pose(name: str, transform: Transform) -> RigidTransform:
-    """The pose that a file gives, which is not random.
+    """The pose of a transform in a file, which must not be random.
 
     Raises:
-        InvalidInputError: if it is random, is in another frame, or is no pose.
+        InvalidInputError: if it is random, has a base frame, or is not a pose.
     """
-    if not transform.IsDeterministic():  # Drake would end the process.
+    if not transform.IsDeterministic():  # Drake would abort the process.
         raise InvalidInputError(f"{name}: is random; allowed is a fixed pose.")
     if transform.base_frame not in (None, "", "world"):
         raise InvalidInputError(f"{name}.base_frame: is {transform.base_frame!r}; allowed is none.")
@@ -116,10 +116,10 @@ def fixed_pose(name: str, transform: Transform) -> RigidTransform:
 
 
 def drawn_pose(name: str, transform: Transform, seed: int) -> RigidTransform:
-    """The pose that a file gives, where a seed decides on what is random in it.
+    """The pose of a transform in a file, whose random parts are drawn with a seed.
 
     Raises:
-        InvalidInputError: if it is in another frame, its ranges are impossible, or it is no pose.
+        InvalidInputError: if it has a base frame, its ranges are invalid, or it is not a pose.
     """
     try:
         return _sound(name, transform.Sample(RandomGenerator(seed)))
@@ -128,7 +128,7 @@ def drawn_pose(name: str, transform: Transform, seed: int) -> RigidTransform:
 
 
 def _sound(name: str, X: RigidTransform) -> RigidTransform:
-    """The pose, if it is one and within a kilometre; Drake makes a matrix of whatever it is given."""
+    """Checks that a pose is valid and at most a kilometre from the origin; Drake accepts any matrix."""
     matrix = X.GetAsMatrix34()
     R, p = matrix[:, :3], matrix[:, 3]
     if not np.isfinite(matrix).all() or np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.norm(p) > _FARTHEST:

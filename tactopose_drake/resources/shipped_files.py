@@ -1,4 +1,4 @@
-"""Where the package's models and diagrams lie: paths alone, which load nothing."""
+"""Paths of the package's models and diagrams."""
 
 import os
 from collections.abc import Iterable
@@ -24,16 +24,16 @@ def shipped_objects() -> list[str]:
 
 
 def named_file(name_or_path: str | Path, files: str, shipped: Iterable[Path], ending: str) -> Path:
-    """A YAML file: one of the package's by its name, or any by its path.
+    """The path of a YAML file, given as the name of one of the package's files, or as a path.
 
     Args:
-        name_or_path: of the file.
-        files: what such files are of, for messages.
-        shipped: those of the package.
-        ending: theirs, which follows the name.
+        name_or_path: name or path of the file.
+        files: what the files describe, in the plural, for messages.
+        shipped: paths of the package's files.
+        ending: the part of their file names that follows the name.
 
     Raises:
-        InvalidFileError: if there is no such file, or it is a folder; the message has the package's names.
+        InvalidFileError: if there is no such file, or it is a folder; the message lists the package's names.
     """
     known = {path.name.removesuffix(ending): path for path in shipped}
     path = known.get(str(name_or_path), Path(name_or_path))
@@ -44,15 +44,15 @@ def named_file(name_or_path: str | Path, files: str, shipped: Iterable[Path], en
 
 
 def sensor_file(name_or_path: str | Path, key: str) -> Path:
-    """The file of a sensor: of one of the package's by name, or any by path.
+    """The path of a sensor's file, given as the name of one of the package's sensors, or as a path.
 
     Args:
-        name_or_path: of the sensor.
-        key: that files of its kind have.
+        name_or_path: name of the sensor, or path of its file.
+        key: the key that marks files of this kind of sensor.
 
     Raises:
-        InvalidFileError: if there is no such file, or it is the package's and of another kind; the message has the
-            package's sensors of that kind.
+        InvalidFileError: if there is no such file, or it is a sensor of the package of another kind; the message lists
+            the package's sensors of this kind.
     """
     files = list(model_path("sensors").glob("*.yaml"))
     of_kind = [file for file in files if f"\n{key}:" in file.read_text(encoding="utf-8")]

@@ -1,7 +1,7 @@
-"""Reading YAML that anybody may have written: within limits, without a key twice, and nothing that is not data.
+"""Reading untrusted YAML: with size limits, without duplicate keys, and only plain data.
 
-`read_yaml` makes a file into a tree of nodes, and `plain_data` makes that into Python's numbers, texts, lists and
-mappings. Every fault is one `InvalidFileError`.
+`read_yaml` parses a file into a tree of nodes, which `plain_data` converts to Python's numbers, strings, lists and
+dicts. Every error is an `InvalidFileError`.
 """
 
 import re
@@ -14,17 +14,17 @@ import yaml
 from tactopose_drake.errors import InvalidFileError
 
 MAX_BYTES = 2**20
-"""Of a file."""
+"""Maximum size of a file, bytes."""
 MAX_DEPTH = 24
-"""Of lists and mappings within each other."""
+"""Maximum nesting of lists and mappings."""
 MAX_LETTERS = 1000
-"""Of a value or key."""
+"""Maximum length of a value or key."""
 LARGEST = 1e15
-"""Of a number that is no integer, in SI units: its powers are finite."""
+"""Largest number that is not an integer, in SI units; its powers are finite."""
 MAX_NODES = 200_000
-"""Values and keys of a file, those behind an alias counted as often as it is used."""
+"""Maximum number of values and keys of a file; those of an alias are counted at each use."""
 
-_Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's where PyYAML has it: forty times as fast
+_Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's is forty times as fast, if PyYAML has it
 YAML = "tag:yaml.org,2002:"
 _PLAIN_TAGS = {YAML + name for name in ("null", "bool", "int", "float", "str", "seq", "map", "timestamp", "merge")}
 _INTEGER = re.compile(r"[-+]?(0|[1-9][0-9]*)|0x[0-9a-fA-F]+")
@@ -34,10 +34,10 @@ _SHOWN = 60  # characters of a value in a message
 
 
 def read_yaml(path: Path) -> yaml.Node | None:
-    """The tree of a file, with merged keys (`<<`) in their places; None for an empty file.
+    """The tree of a file, with merge keys (`<<`) resolved; None for an empty file.
 
     Raises:
-        InvalidFileError: if the file cannot be read, is no YAML in UTF-8, or is beyond the limits.
+        InvalidFileError: if the file cannot be read, is not YAML in UTF-8, or exceeds the limits.
     """
     text = read_text(path, MAX_BYTES)
     try:
@@ -50,7 +50,7 @@ def read_text(path: Path, max_bytes: int) -> str:
     """The text of a file.
 
     Raises:
-        InvalidFileError: if the file cannot be read, is no text in UTF-8, or is longer.
+        InvalidFileError: if the file cannot be read, is not text in UTF-8, or is longer than `max_bytes`.
     """
     try:
         with path.open("rb") as file:
@@ -71,7 +71,7 @@ def parse_yaml(text: str) -> yaml.Node | None:
     """The tree of a text; None for an empty one.
 
     Raises:
-        InvalidFileError: if it is no YAML, or is beyond the limits.
+        InvalidFileError: if it is not YAML, or exceeds the limits.
     """
     try:
         return _Composer(text).document()
@@ -83,12 +83,13 @@ def parse_yaml(text: str) -> yaml.Node | None:
 
 
 class _Composer:
-    """Makes the parser's events into nodes, and counts."""
+    """Composes the parser's events into nodes, and checks the limits."""
 
     def __init__(self, text: str) -> None:
         self._events: Iterator[Any] = yaml.parse(text, Loader=_Loader)
         self._resolver: Any = yaml.resolver.Resolver()
-        self._anchors: dict[str, tuple[yaml.Node, int] | None] = {}  # with its count; None while it is not closed
+        # The node of each anchor and its number of values; None while the node is incomplete.
+        self._anchors: dict[str, tuple[yaml.Node, int] | None] = {}
         self._count = 0
 
     def document(self) -> yaml.Node | None:
@@ -158,7 +159,7 @@ class _Composer:
 
 
 def _merged(pairs: list[tuple[yaml.Node, yaml.Node]]) -> list[tuple[yaml.Node, yaml.Node]]:
-    """The pairs of a mapping, none twice, and after them those that `<<` brings."""
+    """The unique pairs of a mapping, followed by those that `<<` merges."""
     own: dict[tuple[str, str], tuple[yaml.Node, yaml.Node]] = {}
     brought: list[tuple[yaml.Node, yaml.Node]] = []
     for key, value in pairs:
@@ -179,10 +180,12 @@ def _merged(pairs: list[tuple[yaml.Node, yaml.Node]]) -> list[tuple[yaml.Node, y
 
 
 def plain_data(node: yaml.Node | None, place: str = "") -> Any:
-    """The tree as lists, mappings by text, text, numbers, booleans and None; a date is text, and NaN is a number.
+    """Converts a tree to lists, dicts with string keys, strings, numbers, booleans and None.
+
+    A date becomes a string, and NaN a number.
 
     Raises:
-        InvalidFileError: at a number, key or tag that is none of these; the message begins with the line.
+        InvalidFileError: if a number, key or tag is not allowed; the message begins with the line.
     """
     if node is None:
         return None
@@ -200,22 +203,22 @@ def plain_data(node: yaml.Node | None, place: str = "") -> Any:
         return node.value.lower() in ("yes", "true", "on")
     if node.tag == YAML + "null":
         return None
-    # YAML itself takes 1e-8 for text.
+    # To YAML, 1e-8 is a string.
     is_quoted = isinstance(node, yaml.ScalarNode) and bool(node.style)
     return number_of(node, place) if not is_quoted and DECIMAL.fullmatch(node.value) else node.value
 
 
 def number_of(node: yaml.Node, place: str, *, whole: bool = False) -> float | int:
-    """A finite number: 3, 0x20, 2.5, and 1e-8; not 010, 1_000, 12:30 and what else YAML takes for one.
+    """The finite number of a node: 3, 0x20, 2.5 and 1e-8 are allowed; 010, 1_000, 12:30 and other YAML forms are not.
 
     Raises:
-        InvalidFileError: if a node is none.
+        InvalidFileError: if the node is not such a number.
     """
     allowed = "integers" if whole else "numbers"
     if not isinstance(node, yaml.ScalarNode):
         raise InvalidFileError(f"{where(node, place)}is a list or mapping; allowed are {allowed}.")
     if _INTEGER.fullmatch(node.value):
-        # More digits than 64 bits have take Python long to read.
+        # Numbers with more digits than 64 bits can have are not parsed, because that may take long.
         number = int(node.value, 0) if len(node.value) <= 20 else 2**63
         if -(2**63) <= number < 2**63:
             return number
@@ -234,24 +237,24 @@ def _is_octal(text: str) -> bool:
 
 
 def shown(value: object) -> str:
-    """A value as messages show it: in quotes, in one line, and not at length."""
+    """A value for messages: quoted, in one line, and shortened."""
     text = repr(value)
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
 def bare(text: str) -> str:
-    """Text as messages show it without quotes, not at length."""
+    """Text for messages: without quotes, and shortened."""
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
 def check_key(key: yaml.Node, place: str) -> None:
-    """Raises InvalidFileError if a key is no text."""
+    """Raises InvalidFileError if a key is not a string."""
     if key.tag != YAML + "str":
         raise InvalidFileError(f"{where(key, place)}key {shown(key.value)} is no text; put it in quotes.")
 
 
 def where(node: yaml.Node, place: str) -> str:
-    """How a message begins: the line, and the place in the file."""
+    """The beginning of a message: the line, and the place in the file."""
     return _line(node) + (f"{place}: " if place else "")
 
 

@@ -1,4 +1,4 @@
-"""Reading YAML into dataclasses; what does not fit the type is told with its line and what is allowed."""
+"""Reading YAML into dataclasses; errors name the line and the allowed values."""
 
 import copy
 import dataclasses
@@ -28,7 +28,7 @@ from tactopose_drake.resources.yaml_files import (
 
 Schema = TypeVar("Schema")
 
-_MAX_BYTES = 2**18  # of a file that is read into a dataclass; the largest of ours has 4000
+_MAX_BYTES = 2**18  # of a file that is read into a dataclass; the package's largest has 4000
 
 
 def load_typed_yaml(schema: type[Schema], path: Path) -> Schema:
@@ -53,7 +53,7 @@ def load_typed_yaml(schema: type[Schema], path: Path) -> Schema:
 
 @functools.lru_cache(maxsize=64)
 def _load(schema: Any, text: str) -> Any:
-    """What a text says. It is kept: a command reads the same files many times, and Drake's loader is slow."""
+    """The content of a text, cached, because commands read the same files many times, and Drake's loader is slow."""
     root = parse_yaml(text)
     if root is None:
         raise InvalidFileError("is empty.")
@@ -65,10 +65,10 @@ def check_type(kind: Any, node: yaml.Node, place: str = "") -> None:
     """Raises InvalidFileError at the first node that does not fit; the message begins with its line.
 
     Args:
-        kind: a dataclass, one of Drake's types that are read from YAML, list, dict by text, int, float, bool, str, or a
-            union of such.
-        node: what is to be read into it.
-        place: of the node in its file, for messages.
+        kind: a dataclass, one of Drake's types for YAML, list, dict with string keys, int, float, bool, str, or a union
+            of these.
+        node: the node to be read into it.
+        place: place of the node in its file, for messages.
     """
     options = typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
     if type(None) in options:
@@ -102,12 +102,12 @@ def check_type(kind: Any, node: yaml.Node, place: str = "") -> None:
 
 
 def _check_dataclass(kind: type, node: yaml.Node, place: str, others: Sequence[str]) -> None:
-    """Of a mapping, which with one of the other tags would be read into another dataclass."""
+    """Checks the mapping of a dataclass; `others` are the tags with which another dataclass would be read."""
     types_of = typing.get_type_hints(kind)
     if not isinstance(node, yaml.MappingNode):
         raise InvalidFileError(f"{where(node, place)}is no mapping; its keys may be {', '.join(types_of)}.")
     for key, value in node.value:
-        if not place and key.value.startswith("_"):  # what is only there to be referred to
+        if not place and key.value.startswith("_"):  # values that other keys refer to by anchors
             continue
         if key.value not in types_of:
             allowed = ", ".join(types_of) or "none"
@@ -117,7 +117,7 @@ def _check_dataclass(kind: type, node: yaml.Node, place: str, others: Sequence[s
 
 
 def _check_scalar(options: tuple[Any, ...], node: yaml.Node, place: str) -> None:
-    """Of a scalar that may be of some of the types str, bool, int and float."""
+    """Checks a scalar that may be of several of the types str, bool, int and float."""
     name = node.tag.removeprefix(YAML)
     if {int, float}.intersection(options) and (name in ("int", "float") or not {str, bool}.intersection(options)):
         if name == "bool":
@@ -145,7 +145,7 @@ def _check_drakes(kind: type, node: yaml.Node, place: str) -> None:
 
 
 def _check_finite(node: yaml.Node, place: str) -> None:
-    """Of all numbers in one of Drake's types, none of which is `true`."""
+    """Checks all numbers in one of Drake's types; booleans in lists are errors, too."""
     if isinstance(node, yaml.MappingNode):
         for key, value in node.value:
             check_key(key, place)
@@ -160,7 +160,7 @@ def _check_finite(node: yaml.Node, place: str) -> None:
 
 
 def _is_number_as_text(text: str) -> bool:
-    """Whether Drake would read text, such as 1e-8, as a number."""
+    """Whether Drake would read a string, such as 1e-8, as a number."""
     return DECIMAL.fullmatch(text) is not None or NOT_FINITE.fullmatch(text) is not None
 
 
