@@ -28,12 +28,12 @@ class FingertipWeight(CollectableSystem):
         - wrench_<finger>
 
     - joint_positions: of the hand, shape (nq,), rad. Those at a context's first initialisation count as those of the
-       tare. For a finger with an unknown joint at that time, the first known ones at a later step or initialisation do.
-     - palm_pose: `RigidTransform` X_WP at each instant of a hand that an arm moves, z of W pointing up; only its
-       orientation is used, NaN where unknown. Optional: without it, the hand's base stays as in `weights`.
-     - wrench_<finger> (input): F_S of a sensor that was tared with nothing but the fingertip on it, N m and N.
-     - wrench_<finger> (output): F_S of what touches the fingertip; changes with all inputs. NaN where a joint that
-       turns the sensor, or the palm's orientation, is unknown, now or at the tare.
+      tare. For a finger with an unknown joint at that time, the first known ones at a later step or initialisation do.
+    - palm_pose: `RigidTransform` X_WP at each instant of a hand that an arm moves, z of W pointing up; only its
+      orientation is used, NaN where unknown. Optional: without it, the hand's base stays as in `weights`.
+    - wrench_<finger> (input): F_S of a sensor that was tared with nothing but the fingertip on it, N m and N.
+    - wrench_<finger> (output): F_S of what touches the fingertip; changes with all inputs. NaN where a joint that
+      turns the sensor, or the palm's orientation, is unknown, now or at the tare.
     """
 
     def __init__(self, weights: FingertipWeights, fingers: tuple[str, ...], num_positions: int) -> None:
