@@ -1,8 +1,8 @@
-"""What a wheel is built with when it shall bring its compiled kernels: see `make wheel`.
+"""The build hook for wheels with compiled kernels; see `make wheel`.
 
-All kernels are compiled for x86-64-v3 by the numba of the environment that builds, and put beside the sources, where
-`tactopose_drake/core/shipped_kernels.py` finds them. They stay in `out/`, so that what has not changed is not compiled
-again. On other platforms a wheel is as it is without this.
+It compiles all kernels for x86-64-v3 with the numba of the build environment, and adds them to the wheel beside the
+sources, where `tactopose_drake/core/shipped_kernels.py` finds them. They are kept in `out/`, so that unchanged kernels
+are not compiled again. On other platforms, it has no effect.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ class CompiledKernels(BuildHookInterface):
     """Compiles the kernels, and adds them to the wheel."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """What hatchling calls before it builds."""
+        """Called by hatchling before the build."""
         if version == "editable":
             return
         if sysconfig.get_platform() != "linux-x86_64":

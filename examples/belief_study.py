@@ -1,18 +1,19 @@
-"""The belief over time where the one-shot estimate is put to work: does it follow a grasp as it comes about?
+"""Comparison of the belief over time with the one-shot estimate while a grasp is established.
 
 python examples/belief_study.py --objects bust mug spray_bottle tea_box light_bulb wine_glass --placements 10
 
-A hand closes on an object that was laid into it, in Drake's physics: contacts arrive one by one, and the object moves
-by centimetres meanwhile. Each grasp is felt with a prior of where the object was laid, and without. From half a second
-after the last finger's first contact the belief's best pose is compared with the truth at those instants at which the
-one-shot estimate of the same instant is right: within 10 mm and 10 degrees, up to what the touch leaves free. Where two
-poses are about as probable the estimate is right by chance at every second instant, or so; therefore those instants are
-also counted apart at which it says "ok", and beside the belief the estimate of the next period stands: at how many of
-those instants at which an estimate is right is the next one of the same grasp? No other estimator can be expected to be
-right at more of them. A direction that the touch knows to 12 mm is free for neither, and is right by chance, too: it is
-counted, once more, with all directions free that the touch knows no better than 10 mm, wherever they are. What
-probability both give to poses that are right is the count that knows no chance. Of all instants it is asked whether the
-belief says "ok" while it is off by 20 mm or 20 degrees.
+A hand closes on an object that lies in it, simulated with Drake's physics: contacts arrive one by one, while the object
+moves by centimetres. Each grasp is run with a prior of the object's initial pose, and without.
+
+From half a second after the last finger's first contact, the belief's best pose is compared with the truth at the
+instants at which the one-shot estimate is right: within 10 mm and 10 degrees, apart from the directions that the touch
+leaves free. If two poses are about equally probable, the estimate is right by chance at about every second instant.
+Therefore, the instants at which the estimate's status is "ok" are also counted separately, and the belief is compared
+with the estimate of the next period: the share of right estimates that are followed by another right one is the most
+that can be expected of any estimator. Likewise, a direction that the touch determines only to 12 mm is not free, and
+right only by chance. So the belief is also counted with all directions as free that the touch determines no better than
+10 mm. The probability that both give to right poses does not depend on chance. Finally, over all instants, it is
+counted how often the belief's status is "ok" while it is off by 20 mm or 20 degrees.
 """
 
 import argparse
@@ -57,10 +58,10 @@ class Sensor(CollectableSystem):
 
 @dataclasses.dataclass(frozen=True)
 class Instant:
-    """What was felt and said at one time; errors are [m, deg], up to what the touch leaves free.
+    """The outputs at one time; errors are [m, deg], without the part along the free directions.
 
-    The open error is up to all that the touch knows no better than what counts as right. Probabilities are what the
-    belief and the estimate give to poses that are right.
+    The open error is also without the directions that the touch determines no better than the tolerance of a right
+    pose. Probabilities are those that the belief and the estimate give to right poses.
     """
 
     time: float
@@ -75,17 +76,17 @@ class Instant:
 
     @property
     def belief_is_right(self) -> bool:
-        """Whether the belief's best pose is."""
+        """Whether the belief's best pose is right."""
         return bool(np.all(self.belief_error < RIGHT))
 
     @property
     def estimate_is_right(self) -> bool:
-        """Whether the estimate's best pose is."""
+        """Whether the estimate's best pose is right."""
         return bool(np.all(self.estimate_error < RIGHT))
 
 
 def error(model: tp.ObjectModel, X_hat: Array, X_true: Array, free: Array) -> Array:
-    """[m, deg] to the nearest image of the truth, without the part along the free directions."""
+    """Error [m, deg] to the nearest symmetry image of the truth, without the part along the free directions."""
     u = least_error(model, X_hat, X_true, free)
     return np.array([np.linalg.norm(u[3:]), np.degrees(np.linalg.norm(u[:3]))])
 
@@ -93,13 +94,13 @@ def error(model: tp.ObjectModel, X_hat: Array, X_true: Array, free: Array) -> Ar
 def probability_of_right(
     model: tp.ObjectModel, X_PO: list[Array], probability: list[float], X_true: Array, free: Array
 ) -> float:
-    """What poses (n, 3, 4) that are right up to the free directions are given of the probability."""
+    """Total probability of the poses (n, 3, 4) that are right apart from the free directions."""
     errors = (error(model, X, X_true, free) for X in X_PO)
     return sum(share for share, off in zip(probability, errors, strict=True) if np.all(off < RIGHT))
 
 
 def add_plant(builder: drake.DiagramBuilder, name: str) -> tuple[drake.MultibodyPlant, Hand]:
-    """The hand, its palm up, which closes until something stops it, and the object."""
+    """The hand with its palm up, which closes until it is stopped, and the object."""
     plant, _ = drake.AddMultibodyPlant(drake.MultibodyPlantConfig(time_step=0.004), builder)
     palm_up = drake.RigidTransform(drake.RotationMatrix.MakeXRotation(-np.pi / 2))
     hand = add_hand(plant, load_hand_config("shadow_like"), palm_up)
@@ -114,7 +115,7 @@ def add_plant(builder: drake.DiagramBuilder, name: str) -> tuple[drake.Multibody
 
 
 def run_grasp(name: str, model: tp.ObjectModel, seed: int, with_prior: bool) -> list[Instant]:
-    """Lays an object into the hand, closes it, and asks belief and estimate at each period."""
+    """Lays an object into the hand, closes the hand, and evaluates belief and estimate at each period."""
     builder = drake.DiagramBuilder()
     plant, hand = add_plant(builder, name)
     joints = builder.AddSystem(drake.Demultiplexer([24, 24]))
@@ -156,7 +157,7 @@ def compare(
     tracking: tuple[drake.System, drake.Context],
     estimation: tuple[drake.System, drake.Context],
 ) -> Instant:
-    """What the belief and the estimate, each with its context, say now."""
+    """Compares the belief and the estimate, each with its context, with the truth at one time."""
     said, found = (functools.partial(_output, *each) for each in (tracking, estimation))
     contacts, free, open_directions = said("contacts"), np.zeros((0, 6)), np.zeros((0, 6))
     if len(contacts):
@@ -190,10 +191,21 @@ def _output(system: drake.System, context: drake.Context, name: str) -> Any:
 
 
 class Counts(NamedTuple):
-    """Of instants: how many there are, and how many are "ok" while wrong; of settled ones at how many the belief is
-    right, and the sums of the probabilities that belief and estimate give to poses that are; how many are counted, as
-    the estimate is right, at how many of these the belief is, up to open directions is, and the next estimate is, of so
-    many that have a next one; and both again where the estimate is sure.
+    """Counts of instants.
+
+    Attributes:
+        instants: all.
+        wrong: those at which the belief's status is "ok" while it is wrong.
+        settled: those from half a second after the last finger's first contact.
+        settled_right: settled ones at which the belief is right.
+        belief_probability, estimate_probability: sums over settled ones of the probability of right poses.
+        counted: settled ones at which the estimate is right; the following are of these.
+        right: those at which the belief is right.
+        open_right: those at which it is right apart from the open directions.
+        followed: those with a next instant.
+        next_right: those at which the next estimate is right.
+        sure: those at which the estimate's status is "ok".
+        sure_right: those at which it is, and the belief is right.
     """
 
     instants: float = 0.0
@@ -211,7 +223,7 @@ class Counts(NamedTuple):
     sure_right: float = 0.0
 
     def plus(self, more: "Counts") -> "Counts":
-        """Both together."""
+        """The sum of both."""
         return Counts(*(mine + its for mine, its in zip(self, more, strict=True)))
 
 
@@ -264,7 +276,7 @@ def main() -> None:
 
 
 def print_line(name: str, of: Counts) -> None:
-    """The counts in words."""
+    """Prints the counts as a sentence."""
     counted, settled = max(of.counted, 1.0), max(of.settled, 1.0)
     Console().print(
         f"{name}: the belief is right at {of.right / counted:.1%} of {of.counted:.0f} instants at which the estimate "

@@ -1,15 +1,15 @@
-"""How honest the belief is: does the truth lie where the hypotheses say, as often as they say?
+"""Calibration of the estimates: how often the truth is in the 95 % region of the hypotheses.
 
 python examples/calibration.py --trials 1000
 
-Objects in random poses are touched at random places, with the noise that the estimate is told. A hypothesis holds the
-truth when the squared Mahalanobis distance between them, up to the object's symmetries, is below the 95 % point of
-chi-square with six degrees of freedom. Asked is how often the truth lies in one of the smallest set of hypotheses that
-holds 95 % of the mass.
+Objects in random poses are touched at random places, with the noise that the estimate assumes. A hypothesis contains
+the truth if the squared Mahalanobis distance between them, up to the object's symmetries, is below the 95 % quantile of
+the chi-square distribution with six degrees of freedom. The study counts how often the truth is contained in one of the
+smallest set of hypotheses with 95 % of the probability.
 
-An exact belief would not score 95 % by this: if the set holds less than all of the mass, as little as 0.95 x 0.95;
-where ellipsoids overlap, or a symmetry leaves fewer than six dimensions, more. What it would score is found by drawing
-truths from each belief itself: the line "promised".
+Even an exact belief does not reach 95 % by this count. It may reach only 0.95 x 0.95 if the set has less than the whole
+probability, and more if ellipsoids overlap or a symmetry leaves fewer than six dimensions. What an exact belief would
+reach is computed by drawing truths from each belief itself: the number "promised".
 """
 
 import argparse
@@ -45,11 +45,11 @@ OBJECTS = (
     "thermal_bottle",
     "wine_glass",
 )
-# A pose is unique when its hypothesis carries more of the mass, and nothing is free there or at the truth. In what is
-# left of the mass the truth may honestly be: at 0.99 it is in each fifth set of 1000 trials once, and the squared error
-# of that trial, in the thousands, is most of the set's mean.
+# A pose is unique if its hypothesis has more than this probability, and no direction is free there or at the truth. The
+# truth may still be in the rest of the probability: with 0.99, that happens about once in every fifth set of 1000
+# trials, and the squared error of that trial, in the thousands, then dominates the set's mean.
 UNIQUE = 0.999
-DRAWS = 20  # Truths drawn from each belief.
+DRAWS = 20  # Number of truths drawn from each belief.
 WITH_PRIOR, WITHOUT = "with a prior of 33 mm and 16 degrees", "without a prior"
 
 Array = NDArray[np.float64]
@@ -62,10 +62,10 @@ class Touch:
     Attributes:
         model: the object.
         X_PO: the pose, shape (3, 4).
-        contacts: as measured.
-        exact: the same without noise; what its standard deviations are is as measured.
-        prior: of the pose, or None.
-        generator: of what is drawn next.
+        contacts: the measured contacts.
+        exact: the contacts without noise, with the standard deviations of the measured ones.
+        prior: prior of the pose, or None.
+        generator: random generator for later draws.
     """
 
     model: tp.ObjectModel
@@ -79,7 +79,7 @@ class Touch:
 def region_holds(
     model: tp.ObjectModel, estimate: tp.PoseEstimate, X_true: Array, levels: Sequence[float] | Array
 ) -> NDArray[np.bool_]:
-    """Whether the region of each level holds each of the poses (n, 3, 4), shape (n, levels)."""
+    """Whether the region of each level contains each of the poses (n, 3, 4), shape (n, levels)."""
     before = np.cumsum([0.0] + [hypothesis.probability for hypothesis in estimate.hypotheses])[:-1]
     held = np.zeros((len(X_true), len(levels)), dtype=np.bool_)
     for mass_before, hypothesis in zip(before, estimate.hypotheses, strict=True):
@@ -99,7 +99,7 @@ def touch(model: tp.ObjectModel, seed: int, arguments: argparse.Namespace, has_p
     X_PO = make_poses(random_rotations(generator, 1), 0.05 * generator.normal(size=(1, 3)))[0]
     prior = tp.PosePrior(X_PO)
     prior = tp.PosePrior(retract(X_PO, generator.normal(size=6) * prior.sigmas)) if has_prior else None
-    # The same random numbers with and without noise give the measured contacts and the true ones.
+    # Equal random numbers give the contacts with and without noise.
     state = generator.bit_generator.state
     contacts = touch_surface(model, X_PO, arguments.contacts, generator, spread=arguments.spread, **noise)
     generator.bit_generator.state = state
@@ -119,7 +119,7 @@ def judge(touched: Touch, estimate: tp.PoseEstimate) -> Trial:
     error = nearest_increments(model, best.X_PO.GetAsMatrix34(), information, X_PO[None])[0]
     bound = cramer_rao_bound(model, touched.exact, X_PO, touched.prior)
     unique = best.probability > UNIQUE and not len(best.free_directions) and not len(bound.free_directions)
-    metres = np.repeat([model.size / 2.0, 1.0], 3)  # Of the surface, for each unit of the increments.
+    metres = np.repeat([model.size / 2.0, 1.0], 3)  # Motion of the surface per unit of each increment.
     widest = np.sqrt(np.linalg.eigvalsh(best.covariance * np.outer(metres, metres))[-1])
     return Trial(
         name=model.name,
@@ -156,7 +156,7 @@ def run_trials(models: Sequence[tp.ObjectModel], title: str, arguments: argparse
 
 
 def draw(model: tp.ObjectModel, estimate: tp.PoseEstimate, generator: np.random.Generator) -> Array:
-    """Poses (DRAWS, 3, 4) from the belief itself, but for turns that change nothing."""
+    """Draws poses (DRAWS, 3, 4) from the belief, without rotations about an axis of symmetry."""
     weights = np.array([hypothesis.probability for hypothesis in estimate.hypotheses])
     chosen = generator.choice(len(weights), DRAWS, p=weights / weights.sum())
     poses = []

@@ -1,8 +1,8 @@
-"""The least that grasps leave unknown of a hand's errors, whatever estimates them: the Cramer-Rao bound.
+"""The Cramer-Rao bound of a hand's errors, given its grasps.
 
-Each contact's distance from the surface and its normal tell of the object's pose in that grasp and of the hand. Of the
-information about the hand the part goes that the unknown poses take (the Schur complement), and what was known of the
-errors before is added: the inverse is the least covariance that an estimate may have on average over such hands [VT68].
+Each contact's distance from the surface and its normal give information on the object's pose in that grasp and on the
+hand. The unknown poses are eliminated from the information (by the Schur complement), and that of the errors' prior is
+added: the inverse is the least covariance that an estimate can have on average over such hands [VT68].
 
 Source: [VT68] H. Van Trees, Detection, Estimation, and Modulation Theory, part I, 1968, section 2.4.3.
 """
@@ -26,16 +26,17 @@ def least_covariance(
     *,
     poses_known: bool = False,
 ) -> np.ndarray:
-    """The bound for all errors, shape (d, d), SI units; zero for those that are not looked for.
+    """The bound for all errors, shape (d, d), SI units; zero for those that are not estimated.
 
     Args:
         plant: finalized plant of the hand alone.
         hand: the hand in it.
-        errors: which errors it may have.
-        truth: those that it has, shape (d,), SI units.
-        grasps: what it is calibrated with, and where the object truly was.
-        noise: of contacts beside the sensors', along the normal and of the normal about each axis, m and rad.
-        poses_known: whether somebody says where the object is.
+        errors: the errors that it may have.
+        truth: their true values, shape (d,), SI units.
+        grasps: the grasps of the calibration, with the true poses of the object.
+        noise: noise of contacts in addition to the sensors': along the normal, m, and of the normal about each axis,
+            rad.
+        poses_known: whether the object's poses are known.
     """
     recorded = [grasp.recorded for grasp in grasps]
     felt, free = FeltGrasps(plant, hand, errors, recorded), errors.free

@@ -1,9 +1,9 @@
-"""Calibrations of a hand with errors, and what they are worth on new grasps of other objects.
+"""Calibrations of hands with errors, and their effect on new grasps of other objects.
 
-Each trial draws a hand's errors, lets that hand close on one object, calibrates it from what it read, and then has it
-grasp other objects: with the errors known exactly, calibrated, as it is, and with errors left as small as the grasps
-allow at best (`calibration_bound.py`): an estimate drawn from the Cramer-Rao bound. Grasps are made by kinematics
-alone, or in the simulator, which takes a minute each on a busy machine.
+Each trial draws a hand's errors, grasps one object repeatedly, and calibrates the hand from its readings. The hand then
+grasps other objects: with its errors known exactly, calibrated, uncalibrated, and at the bound, with errors drawn from
+the Cramer-Rao bound of the calibration's grasps (`calibration_bound.py`). Grasps are made with kinematics alone, or in
+the simulator, where each takes up to a minute.
 
 python examples/calibration_study.py --trials 3
 python examples/calibration_study.py --trials 40 --seed 0
@@ -42,19 +42,19 @@ from tactopose_drake.systems import MakePoseEstimation, PoseEstimationParams
 
 DECLARED = HandUncertainty(encoder_offset_deg=2.0, fingertip_radius=0.001, sensor_force=0.1, sensor_moment=0.001)
 NOISE = ClosedGraspParams(noise_surface=0.0003, noise_normal_deg=1.5, noise_moment=0.00002, noise_force=0.004)
-PRIOR = (0.033, np.radians(16.0))  # standard deviations of what is known of a new grasp without touch, m and rad
+PRIOR = (0.033, np.radians(16.0))  # standard deviations of the prior of a new grasp, m and rad
 
 
 @dataclasses.dataclass
 class Trial:
-    """One hand.
+    """The results of one hand.
 
     Attributes:
-        inside: of its errors, which lie in the calibration's own 95 % intervals.
-        scaled: deviations of the errors over the calibration's standard deviations.
-        offsets: of the joints, those that are left, deg.
-        errors: by knowledge of the hand, those of the new grasps, m: root mean square over the object's surface.
-        left_out: grasps of the calibration that counted for nothing.
+        inside: which of its errors are in the calibration's 95 % intervals.
+        scaled: deviations of its errors from the calibration, divided by the calibration's standard deviations.
+        offsets: remaining joint offsets, deg.
+        errors: errors of the new grasps, by what is known of the hand, m: root mean square over the object's surface.
+        left_out: number of grasps that the calibration ignored.
     """
 
     inside: np.ndarray
@@ -65,13 +65,13 @@ class Trial:
 
 
 class DrawnHand:
-    """A hand whose errors are drawn at random, and what it grasps.
+    """A hand with random errors, which grasps objects.
 
     Attributes:
-        config: the hand, and what it says of its errors.
-        errors: which these are.
-        truth: these, shape (d,), SI units.
-        generator: of all that is random.
+        config: the hand, with the standard deviations of its errors.
+        errors: the errors that it may have.
+        truth: their true values, shape (d,), SI units.
+        generator: the random generator.
     """
 
     def __init__(self, hand: str, generator: np.random.Generator, simulated: bool) -> None:
@@ -82,7 +82,7 @@ class DrawnHand:
         self.generator, self._simulated, self._hand = generator, simulated, hand
 
     def grasps(self, objects: dict[str, tp.ObjectModel], count: int) -> list[ClosedGrasp]:
-        """So many, of the objects in turn."""
+        """Makes `count` grasps, of the objects in turn."""
         if not self._simulated:
             closer = GraspCloser(self._plant, self._parts, self.errors, self.truth, NOISE)
             models = list(objects.values())
@@ -94,12 +94,12 @@ class DrawnHand:
         return found
 
     def least_covariance(self, grasps: list[ClosedGrasp], noise: tuple[float, float]) -> np.ndarray:
-        """Of its errors after these grasps at best, of contacts with such noise, m and rad; shape (d, d), SI units."""
+        """The bound of its errors, (d, d), SI units, given these grasps and the contacts' noise, m and rad."""
         return least_covariance(self._plant, self._parts, self.errors, self.truth, grasps, noise)
 
 
 def run_trial(hand: DrawnHand, known: str, objects: dict[str, tp.ObjectModel], count: int) -> Trial:
-    """Calibrates a hand by an object that is known, and tries it on the others."""
+    """Calibrates a hand with one object, and tests it on the others."""
     config, errors, truth, generator = hand.config, hand.errors, hand.truth, hand.generator
     others = {name: model for name, model in objects.items() if name != known}
     held = hand.grasps({known: objects[known]}, count)
@@ -129,14 +129,14 @@ def run_trial(hand: DrawnHand, known: str, objects: dict[str, tp.ObjectModel], c
 
 
 def disturbed(X_PO: np.ndarray, generator: np.random.Generator) -> tp.PosePrior:
-    """What is known of a pose without touch."""
+    """A prior of a pose, with random errors."""
     turned = X_PO[:, :3] @ exp_so3(PRIOR[1] * generator.normal(size=3))
     moved = X_PO[:, 3] + PRIOR[0] * generator.normal(size=3)
     return tp.PosePrior(np.column_stack([turned, moved]), sigma_translation=PRIOR[0], sigma_rotation=PRIOR[1])
 
 
 def surface_error(model: tp.ObjectModel, X_PO: np.ndarray, X_PO_true: np.ndarray) -> float:
-    """Root mean square distance between where two poses put the object's surface, of its equal turns the nearest, m."""
+    """Root mean square distance of the object's surface between two poses, for the nearest symmetry image, m."""
     points = model.samples.points
     true = transform_points(X_PO_true, points)
     turned = transform_points(model.symmetry_poses, points)
@@ -145,7 +145,7 @@ def surface_error(model: tp.ObjectModel, X_PO: np.ndarray, X_PO_true: np.ndarray
 
 
 def pose_errors(config: HandConfig, grasps: list[ClosedGrasp], priors: list[tp.PosePrior]) -> list[float]:
-    """How far the estimates are off, by the hand's own diagram and `estimate_pose`."""
+    """Errors of the estimates, made by the hand's own diagram and `estimate_pose`."""
     params = PoseEstimationParams(check_collisions=False, use_hand_volume=False)
     diagram = MakePoseEstimation(config, grasps[0].recorded.model, params)
     plant, parts = make_hand_plant(config)

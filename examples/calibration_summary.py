@@ -1,4 +1,4 @@
-"""What the trials of `calibration.py` come to, in words and pictures."""
+"""The summary and the figure of the trials of `calibration.py`."""
 
 import dataclasses
 from pathlib import Path
@@ -11,8 +11,8 @@ from scipy.stats import chi2
 
 LEVELS = np.array([0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99])
 LEVEL = 0.95
-# It is well known when no direction is wider than this share of the object's size. The Cramer-Rao bound takes the
-# surface for as curved as it is at the truth; over longer ways that is another surface, with edges.
+# A pose is well known if the standard deviation in no direction exceeds this share of the object's size. The Cramer-Rao
+# bound uses the surface's curvature at the truth, which does not describe the surface farther away.
 WELL_KNOWN = 0.05
 SURE = 0.95
 WRONG = chi2.ppf(0.999, 6)
@@ -20,19 +20,19 @@ WRONG = chi2.ppf(0.999, 6)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Trial:
-    """What one estimate said, and how far off it was.
+    """One estimate, and its error.
 
     Attributes:
-        name: the object's.
-        held: for each of LEVELS, whether its region holds the truth.
-        promised: for LEVEL, the share of truths drawn from the belief itself that its region holds.
-        probability, cost: of the best hypothesis.
-        unique: whether it is all that is left.
-        mahalanobis: the best one's squared distance to the truth.
-        well_known: whether it is narrow, too.
-        translation, rotation: of the best one's error, m, rad.
-        said_translation, said_rotation: the root mean squares that its covariance says.
-        least_translation, least_rotation: the Cramer-Rao bounds of their root mean squares.
+        name: name of the object.
+        held: for each of LEVELS, whether its region contains the truth.
+        promised: for LEVEL, the share of truths drawn from the belief itself that its region contains.
+        probability, cost: probability and cost of the best hypothesis.
+        unique: whether the best hypothesis has practically all the probability, and no free direction.
+        mahalanobis: squared Mahalanobis distance from the best hypothesis to the truth.
+        well_known: whether it is unique and its standard deviations are small.
+        translation, rotation: error of the best hypothesis, m and rad.
+        said_translation, said_rotation: root mean square errors by its covariance, m and rad.
+        least_translation, least_rotation: Cramer-Rao bounds of the root mean square errors, m and rad.
     """
 
     name: str
@@ -57,7 +57,7 @@ def rms(values: list[float]) -> float:
 
 
 def errors(trials: list[Trial]) -> str:
-    """Root mean square errors, beside those that the covariances say, in units of the Cramer-Rao bound's."""
+    """Root mean square errors, in truth and by the covariances, also relative to the Cramer-Rao bounds."""
     millimetres, said_millimetres, least_millimetres = (
         1e3 * rms([getattr(trial, name) for trial in trials])
         for name in ("translation", "said_translation", "least_translation")
@@ -74,7 +74,7 @@ def errors(trials: list[Trial]) -> str:
 
 
 def summary(title: str, trials: list[Trial]) -> str:
-    """The figures in words, and those of each object."""
+    """The results as text, in total and for each object."""
     at = int(np.flatnonzero(LEVELS == LEVEL)[0])
     held = np.array([trial.held[at] for trial in trials])
     unique = [trial for trial in trials if trial.unique]

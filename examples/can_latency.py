@@ -1,9 +1,8 @@
-"""How long a frame on the bus takes to become a contact, and whether five boards and the estimate keep up.
+"""Latency from a frame on the bus to a contact, and whether the estimate keeps up with five boards in real time.
 
-Five simulated NETCANOEM boards run in a process of their own, at the end of a pipe, and feel what the hand of the
-scenario `shadow_like_can` feels in a simulated grasp. Here the whole chain runs on one core: decoding, and the estimate
-20 times a second; then the same once more with contacts at every poll of the sensors, 200 times a second, to see how
-late they are.
+Five simulated NETCANOEM boards run in their own process at the other end of a pipe, with the wrenches of a simulated
+grasp of the scenario `shadow_like_can`. The whole chain runs on one core: decoding, and 20 estimates per second; then
+once more with contacts at every poll of the sensors, 200 times per second, to measure their latency.
 
     python examples/can_latency.py --duration 20
 """
@@ -34,15 +33,15 @@ from tactopose_drake.station import (
 
 @dataclasses.dataclass(frozen=True)
 class Report:
-    """What was measured.
+    """The measurements.
 
     Attributes:
-        real_time_factor: time of the diagram over time of the clock.
-        samples_per_second: of all boards together.
-        core: share of a core that this process took, bus and all.
-        latency: of each sample that became a contact, from when its last frame was sent, s; empty where
-            nobody asked for contacts but the estimate.
-        estimates: how many were made.
+        real_time_factor: the diagram's time divided by real time.
+        samples_per_second: sample rate of all boards together.
+        core: share of a core that this process used, including the bus.
+        latency: of each sample, the time from its last frame to the contact, s; empty if only the estimate used
+            contacts.
+        estimates: number of estimates.
     """
 
     real_time_factor: float
@@ -53,7 +52,7 @@ class Report:
 
 
 class PipeBus(can.BusABC):
-    """An end of a CAN bus between two processes: a pipe, which no other machine can reach."""
+    """One end of a CAN bus between two processes, implemented by a pipe, which no other machine can reach."""
 
     def __init__(self, pipe: Connection) -> None:
         """Keeps its argument."""
@@ -78,14 +77,14 @@ class PipeBus(can.BusABC):
 
 
 def make_scenario() -> Scenario:
-    """Five boards at 200 samples/s."""
+    """A scenario with five boards at 200 samples/s."""
     scenario = load_scenario("shadow_like_can").without_errors()
     scenario.estimation.estimator.period = 0.05
     return scenario
 
 
 def serve(wire: Connection, loads: Loads, core: int | None, pipe: Connection) -> None:
-    """The boards, in a process of their own: says when they are there, is told the origin, and is told to end."""
+    """Runs the boards in their own process: reports when they are ready, receives the origin, then a message to end."""
     if core is not None:
         os.sched_setaffinity(0, {core})
     scenario = make_scenario()
@@ -97,10 +96,10 @@ def serve(wire: Connection, loads: Loads, core: int | None, pipe: Connection) ->
 
 
 def measure(duration: float, pinned: bool) -> tuple[Report, Report]:
-    """Runs the chain twice for `duration` s of the diagram's time; pinned to a core, the boards to another.
+    """Runs the chain twice for `duration` s of the diagram's time; if `pinned`, it and the boards have a core each.
 
     Returns:
-        With the estimate alone, and with contacts at every poll.
+        The reports with the estimate alone, and with contacts at every poll.
     """
     scenario = make_scenario()
     model = scenario.object_model()
@@ -134,7 +133,7 @@ def measure(duration: float, pinned: bool) -> tuple[Report, Report]:
 
 
 def run(station: HardwareStation, devices: CanDevices, duration: float, with_contacts: bool) -> Report:
-    """Runs a station whose devices are there, and takes the times."""
+    """Runs a station whose devices are running, and measures the times."""
     devices.start()
     simulator = Simulator(station.diagram)
     simulator.set_target_realtime_rate(1.0)
@@ -163,7 +162,7 @@ def run(station: HardwareStation, devices: CanDevices, duration: float, with_con
 
 
 def note_samples(board: NetCanOemForceTorque) -> list:
-    """A list to which every sample is added when the diagram takes it for the first time."""
+    """A list to which each sample is appended when the diagram first uses it."""
     observe, noted, last = type(board).observe.__get__(board), [], [None]
 
     def noting(max_age: float, now: float | None = None):

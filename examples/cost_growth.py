@@ -1,12 +1,11 @@
-"""How the time of an estimate grows with what it is given.
+"""CPU time of an estimate as a function of the size of its inputs.
 
     python examples/cost_growth.py --out out
 
-Prints the median CPU time of an estimate over the number of contacts, the cells of four pads, and the mesh's faces;
-that of an identification over the number of objects (`identification_study.py --growth` has a thousand of them); and
-the cost and the time of the thesis' search over its number of particles. Writes the tables as Markdown (cost_growth.md)
-and the plots (cost_growth.png). Synthetic touches with 0.9 mm and 5 degrees of noise, and a guess 33 mm and 16 degrees
-off.
+Prints the median CPU time of an estimate by the number of contacts, of cells of four pads, and of faces of the mesh;
+that of an identification by the number of objects (up to a thousand in `identification_study.py --growth`); and cost
+and time of the thesis' search by the number of particles. Writes the tables as Markdown (cost_growth.md) and the plots
+(cost_growth.png). Touches are synthetic with 0.9 mm and 5 degrees of noise, and the prior is 33 mm and 16 degrees off.
 """
 
 import math
@@ -38,12 +37,12 @@ PADS = ((4, 3), (8, 3), (12, 6), (20, 12))  # rows and columns of a pad's cells
 SUBDIVISIONS = (2, 3, 4, 5)  # of an icosphere: 320 to 20 480 faces
 OBJECTS = (1, 3, 10, 20)
 PARTICLES = (500, 1000, 2000, 5000, 10_000, 20_000)
-PITCH = 0.02  # of a pad's rows together, m
+PITCH = 0.02  # height of a pad, the sum of its rows' pitches, m
 SIGMAS = np.repeat([math.radians(16.0 / 1.6), 0.033 / 1.6], 3)  # mean lengths of 16 degrees and 33 mm
 
 
 class Curve(NamedTuple):
-    """One table: what grows, and what is measured over it."""
+    """One table: the measured values as functions of a size."""
 
     title: str
     x_label: str
@@ -64,12 +63,12 @@ def milliseconds(solve: Callable[[int], object], trials: int) -> float:
 
 
 def guess(generator: np.random.Generator) -> tp.PosePrior:
-    """Of the identity pose."""
+    """A random prior for the identity pose."""
     return tp.PosePrior(retract(np.eye(3, 4), generator.normal(size=6) * SIGMAS))
 
 
 def over_contacts(trials: int, seed: int) -> Curve:
-    """Corrections and global estimates of the bust."""
+    """Estimates of the bust with and without a prior."""
     model = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
     lines: dict[str, list[float]] = {"with a guess": [], "without": []}
     for count in CONTACTS:
@@ -85,7 +84,7 @@ def over_contacts(trials: int, seed: int) -> Curve:
 
 
 def over_cells(trials: int, seed: int) -> Curve:
-    """Corrections of the spray bottle by four pads."""
+    """Estimates of the spray bottle with a prior, from four pads."""
     model = tp.ObjectModel.from_mesh(model_path("objects", "spray_bottle.obj"))
     line = []
     for rows, columns in PADS:
@@ -102,7 +101,7 @@ def over_cells(trials: int, seed: int) -> Curve:
 
 
 def over_faces(trials: int, seed: int) -> Curve:
-    """Models and estimates of a lumpy ball, finer and finer."""
+    """Models and estimates of a lumpy ball with finer and finer meshes."""
     lines: dict[str, list[float]] = {"estimate without a guess": [], "building the model": []}
     faces = []
     for subdivisions in SUBDIVISIONS:
@@ -123,7 +122,7 @@ def over_faces(trials: int, seed: int) -> Curve:
 
 
 def over_library(trials: int, seed: int) -> Curve:
-    """Which of the first objects of `object_families.py` is touched, all of them in memory."""
+    """Identification among the first objects of `object_families.py`, with all models in memory."""
     models = [tp.ObjectModel.from_mesh(make_object(index, seed)[1]) for index in range(max(OBJECTS))]
     line = []
     for count in OBJECTS:
@@ -137,7 +136,7 @@ def over_library(trials: int, seed: int) -> Curve:
 
 
 def over_particles(trials: int, seed: int) -> Curve:
-    """What the thesis' search reaches: the median of its least costs, and of its CPU times."""
+    """Medians of the least cost and of the CPU time of the thesis' search."""
     model = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
     batches = {1: "one at a time", 100: "in batches of 100"}
 

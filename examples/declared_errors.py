@@ -1,13 +1,13 @@
-"""Whether the belief stays honest where the hand and the mesh err, and say by how much: simulated grasps.
+"""Calibration of the estimates for hands and meshes with declared errors, in simulated grasps.
 
 python examples/declared_errors.py --grasps 40
 python examples/declared_errors.py --errors 0 4 --grasps 10 --first-seed 100
 
-The simulated hand is a good one (its errors are drawn from the defaults of `uncertainty:`), and in each row one thing
-about it, or the object, is worse, by as much as the estimate is told. Its sensors were tared some time before a grasp
-and have drifted since, by as much as is declared. Wrenches and joint angles go through the whole diagram. It is counted
-how often the smallest set of hypotheses that holds 95 % of the belief holds the truth; how often both errors fall
-against vision's where the touch determines the pose; and how often the estimate says "held", that nothing explains the
+The simulated hand has errors drawn from the defaults of `uncertainty:`. In each row, one property of the hand or the
+object is worse, and the estimate knows by how much. The sensors were tared some time before a grasp and have drifted
+since, as declared. Wrenches and joint positions go through the whole diagram. The study counts how often the smallest
+set of hypotheses with 95 % of the probability contains the truth; how often both errors are smaller than vision's in
+the directions that the touch determines; and how often the status is "held", which means that no pose explains the
 touch.
 """
 
@@ -44,13 +44,13 @@ HAND = "shadow_like"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Row:
-    """What is worse than of a good hand, and told.
+    """The declared errors of a row; those that are None are drawn with the defaults.
 
     Attributes:
-        joints: offset of each joint, deg; its sign is drawn.
-        force: bias of each component of the force, N, likewise.
-        moment: likewise, N m.
-        radius: by which each fingertip is thicker, m.
+        joints: offset of each joint, deg; its sign is random.
+        force: bias of each component of the force, N; its sign is random.
+        moment: bias of each component of the moment, N m; its sign is random.
+        radius: by how much the radius of each fingertip is larger, m.
         scale: by which share the object is larger.
     """
 
@@ -61,7 +61,7 @@ class Row:
     scale: float = 0.0
 
     def uncertainty(self) -> HandUncertainty:
-        """What the hand's file declares."""
+        """The uncertainty that the hand's file declares."""
         told = {
             "encoder_offset_deg": self.joints,
             "sensor_force": self.force,
@@ -71,7 +71,7 @@ class Row:
         return HandUncertainty(**{name: value for name, value in told.items() if value is not None})
 
     def errors(self, seed: int) -> SimulatedErrors:
-        """What is so: the signs, and whatever is not given, by the seed."""
+        """The true errors; the signs and all errors that are not given are drawn with the seed."""
         generator = np.random.default_rng([seed, 95])
         hand = load_hand_config(HAND)
         joints = dict.fromkeys(joint for finger in hand.fingers for joint in finger.joints)
@@ -110,13 +110,13 @@ ROWS = {
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """How one grasp's estimate did.
+    """The result of one grasp's estimate.
 
     Attributes:
-        inside: whether the truth is in the set of 95 %.
-        corrected: whether both errors fell.
-        held: whether nothing explains the touch.
-        translation, rotation: of the error where the touch determines the pose, m and rad.
+        inside: whether the truth is in the 95 % set.
+        corrected: whether both errors are smaller than vision's.
+        held: whether the status is "held".
+        translation, rotation: errors in the directions that the touch determines, m and rad.
     """
 
     inside: bool
@@ -127,7 +127,7 @@ class Trial:
 
 
 def make_scenario(row: Row, name: str, seed: int, folder: Path) -> Scenario:
-    """The shipped scenario with the row's errors, and its hand with what they say of themselves, in a folder."""
+    """The shipped scenario with the row's errors, and a copy of its hand in `folder` that declares them."""
     shipped = model_path("hands", HAND, f"{HAND}.hand.yaml").read_text(encoding="utf-8")
     told = ", ".join(f"{key}: {value!r}" for key, value in dataclasses.asdict(row.uncertainty()).items())
     path = folder / f"{len(list(folder.iterdir()))}.hand.yaml"
@@ -141,7 +141,7 @@ def make_scenario(row: Row, name: str, seed: int, folder: Path) -> Scenario:
 
 
 def simulate(scenario: Scenario, plans: list[GraspPlan], model: ObjectModel) -> GraspResult:
-    """The first of the grasps that holds the object, or the last."""
+    """Runs the grasps up to the first that holds the object; returns that or the last."""
     for plan in plans:
         result = run_grasp(make_station(scenario, plan, model=model))
         if result.stable:
@@ -150,7 +150,7 @@ def simulate(scenario: Scenario, plans: list[GraspPlan], model: ObjectModel) -> 
 
 
 def judge(grasp: GraspResult) -> Trial:
-    """Compares what the diagram says at the end with the truth."""
+    """Compares the diagram's outputs at the end with the truth."""
     read = {name: grasp.station.diagram.GetOutputPort(name).Eval(grasp.context) for name in _READ}
     estimate, model, X_PO = read["hypotheses"], grasp.station.model, grasp.X_PO.GetAsMatrix34()
     free = estimate.best.free_directions
@@ -199,7 +199,7 @@ def main() -> None:
     for seed in track(range(arguments.first_seed, arguments.first_seed + arguments.grasps), description="grasps"):
         with tempfile.TemporaryDirectory() as folder:
             scenarios = [make_scenario(ROWS[name], OBJECTS[seed % len(OBJECTS)], seed, Path(folder)) for name in names]
-            # By the files, which are the same in all rows.
+            # Plans depend on the files alone, which are the same in all rows.
             plans = plan_scenario(scenarios[0])[: scenarios[0].check.attempts]
             for name, scenario in zip(names, scenarios, strict=True):
                 grasp = simulate(scenario, plans, scenario.object_model())

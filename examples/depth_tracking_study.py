@@ -1,17 +1,17 @@
-"""Vision from a depth camera's pixels, alone and corrected by touch: simulated grasps of several objects.
+"""Depth camera tracking, alone and corrected by touch, in simulated grasps of several objects.
 
 python examples/depth_tracking_study.py --grasps 20 --first-seed 100
 
-Drake's `RgbdSensor` looks at hand and object, with a Kinect's noise; a tracker finds the object in the whole image
-while the hand is open, and follows it while the fingers close. All that it knows of the object is its mesh. Two
-trackers see the same images: one leaves out the hand's pixels, as rendered from the joints; the other, as in [B16],
-cannot tell them from the object's ("the vision not being able to segment the object from the robot body"). At the end
-of each grasp each tracker's last pose and the covariance that it states are the prior of one estimate from the
-fingertips' contacts; a third estimate has no prior, as have those of a tracker that has lost the object.
+Drake's `RgbdSensor` looks at hand and object, with a Kinect's noise. A tracker finds the object in the whole image
+while the hand is open, and follows it while the fingers close; it knows only the object's mesh. Two trackers use the
+same images: one masks the hand's pixels, as rendered from the joint positions; the other, as in [B16], cannot
+distinguish them from the object's ("the vision not being able to segment the object from the robot body"). At the end
+of each grasp, each tracker's last pose and covariance are the prior of an estimate from the fingertips' contacts; a
+third estimate has no prior, and neither has that of a tracker that has lost the object.
 
-The error of a pose is the distance of the object's base centre from the truth, as [B16] measured it (section 3.3.2.3),
-and the whole angle, for the nearest of the poses that look the same. A tracker's covariance is right where the truth
-lies in its ellipsoid of 95 %, a touch's where the truth is in the set of hypotheses that holds 95 % of the belief.
+The error of a pose is the distance of the object's base centre from the truth, as measured in [B16] (section 3.3.2.3),
+and the rotation angle, both for the nearest of the poses that look the same. A tracker's covariance is right if the
+truth is in its 95 % ellipsoid; that of a touch, if the truth is in the set of hypotheses with 95 % of the probability.
 
 [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016.
 """
@@ -44,11 +44,11 @@ from tactopose_drake.systems import CameraView, DepthTracker
 Array = NDArray[np.float64]
 
 OBJECTS = ("soda_can", "tea_box", "mug", "spray_bottle")
-SIGHTS = {LEAVES_OUT: 0.2, TAKES: 1.0}  # s between two pictures
+SIGHTS = {LEAVES_OUT: 0.2, TAKES: 1.0}  # periods of the trackers, s
 
 
 class SecondTracker:
-    """A tracker beside the station's own, which sees the same images and cannot tell the hand from the object."""
+    """A second tracker with the images of the station's own, which cannot distinguish the hand from the object."""
 
     def __init__(self, station: Station) -> None:
         params = dataclasses.replace(
@@ -62,7 +62,7 @@ class SecondTracker:
         self._tracker.GetInputPort("noise").FixValue(context, np.zeros(8))
 
     def see(self, station: Station, context: Context) -> None:
-        """Takes the picture of this time."""
+        """Processes the image of this time."""
         first, own = station.diagram.GetSubsystemByName("vision"), self._simulator.get_mutable_context()
         for name in ("depth_image", "body_poses"):
             value = first.GetInputPort(name).Eval(first.GetMyContextFromRoot(context))
@@ -70,14 +70,14 @@ class SecondTracker:
         self._simulator.AdvanceTo(context.get_time() + 1e-6)
 
     def vision(self) -> tuple[tp.PoseMeasurement | None, float]:
-        """What it says, and how much it believes hidden."""
+        """The tracker's pose, and the share of the object that it believes hidden."""
         context = self._simulator.get_context()
         hidden = self._tracker.GetOutputPort("hidden_share").Eval(context)[0]
         return self._tracker.GetOutputPort("vision").Eval(context), float(hidden)
 
 
 def view_of(station: Station) -> CameraView:
-    """What the station's camera looks at."""
+    """The view of the station's camera."""
     return CameraView(
         plant=station.plant,
         inspector=station.scene_graph.model_inspector(),
@@ -89,7 +89,7 @@ def view_of(station: Station) -> CameraView:
 
 
 def make_scenario(name: str, seed: int) -> Scenario:
-    """The shipped scenario of the depth camera, with a hand that errs in nothing, as the thesis has it."""
+    """The shipped scenario with a depth camera, with a hand without errors, as in the thesis."""
     scenario = load_scenario("shadow_like_depth").without_errors()
     scenario.object, scenario.seed = name, seed
     scenario.vision.period = SIGHTS[LEAVES_OUT]
@@ -98,7 +98,7 @@ def make_scenario(name: str, seed: int) -> Scenario:
 
 
 def alike(model: tp.ObjectModel, X_PO: Array, truth: Array) -> Array:
-    """Of the poses that look the same as one, the nearest to the truth, shape (3, 4)."""
+    """The nearest to the truth of the poses that look the same as `X_PO`, shape (3, 4)."""
     poses = turn_toward(compose(X_PO[None], model.symmetry_poses), truth, model.symmetries)
     increments = increments_between(truth, poses)
     nearest: Array = poses[np.argmin(np.linalg.norm(increments[:, :3], axis=1))]
@@ -106,13 +106,13 @@ def alike(model: tp.ObjectModel, X_PO: Array, truth: Array) -> Array:
 
 
 def errors(model: tp.ObjectModel, X_PO: Array, truth: Array) -> tuple[float, float]:
-    """Of a pose (3, 4): distance of the base centre, mm, and angle, deg."""
+    """Errors of a pose (3, 4): distance of the base centre, mm, and angle, deg."""
     increment = increments_between(truth, alike(model, X_PO, truth)[None])[0]
     return 1e3 * float(np.linalg.norm(increment[3:])), float(np.degrees(np.linalg.norm(increment[:3])))
 
 
 def judge(grasp: GraspResult, vision: tp.PoseMeasurement | None, hidden: float) -> Outcome:
-    """Compares what a tracker says, and what the touch makes of it, with the truth."""
+    """Compares a tracker's pose, and the estimate from touch with it as the prior, with the truth."""
     model, truth = grasp.station.model, grasp.X_PO.GetAsMatrix34()
     nothing = (np.nan, np.nan)
     seen, stated, squared, prior = nothing, nothing, np.nan, None
@@ -139,7 +139,7 @@ def judge(grasp: GraspResult, vision: tp.PoseMeasurement | None, hidden: float) 
 
 
 def run_trial(name: str, seed: int) -> dict[str, Outcome] | str:
-    """One grasp before both trackers; the reason where none of its attempts holds the object."""
+    """Runs a grasp with both trackers; returns the reason if no attempt holds the object."""
     scenario = make_scenario(name, seed)
     model = scenario.object_model()
     for plan in plan_scenario(scenario, model)[: scenario.check.attempts]:
@@ -165,13 +165,13 @@ def run_trial(name: str, seed: int) -> dict[str, Outcome] | str:
 
 
 def run_study(objects: list[str], seeds: range, out: Path) -> dict[str, list[dict[str, Outcome]]]:
-    """All trials by object; each is kept as it comes, in a file that another run goes on with."""
+    """All trials by object. Each is appended to a file, with which another run continues."""
     path, kept = out / "trials.jsonl", {}
     if path.exists():
         kept = {(line["object"], line["seed"]): line["outcomes"] for line in map(json.loads, path.open())}
     wanted = [(name, seed) for seed in seeds for name in objects]
     spawn = multiprocessing.get_context("spawn")
-    # A simulated diagram keeps some 100 MB of memory to its process' end.
+    # About 100 MB of a simulated diagram's memory are freed only when its process ends.
     with ProcessPoolExecutor(1, mp_context=spawn, max_tasks_per_child=12) as executor, path.open("a") as file:
         for name, seed in track(wanted, description="grasps", console=Console(stderr=True)):
             if (name, seed) not in kept:

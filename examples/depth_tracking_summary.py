@@ -1,4 +1,4 @@
-"""What the trials of `depth_tracking_study.py` come to, in words and pictures."""
+"""The table and the plot of the trials of `depth_tracking_study.py`."""
 
 import dataclasses
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-# What the estimate begins from: by which tracker, or nothing.
+# Source of the estimate's prior: a tracker, or none.
 LEAVES_OUT, TAKES, NOTHING = "leaves out the hand", "takes the hand for the object", "no guess"
 TRACKERS = {LEAVES_OUT: True, TAKES: False}
 LIMIT = 12.59  # of a squared Mahalanobis distance in six dimensions, 95 %
@@ -14,16 +14,16 @@ LIMIT = 12.59  # of a squared Mahalanobis distance in six dimensions, 95 %
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """How one tracker and the touch that corrects it did at the end of a grasp; NaN where there is no pose.
+    """The results of one tracker, and of the touch that corrects it, at the end of a grasp; NaN if there is no pose.
 
     Attributes:
         vision: errors of the tracker's last pose, mm and deg.
-        stated: the largest standard deviations that it states, mm and deg.
-        squared: its squared error in units of its covariance.
+        stated: its largest stated standard deviations, mm and deg.
+        squared: its squared Mahalanobis error.
         hidden: the share of the object that the tracker believes hidden.
         touch: errors of the estimate, mm and deg.
-        inside: whether the truth is in the estimate's set of 95 %.
-        status: of the estimate.
+        inside: whether the truth is in the estimate's 95 % set.
+        status: status of the estimate.
     """
 
     vision: tuple[float, float]
@@ -36,7 +36,7 @@ class Outcome:
 
 
 def row(name: str, what: str, outcomes: list[Outcome]) -> str:
-    """A line of the table: medians, in brackets the largest."""
+    """A line of the table: medians, with the largest values in brackets."""
 
     def spread(values: list[float]) -> str:
         finite = np.array(values)[np.isfinite(values)]
@@ -58,7 +58,7 @@ def row(name: str, what: str, outcomes: list[Outcome]) -> str:
 
 
 def markdown(results: dict[str, list[dict[str, Outcome]]], seeds: range) -> str:
-    """The table, and what it says of the thesis' claim."""
+    """The table, and whether it confirms the thesis' claim."""
     grasps = [trial for trials in results.values() for trial in trials]
     lines = [
         f"# Vision from pixels, corrected by touch: {len(grasps)} grasps of {len(results)} objects, "
@@ -103,7 +103,7 @@ def verdict(grasps: list[dict[str, Outcome]]) -> str:
 
 
 def save_plot(results: dict[str, list[dict[str, Outcome]]], path: Path) -> None:
-    """Error by stated sigma of each tracker, and before and after the touch."""
+    """Plots each tracker's error over its stated standard deviation, and the error after touch over that before."""
     figure, axes = plt.subplots(1, 2, figsize=(12, 5), layout="constrained")
     colours = dict(zip(results, ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"), strict=False))
     for name, trials in results.items():

@@ -1,9 +1,10 @@
-"""Draws the diagrams of the documentation: the pose estimation by itself, and the simulated station around it.
+"""Draws the diagrams of the documentation: the pose estimation alone, and in the simulated station.
 
-Both for a hand with fingertip sensors, and for one with tactile pads; and the belief in a control stack, as figure 6.5
-of the thesis proposes it: sensing, prediction, update, and decision. `diagram.GetGraphvizString()` shows a diagram
-whole. These pictures are for reading: what there is once for each finger or pad is drawn once, as `<finger>` or
-`<pad>`; what nothing is connected to is left out, and so are sources of noise and the scene graph.
+Both are drawn for a hand with fingertip sensors, and for one with tactile pads. A third shows the belief in a control
+stack, as proposed in figure 6.5 of the thesis: sensing, prediction, update, and decision. Unlike
+`diagram.GetGraphvizString()`, which shows everything, these diagrams are simplified: systems and ports that exist once
+per finger or pad are drawn once, as `<finger>` or `<pad>`; unconnected ones, sources of noise and the scene graph are
+omitted.
 """
 
 import argparse
@@ -40,12 +41,12 @@ node [shape=plain, fontname="Arial,Helvetica,sans-serif", fontsize=13]; edge [ar
 FRAME = 'style="rounded,filled"; color="#c9d3e0"; fillcolor="#eef2f8"; fontname="Arial,Helvetica,sans-serif";'
 INPUT, OUTPUT = "#1f5fa8", "#2e7d32"  # colours of what goes into the diagram, and what comes out
 
-# A tail and a head, each a system and a port of it; the system of the diagram's own ports is "".
+# Tail and head of a connection: system and port each; for the diagram's own ports, the system is "".
 Edge = tuple[str, str, str, str]
 
 
 def connections(diagram: Diagram) -> list[Edge]:
-    """All connections between systems that are not left out, and those of the diagram's own ports."""
+    """All connections between systems that are not omitted, and those of the diagram's own ports."""
     edges: list[tuple[System | None, str, System | None, str]] = []
     for (head, i), (tail, o) in diagram.connection_map().items():
         edges.append((tail, tail.get_output_port(o).get_name(), head, head.get_input_port(i).get_name()))
@@ -69,7 +70,7 @@ def kind(system: System) -> str:
 
 
 def opened(diagram: Diagram, name: str) -> tuple[dict[str, System], list[Edge]]:
-    """The systems of a diagram, and all connections between them, with one of them opened up to show its own."""
+    """The systems of a diagram and their connections, with one of them replaced by its own subsystems."""
     part = diagram.GetSubsystemByName(name)
     systems = {system.get_name(): system for system in (*diagram.GetSystems(), *part.GetSystems()) if system != part}
     outer, inner = connections(diagram), connections(part)
@@ -92,11 +93,11 @@ def to_dot(
     """A diagram in the language of Graphviz.
 
     Args:
-        systems: those in it, by name.
-        connected: what is connected in it.
-        endings: of names that are drawn once, where there is one with each of them.
-        ending: what they end in then.
-        groups: names of systems that are drawn in a frame, by its title.
+        systems: its systems, by name.
+        connected: its connections.
+        endings: names that exist with each of these endings are drawn once.
+        ending: the ending that replaces them.
+        groups: names of the systems that are drawn in a common frame, by its title.
     """
     names = {*systems} | {name for _, out, _, into in connected for name in (out, into)}
 
@@ -146,13 +147,13 @@ def box(name: str, title: str, inputs: Sequence[str], outputs: Sequence[str]) ->
 
 
 def any_grasp(scenario: Scenario) -> Scenario:
-    """The scenario with the first grasp that is found: which one does not show in a diagram."""
+    """The scenario with a single planned grasp, since the diagram does not depend on the grasp."""
     scenario.planner.grasps = 1
     return scenario
 
 
 def make_control_stack(plan: GraspPlan) -> ArmStation:
-    """A hand on an arm that puts a handed-over pencil into a hole, by its belief; closed as anyhow planned."""
+    """A hand on an arm that puts a handed-over pencil into a hole, based on its belief; any plan will do."""
     setup = ArmSetup()
 
     def add_decision(builder: DiagramBuilder, parts: ArmParts) -> OutputPort:

@@ -1,4 +1,4 @@
-"""Makes the pictures of the documentation's gallery, docs/gallery.md, by the code that stands in it."""
+"""Makes the pictures of the documentation's gallery with the code in docs/gallery.md."""
 
 import argparse
 import re
@@ -9,7 +9,7 @@ from tactopose_drake.resources import resource_root
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Writes the pictures; the arguments are those of the command line, if none are given."""
+    """Writes the pictures; the arguments are by default those of the command line."""
     docs = resource_root() / "docs"
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", nargs="?", type=Path, default=docs / "pictures", help="docs/pictures by default")

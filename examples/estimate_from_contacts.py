@@ -1,7 +1,7 @@
-"""The pose of a held bust from four touches and a camera's guess, in plain Python.
+"""The pose of a held bust from four contacts and a camera's estimate, in plain Python.
 
-Touches and guess are those of `own_diagram.py`. There the bust lies at p_PO = [-0.0588, -0.0240, 0.0582] m; the guess
-is 28 mm and 18 degrees off.
+Contacts and the camera's estimate are those of `own_diagram.py`, where the bust is at p_PO = [-0.0588, -0.0240, 0.0582]
+m; the camera's estimate is 28 mm and 18 degrees off.
 """
 
 import math

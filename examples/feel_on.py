@@ -1,4 +1,4 @@
-"""A hand holds a screwdriver by three fingers, and feels on with the others until it knows where that is."""
+"""A hand holds a screwdriver with three fingers, and explores it with the others until its pose is known."""
 
 import numpy as np
 from pydrake.systems.analysis import Simulator

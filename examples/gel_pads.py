@@ -1,7 +1,7 @@
-"""The pose of a bust in a gripper of two fingers, from the height maps of two gel pads and a camera's guess.
+"""The pose of a bust in a two-finger gripper, from the height maps of two gel pads and a camera's estimate.
 
-The pads are 15 by 20 mm with 240 by 320 pixels, as those of a GelSight Mini; their maps are made from the bust's
-distance field. The hand's joints and the pads' mounting are off by half a millimetre and a degree.
+The pads have 15 by 20 mm and 240 by 320 pixels, like those of a GelSight Mini; their height maps are computed from the
+bust's distance field. The poses of the pads in the palm are off by half a millimetre and a degree.
 """
 
 import numpy as np
@@ -16,13 +16,13 @@ PIXELS, PRESSED = (240, 320), 0.0008  # rows and columns; how deep the fingers p
 
 
 def pad_pose(side: int, half_opening: float) -> np.ndarray:
-    """Of a pad that looks inwards along x of the palm from one side, -1 or 1; its rows lie along y."""
+    """Pose of a pad on one side, -1 or 1, that faces inwards along x of the palm; its rows are along y."""
     z = np.array([-side, 0.0, 0.0])
     return make_poses(np.column_stack([[0.0, 1.0, 0.0], np.cross(z, [0.0, 1.0, 0.0]), z]), -z * half_opening)
 
 
 def close(model: tp.ObjectModel, X_PO: np.ndarray, side: int, generator: np.random.Generator) -> tuple:
-    """Moves a finger inwards until it presses so deep; its true pose and its map."""
+    """Moves a finger inwards until it presses as deep as `PRESSED`; returns the pad's true pose and height map."""
     for half_opening in np.arange(0.06, 0.0, -0.0002):
         X_PT = pad_pose(side, half_opening)
         depth = press_gel(model, X_PO, X_PT, SENSOR, PIXELS, generator)

@@ -1,4 +1,4 @@
-"""Simulated grasps of several objects with several seeds: how well touch corrects vision.
+"""Correction of vision by touch, in simulated grasps of several objects with several seeds.
 
 python examples/grasp_study.py --objects bust mug --seeds 3
 python examples/grasp_study.py --perfect --seeds 5
@@ -23,7 +23,7 @@ OBJECTS = ("bust", "mug", "spray_bottle", "tea_box", "wine_glass")
 def study(
     scenario_name: str, objects: list[str], first_seed: int, seeds: int, perfect: bool
 ) -> tuple[dict[tuple[str, int], DemoResult], list[str]]:
-    """Runs each object with each seed; returns the results, and why the others failed."""
+    """Runs each object with each seed; returns the results, and the reasons of failures."""
     results: dict[tuple[str, int], DemoResult] = {}
     failures: list[str] = []
     for name in objects:
@@ -41,7 +41,7 @@ def study(
 
 
 def corrected(result: DemoResult) -> bool:
-    """Whether both errors fell in the directions that the touch determines."""
+    """Whether both errors decreased in the directions that the touch determines."""
     before, after = result.vision, result.touch
     return (
         after.determined_translation < before.determined_translation

@@ -1,24 +1,26 @@
-"""Hand over and place: a pencil is put into the closing hand, felt, and stuck into a hole of 15 mm radius in a box.
+"""Hand over and place: the hand receives a pencil, feels it, and inserts it into a hole of 15 mm radius in a box.
 
 python examples/hand_over_and_place.py --seeds 100 --out out/hand_over
 python examples/hand_over_and_place.py --seeds 100 --out out/hand_over --resume
 python examples/hand_over_and_place.py --first-seed 0 --scene --out out/hand_over
 
-After section 4.3.2.3 of [B16]. The pencil is handed over anyhow: turned by up to 10 degrees about each axis and shifted
-by up to 5 mm along each from where the hand expects it, slid by up to 20 mm along itself, either end up, at any spin.
-Whoever hands it over holds on while the hand closes on it and feels where it lies. Mostly that is not where the hand
-holds it well: the hand opens, the arm brings it to where the pencil lies in the middle of the grip, and it closes once
-more. Once the pencil lies well and all five fingers carry their share, it is let go. A first touch that tells too
-little for that is made once more, with the pencil offered elsewhere.
-There is no vision and no prior: its pose comes from the five fingertips' forces alone. They tell the line that the
-pencil lies on, but neither how far it has slid nor which end is up. So the arm lowers it onto the table, whose place is
-known, until the fingertips feel that less than its weight is left to carry; then with another lean, the one that tells
-most, until the end is known to 2 mm and which one it is to 98 %. The arm is told no bound on the slide: before the
-first touch it begins as high as the pencil is long.
+After section 4.3.2.3 of [B16]. The pencil is handed over with random errors: rotated by up to 10 degrees about each
+axis and shifted by up to 5 mm along each from the pose that the hand expects, shifted by up to 20 mm along its axis,
+with either end up, and rotated by any angle about its axis. It is held in place while the hand closes on it and
+estimates its pose. Usually, the hand does not grip it well at first: the hand opens, the arm moves it so that the
+pencil is in the middle of the grip, and it closes again. When the pencil is well placed and all five fingers carry
+their share, it is released to the hand. If the first touch gives too little information, it is repeated with the pencil
+offered elsewhere.
 
-All of it is simulated with hydroelastic contact: the closing of the fingers, the ways of the arm, the table, the
-insertion, the release. A trial succeeds if the pencil then stands in the box, through the hole, and its right end was
-named before.
+There is no vision and no prior: the pose is estimated from the five fingertips' forces alone. They determine the line
+that the pencil lies on, but neither its position along the line nor which end is up. Therefore, the arm lowers it onto
+the table, whose pose is known, until the fingertips feel that they carry less than its weight; then again with the tilt
+that is most informative, until the position of the end is known to 2 mm, and which end it is to 98 %. The arm assumes
+no bound on the shift: it begins the first lowering at a height of the pencil's length.
+
+All of it is simulated with hydroelastic contact: the closing of the fingers, the motions of the arm, the table, the
+insertion and the release. A trial succeeds if the pencil finally stands in the box, through the hole, and the right end
+was identified.
 
 [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016.
 """
@@ -45,7 +47,7 @@ from tactopose_drake.visualization import save_html, set_stage
 
 
 def save_plot(trials: list[Trial], path: Path) -> None:
-    """Errors of the touch, without and with the table, and where the pencils met the hole."""
+    """Plots the errors of the touch, without and with the table, and where the pencils entered the hole."""
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(16, 4.5), layout="constrained")
     for good, colour, label in ((True, "tab:green", "in the hole, right end named"), (False, "tab:red", "failed")):
         chosen = [trial for trial in trials if trial.success == good]
@@ -89,7 +91,7 @@ def _run_in_process(seed: int) -> Trial:
 
 
 def save_scene(closing: GraspPlan, pencil: Path, seed: int, path: Path, longest: float = LONGEST) -> Trial:
-    """One trial, and a page that replays it in any browser."""
+    """Runs one trial, and writes a page that replays it in any browser."""
     meshcat = Meshcat(MeshcatParams(host="localhost"))
     station = make_trial_station(closing, pencil, meshcat)
     set_stage(meshcat, np.array([0.5, -0.1, 0.4]), 1.3, np.array([0.3, -1.0, 0.35]))
@@ -101,7 +103,7 @@ def save_scene(closing: GraspPlan, pencil: Path, seed: int, path: Path, longest:
 
 
 def read_trials(path: Path) -> list[Trial]:
-    """The trials in a file that a run wrote, but for a line that it had not written to its end; none without a file."""
+    """The trials in a run's file, without an incomplete last line; none if there is no file."""
     if not path.exists():
         return []
     kinds = {field.name: field.type for field in dataclasses.fields(Trial)}
@@ -136,7 +138,7 @@ def main() -> None:
         writer.writeheader()
         writer.writerows(dataclasses.asdict(trial) for trial in trials)
         file.flush()
-        # What a trial takes of memory is not all given back: processes end after some.
+        # Trials do not free all their memory, so each process runs only a few.
         with get_context("spawn").Pool(arguments.jobs, _begin_process, setting, maxtasksperchild=10) as pool:
             for trial in track(pool.imap(_run_in_process, seeds), total=len(seeds), description="trials"):
                 trials.append(trial)

@@ -1,4 +1,4 @@
-"""One trial of handing over and placing a pencil, and what the simulator knows of how it went."""
+"""One trial of handing over and placing a pencil, and its evaluation with the simulator's true state."""
 
 import dataclasses
 import math
@@ -15,27 +15,27 @@ from tactopose_drake.systems import seed_random_sources
 
 DOWN_P = np.array(PlaceParams().down_P)
 HOLE_RADIUS, RIM = 0.015, 0.1  # m; the rim's height above the table
-LONGEST, REST = 60.0, 0.6  # simulated time at the most, and after the hand has opened, s
+LONGEST, REST = 60.0, 0.6  # maximum simulated time, and time simulated after the hand has opened, s
 
 
 @dataclasses.dataclass
 class Trial:
-    """How one hand-over went: errors are of the touch, when the arm set off."""
+    """The results of one hand-over; errors are those of the estimate when the arm set off for the hole."""
 
     seed: int
     success: bool = False
-    tries: int = 1  # until the hand had a firm grip
-    met: int = 0  # how often the arm brought the hand to the pencil
+    tries: int = 1  # grips until one was firm
+    met: int = 0  # how often the arm moved the hand to the pencil
     outcome: str = ""
-    angle_deg: float = math.nan  # between the pencil's axis as felt and in truth
-    end_mm: float = math.nan  # how far the pencil's lower end is from where it is felt, across the pencil
-    sigma_mm: float = math.nan  # its standard deviation as stated
-    along_mm: float = math.nan  # likewise, along the pencil
-    sigma_along_mm: float = math.nan
-    upside_down: float = math.nan  # probability that the hypotheses give to the wrong end up
-    touches: int = 0  # of the table
-    # In truth, from when it was let go until the task failed or the hand was to open: how far the pencil turned in the
-    # hand, and how far its lower end moved.
+    angle_deg: float = math.nan  # angle between the pencil's estimated and true axis
+    end_mm: float = math.nan  # error of the pencil's lower end across the pencil
+    sigma_mm: float = math.nan  # its stated standard deviation
+    along_mm: float = math.nan  # error of the pencil's lower end along the pencil
+    sigma_along_mm: float = math.nan  # its stated standard deviation
+    upside_down: float = math.nan  # total probability of the hypotheses with the wrong end up
+    touches: int = 0  # number of touches of the table
+    # True motion in the hand, from the release to the hand until the task failed or the hand was to open: rotation of
+    # the pencil, and translation of its lower end.
     turned_deg: float = math.nan
     moved_mm: float = math.nan
     hole_mm: float = math.nan  # distance of the pencil's axis from the hole's in the rim's plane, before the release
@@ -90,12 +90,12 @@ def _offer(station: ArmStation, context: Context, plan: GraspPlan) -> None:
 
 
 def hole() -> np.ndarray:
-    """The hole's middle in the world, x and y, m."""
+    """The hole's centre in the world, x and y, m."""
     return np.array(PlaceParams().p_WHole[:2])
 
 
 def _note_touch(trial: Trial, station: ArmStation, context: Context) -> None:
-    """The touch's errors in the palm."""
+    """Records the errors of the estimate in the palm."""
     task = station.diagram.GetSubsystemByName("place_task")
     held = task.state(task.GetMyContextFromRoot(context)).held
     X_PO = station.object_pose(context)
@@ -121,7 +121,7 @@ def _lower_half(station: ArmStation, context: Context) -> np.ndarray:
 
 
 def _note_motion(trial: Trial, before: np.ndarray, after: np.ndarray) -> None:
-    """How the pencil has moved in the hand."""
+    """Records how the pencil has moved in the hand."""
     (a, b), lengths = (half[1] - half[0] for half in (before, after)), (0.5 * LENGTH) ** 2
     trial.turned_deg = math.degrees(math.acos(max(-1.0, min(1.0, float(a @ b) / lengths))))
     trial.moved_mm = 1e3 * float(np.linalg.norm(after[1] - before[1]))
@@ -142,7 +142,7 @@ def _at_rim(station: ArmStation, context: Context) -> np.ndarray:
 
 
 def _judge(station: ArmStation, context: Context, phase: str, trial: Trial) -> tuple[bool, str]:
-    """Whether the pencil stands in the box through the hole, and the right end is named; and what is wrong else."""
+    """Whether the pencil stands in the box through the hole, and the right end was identified; and the outcome."""
     low, high = _ends(station, context)
     inside = low[2] < RIM - 0.03 < RIM < high[2] and np.abs(low[:2] - hole()).max() < 0.06
     if inside and np.linalg.norm(_at_rim(station, context) - hole()) < HOLE_RADIUS:
@@ -159,7 +159,7 @@ def _judge(station: ArmStation, context: Context, phase: str, trial: Trial) -> t
 
 
 def explain(trial: Trial) -> str:
-    """What the task says of a failure, and what the simulator knows of it."""
+    """The task's and the simulator's account of a failure."""
     if math.isnan(trial.turned_deg):
         return f"{trial.outcome}; the pencil was not let go"
     touch = "the arm did not set off for the hole"

@@ -1,15 +1,16 @@
-"""Whether an answer holds still: touches that are moved by next to nothing, and another seed of the search.
+"""Repeatability of estimates: contacts that are moved by a negligible distance, and another seed of the search.
 
 python examples/held_still.py --trials 600
 
 Objects in random poses are touched at random places, with three, five and eight contacts, with a prior and without, in
-turn. Each touch is asked three times: as it is, with every coordinate moved by 1e-13 m, and as it is with another seed.
-Asked is how often the probability of the best hypothesis changes by more than 0.02 and 0.05, and how often the best
-pose moves by more than one standard deviation of its own.
+turn. The pose of each touch is estimated three times: once as it is, once with every coordinate moved by 1e-13 m, and
+once with another seed. The study counts how often the probability of the best hypothesis changes by more than 0.02 and
+0.05, and how often the best pose moves by more than one of its standard deviations.
 
-Inputs count to the nanometre, so the first change is none but where a coordinate lies at the border of two. Two seeds
-are two searches; what both find is weighed by the same samples, and other samples would change it by the standard error
-that the estimate states, or more: adapted samples tell their own spread too small where many poses fit.
+Inputs are rounded to a nanometre, so that the first change has an effect only if a coordinate is at the border between
+two of these. Two seeds are two searches. The hypotheses of both are weighted with the same samples; other samples would
+change the weights by the standard error that the estimate states, or more: adapted samples underestimate their own
+variance if many poses fit.
 """
 
 import argparse
@@ -26,15 +27,15 @@ from tactopose_drake.resources import model_path
 
 MOVED = 1e-13  # m
 NOTHING = np.zeros((2, 2, 0))
-CELLS = tuple(itertools.product((3, 5, 8), (True, False)))  # of contacts, and whether there is a prior
+CELLS = tuple(itertools.product((3, 5, 8), (True, False)))  # number of contacts, and whether there is a prior
 
 
 class Change(NamedTuple):
-    """Of an answer against another one to the same touch.
+    """The change between two estimates from the same touch.
 
     Attributes:
-        probability: by how much the best hypothesis' differs.
-        sigmas: how far the best pose is off, in its standard deviations.
+        probability: change of the best hypothesis's probability.
+        sigmas: change of the best pose, in standard deviations.
     """
 
     probability: float
@@ -42,13 +43,13 @@ class Change(NamedTuple):
 
 
 def moved(contacts: tp.Contacts, generator: np.random.Generator) -> tp.Contacts:
-    """The contacts with every coordinate moved to either side."""
+    """The contacts with every coordinate moved in a random direction."""
     p_PC = contacts.p_PC + MOVED * generator.choice([-1.0, 1.0], size=contacts.p_PC.shape)
     return tp.Contacts(p_PC, contacts.n_PC, sigma_position=contacts.sigma_position, sigma_normal=contacts.sigma_normal)
 
 
 def change(model: tp.ObjectModel, first: tp.PoseEstimate, other: tp.PoseEstimate) -> Change:
-    """How the other answer differs from the first."""
+    """The change from the first estimate to the other."""
     information = np.linalg.inv(first.best.covariance)
     X_PO = [estimate.best.X_PO.GetAsMatrix34() for estimate in (first, other)]
     u = nearest_increments(model, X_PO[0], information, X_PO[1][None])[0]
@@ -56,7 +57,7 @@ def change(model: tp.ObjectModel, first: tp.PoseEstimate, other: tp.PoseEstimate
 
 
 def run_trial(model: tp.ObjectModel, count: int, has_prior: bool, seed: int) -> tuple[Change, Change]:
-    """Touches the object; returns what next to nothing changes, and what another seed does."""
+    """Touches the object; returns the changes by moved contacts and by another seed."""
     felt = touch(model, seed, argparse.Namespace(noise=1.0, contacts=count, spread=False), has_prior)
     answers = [
         tp.estimate_pose(model, contacts, prior=felt.prior, seed=of_search)
@@ -84,7 +85,7 @@ def main() -> None:
 
 
 def row(name: str, of_cell: list[tuple[Change, Change]]) -> str:
-    """A line of the table: what shares of the touches change by more than is asked."""
+    """A line of the table: the shares of touches whose change exceeds each limit."""
     by_move, by_seed = (np.array(each).reshape(-1, 2).T for each in zip(*of_cell, strict=True)) if of_cell else NOTHING
     asked = [by_move[0] > 0.02, by_move[1] > 1.0, by_seed[0] > 0.02, by_seed[0] > 0.05, by_seed[1] > 1.0]
     shares = [f"{np.count_nonzero(some) / max(len(some), 1):5.1%}" for some in asked]

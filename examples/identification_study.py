@@ -1,17 +1,17 @@
-"""How often the right object is named, and how the time grows with the number of objects.
+"""Identification of objects: how often the first object is right, and time by the number of objects.
 
     python examples/identification_study.py --trials 400 --seed 0 --out identification
     python examples/identification_study.py --trials 20 --growth --out identification
 
-The first asks for one of twenty objects: those that ship with the package, some of `object_families.py`, and a turned
-copy of one of them, which no touch can tell from it. Objects in random poses are touched by five contacts at random
-places, uniform by area, with 0.9 mm and 5 degrees of noise. Counted is the rank of the touched object, by evidence and
-by the thesis' measure, the inverse of the lowest cost; and how often the first object is the right one, by the
-likelihood that it is said to have.
+The first command identifies one of twenty objects: those of the package, some of `object_families.py`, and a rotated
+copy of one of them, which touch cannot distinguish from it. Objects in random poses are touched by five contacts at
+random places, uniform by area, with 0.9 mm and 5 degrees of noise. The study gives the rank of the touched object, by
+evidence and by the thesis' measure, the inverse of the lowest cost; and how often the first object is right, by its
+stated likelihood.
 
-With `--growth`, libraries of 10 to 1000 random objects, each a part of the next: median time of an identification, in
-one process, its candidates' models not in memory. The libraries are indexed first, once, which takes some minutes, and
-some 2 GB in the cache. Writes a plot.
+With `--growth`, it identifies objects in libraries of 10 to 1000 random objects, each a part of the next, and gives the
+median time of an identification in one process, with no models in memory. The libraries are indexed once before, which
+takes a few minutes, and about 2 GB in the cache. Writes a plot.
 """
 
 import itertools
@@ -45,12 +45,12 @@ COPIED = "bottle_0001"
 CONTACTS = 5
 SIZES = (10, 30, 100, 300, 1000)
 MEASURES = ("evidence", "inverse_cost")
-# Of the share of trials in which the first object is right, by the likelihood that it is said to have.
+# Limits of the likelihoods by which trials are grouped.
 LEVELS = (0.0, 0.5, 0.8, 0.95, 0.99, 1.0)
 
 
 class Outcome(NamedTuple):
-    """Of one trial and measure: the touched object's rank, the first object's likelihood, and processor time, s."""
+    """The result of a trial with a measure: rank of the touched object, likelihood of the first, and CPU time, s."""
 
     rank: int
     likelihood: float
@@ -58,7 +58,7 @@ class Outcome(NamedTuple):
 
 
 def write_library(folder: Path) -> Path:
-    """Writes the twenty objects as a manifest, and the meshes that the package does not have."""
+    """Writes a manifest of the twenty objects, and the meshes that are not in the package."""
     folder.mkdir(parents=True, exist_ok=True)
     manifest = {path.stem: {"mesh": str(path)} for path in sorted(model_path("objects").glob("*.obj"))}
     meshes = dict(make_object(index, 0) for index in range(GENERATED))
@@ -123,7 +123,7 @@ def calibration_table(runs: Sequence[Outcome]) -> Table:
 
 
 def open_library(folder: Path, executor: Executor) -> tp.ObjectLibrary:
-    """Opens a library, and shows how far its indexing is."""
+    """Opens a library, and shows the progress of its indexing."""
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(f"indexing {folder.name}")
         return tp.ObjectLibrary.open(
@@ -134,7 +134,7 @@ def open_library(folder: Path, executor: Executor) -> tp.ObjectLibrary:
 
 
 class Growth(NamedTuple):
-    """Of one size of the library: medians of CPU time, s, and the touched object's ranks."""
+    """The result for one size of the library: median CPU time, s, and the ranks of the touched objects."""
 
     size: int
     seconds: float
@@ -163,7 +163,7 @@ def measure_growth(folder: Path, sizes: Sequence[int], trials: int, seed: int) -
 
 
 def draw_growth(path: Path, rows: Sequence[Growth]) -> None:
-    """The time against the number of objects, beside one that grows as the library does."""
+    """Plots the time over the number of objects, beside a linear function."""
     figure = Figure(figsize=(6.0, 4.0), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()

@@ -1,11 +1,11 @@
-"""Identification on a Dask cluster: for libraries that outgrow a machine.
+"""Identification on a Dask cluster, for libraries that are too large for one machine.
 
     pip install "tactopose_drake[cluster]"
     python examples/identify_on_a_cluster.py
 
-Starts a cluster of two workers on this machine, asks it which of the package's objects is touched, and asks this
-process too: the answers are the same, bit by bit. On a real cluster only the line with `LocalCluster` differs; its
-machines must be of one kind for the last bits to agree, and see the meshes under the same paths.
+Starts a cluster of two workers on this machine, and identifies which of the package's objects is touched, both on the
+cluster and in this process; the results are equal bit by bit. For a real cluster, only the line with `LocalCluster`
+differs; its machines must have the same type of processor for the last bits to agree, and the same paths to the meshes.
 """
 
 import argparse
@@ -30,7 +30,7 @@ def touch(library: tp.ObjectLibrary, name: str, seed: int) -> tp.Contacts:
 
 
 def facts(found: tp.Identification) -> list[tuple[str, float, float, bytes]]:
-    """What the answer says: names, likelihoods, evidence and best poses."""
+    """Names, likelihoods, evidence and best poses of an identification."""
     return [
         (
             identity.name,
@@ -44,7 +44,7 @@ def facts(found: tp.Identification) -> list[tuple[str, float, float, bytes]]:
 
 
 def main() -> None:
-    """Identifies by the cluster and by this process."""
+    """Identifies the object on the cluster and in this process."""
     parser = argparse.ArgumentParser(description="Identifies a touched object on a Dask cluster.")
     parser.add_argument("--library", type=Path, default=model_path("objects"), help="folder of meshes, or a manifest")
     parser.add_argument("--touched", default="mug", help="the object that is touched")

@@ -1,18 +1,19 @@
-"""The belief of a pose over time: is it right, honest and fast while an object moves in the hand?
+"""Accuracy, consistency and speed of the belief while an object moves in the hand.
 
 python examples/in_hand_motions.py --motions 200
 
-Four families of motion, with contacts on the true mesh at 100 Hz: a screwdriver is turned about its axis, a cylinder is
-rolled between thumb and fingers, objects are carried about by the fingertips, and objects slip under load. Each begins
-with a guess that is 33 mm and 16 degrees off. The estimate knows the noise, and the fingertips' velocities with theirs;
-of the slip nobody tells it. With `--calibration 4` what lasts of the errors is four times what it is told; with
-`--fault off` one finger's contact is 10 to 30 mm off all the while, with `--fault flipped` its normal is flipped.
+There are four families of motions, with contacts on the true mesh at 100 Hz: a screwdriver is rotated about its axis, a
+cylinder is rolled between thumb and fingers, objects are moved by the fingertips, and objects slip under load. Each
+begins with a prior that is 33 mm and 16 degrees off. The belief knows the standard deviations of the contacts' noise,
+and of the fingertips' velocities; it does not know of the slip. With `--calibration 4`, the constant part of the errors
+is four times as large as the belief assumes; with `--fault off`, one finger's contact is always 10 to 30 mm off; with
+`--fault flipped`, its normal is flipped.
 
-A mode is right when the truth, or an image of it under the object's symmetries, lies in the ellipsoid that holds 99.9 %
-of its Gaussian. Where one mode has all but 1 % of the mass, and the belief does not call itself lost, the normalised
-estimation error squared is taken: its mean is 6 for an honest belief; spins that change nothing have no part in it, and
-it is scaled from five dimensions to six. The errors of one motion are much the same from its first instant to its last,
-as the calibration's are: the standard error of the mean is that of the motions' means.
+A mode is right if the truth, or a symmetry image of it, is in the ellipsoid with 99.9 % of its Gaussian. If one mode
+has more than 99 % of the probability, and the status is not "lost", the normalized estimation error squared (NEES) is
+computed, whose mean is 6 for a consistent belief; rotations about an axis of symmetry are excluded, and the NEES is
+then scaled from five dimensions to six. The errors within one motion are nearly constant, like those of a calibration.
+Therefore, the standard error of the mean is that of the motions' means.
 """
 
 import argparse
@@ -30,7 +31,7 @@ from scipy.stats import chi2
 
 @dataclasses.dataclass(frozen=True)
 class Figures:
-    """Of one family: what is asked of the belief, and how long a break goes unnoticed and unhealed."""
+    """The results of one family, with the delays until each slip is detected, and recovered from after its end."""
 
     motions: int
     instants: int
@@ -49,7 +50,7 @@ class Figures:
 
 
 def figures(runs: list[list[Instant]]) -> Figures:
-    """Means over all instants of all motions."""
+    """The means over all instants of all motions."""
     instants = [instant for run in runs for instant in run]
     of_runs = [[instant.square for instant in run if instant.unique] for run in runs]
     squares = np.array([square for of_run in of_runs for square in of_run])
@@ -80,7 +81,7 @@ def figures(runs: list[list[Instant]]) -> Figures:
 
 
 def line(name: str, f: Figures) -> str:
-    """The figures in words."""
+    """The results as text."""
     text = (
         f"{name}: {f.motions} motions, {f.instants} instants; a right mode in {f.right:.1%}, the best is right in "
         f'{f.best_right:.1%}, "ok" while wrong in {f.ok_but_wrong:.2%}; '
@@ -100,7 +101,7 @@ def line(name: str, f: Figures) -> str:
 
 
 def save_figure(runs: dict[str, list[list[Instant]]], path: Path) -> None:
-    """For each family one motion in time, and the distribution of the normalised errors of all."""
+    """Plots one motion of each family over time, and the distribution of the NEES of all."""
     figure = Figure(figsize=(16, 3.4 * len(runs)), layout="constrained")
     axes = figure.subplots(len(runs), 3, squeeze=False)
     for (family, motions), row in zip(runs.items(), axes, strict=True):
@@ -130,7 +131,7 @@ def save_figure(runs: dict[str, list[list[Instant]]], path: Path) -> None:
             xlabel="normalised estimation error squared (the last bin: and more)", ylabel="density", title=family
         )
         row[2].legend(fontsize=7)
-    # One legend for all, where it hides no curve.
+    # A common legend outside the axes.
     named = {label: handle for ax in axes[:, 0] for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     figure.legend(list(named.values()), list(named), loc="outside upper left", ncols=len(named))
     FigureCanvasAgg(figure).print_png(path)

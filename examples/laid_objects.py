@@ -1,4 +1,4 @@
-"""Objects that are laid into an open hand, palm up, clear of all its parts."""
+"""Initial poses of objects in an open hand with its palm up, without penetration."""
 
 import numpy as np
 import pydrake.all as drake
@@ -7,7 +7,7 @@ import tactopose_drake as tp
 
 
 def lay(model: tp.ObjectModel, generator: np.random.Generator) -> drake.RigidTransform:
-    """A pose across the open hand, with the object's middle about where that of the bust lies."""
+    """A random pose across the open hand, with the object's middle near a fixed point above the palm."""
     middle = 0.5 * (model.vertices.min(axis=0) + model.vertices.max(axis=0))
     across = drake.RotationMatrix(drake.RollPitchYaw(np.pi / 2, 0, np.pi / 2))
     turned = drake.RotationMatrix.MakeXRotation(np.pi * generator.integers(2))
@@ -24,7 +24,7 @@ def clear_of_the_hand(
     X_WP: drake.RigidTransform,
     X_PO: drake.RigidTransform,
 ) -> drake.RigidTransform:
-    """The pose, raised until the object is in no part of the hand; the object is put there."""
+    """Raises the pose until the object penetrates no part of the hand, and sets it in the context."""
     own = plant.GetCollisionGeometriesForBody(body)
     for _ in range(60):
         plant.SetFreeBodyPose(context, body, X_WP @ X_PO)

@@ -1,8 +1,8 @@
-"""How long a hand's senses take to become a belief in another process, over LCM, and whether any message is lost.
+"""Latency over LCM from a hand's senses to a belief in another process, and lost messages.
 
-This process is the hand: it sends what the simulated hand of a scenario feels, 200 times a second. `tactopose run` is
-started as another process, and sends back what it believes. At --restart-sender and --restart-estimator, s, either is
-stopped and begun anew. Needs `pip install tactopose_drake[lcm]`.
+This process is the hand: it sends the measurements of a scenario's simulated hand, 200 times per second. `tactopose
+run` is started as another process, and sends its belief back. At the times --restart-sender and --restart-estimator, s,
+either is restarted. Needs `pip install tactopose_drake[lcm]`.
 
     python examples/lcm_latency.py --url 'udpm://239.255.76.67:7667?ttl=0' --duration 60
 """
@@ -27,19 +27,19 @@ from tactopose_drake.runs import rehearse
 from tactopose_drake.station import LcmPublishing, LcmSenses, Scenario, load_scenario
 from tactopose_drake.systems import PoseTrackingParams, Signal
 
-_SILENCE = 1.0  # s, for which a sender that is begun anew is away
-_LATEST = 120.0  # s, after which an estimator that does not answer is given up
+_SILENCE = 1.0  # minimum pause of a sender that is restarted, s
+_LATEST = 120.0  # maximum wait for an answer of the estimator, s
 
 
 @dataclasses.dataclass(frozen=True)
 class Report:
-    """What was measured.
+    """The measurements since the estimator's first answer after the last start of either process.
 
     Attributes:
-        sent: messages of senses since the estimator first answered, to the last start of either.
-        received, lost, passed_over: of those, by the estimator's own account.
-        latency: from sending a message to the belief that is made of it, of each belief, s.
-        said: what the estimator said when something happened, in the order of it, once each.
+        sent: number of messages of the senses.
+        received, lost, passed_over: the estimator's counts of these.
+        latency: time from sending a message to receiving its belief, for each belief, s.
+        said: remarks of the estimator during the whole run, in order, each once.
     """
 
     sent: int
@@ -51,7 +51,7 @@ class Report:
 
 
 def make_scenario(url: str) -> Scenario:
-    """Senses come in and beliefs go out over LCM."""
+    """A scenario that receives senses and sends beliefs over LCM."""
     scenario = load_scenario("shadow_like").without_errors()
     scenario.senses, scenario.publish = LcmSenses(url=url, vision="VISION"), LcmPublishing(url=url)
     scenario.tracking = PoseTrackingParams(use_joint_velocities=False)
@@ -59,7 +59,7 @@ def make_scenario(url: str) -> Scenario:
 
 
 class Hand:
-    """Sends what a hand feels, and notes what comes back."""
+    """Sends a hand's measurements, and records the beliefs that come back."""
 
     def __init__(self, url: str, felt: Mapping[str, Signal], joints: tuple[str, ...]) -> None:
         """Opens LCM."""
@@ -70,14 +70,14 @@ class Hand:
         self.said: dict[str, None] = {}
 
     def begin_anew(self) -> None:
-        """As a process that was started again: another counter."""
+        """Starts a new sequence, as if the process had been restarted."""
         self._sent: dict[int, float] = {}
         self.sequence, self.latency = 0, list[float]()
         self.first: ObjectBeliefMessage | None = None
         self.last = ObjectBeliefMessage()
 
     def send(self) -> None:
-        """One message of senses; the last instant of the grasp goes on, with the sensors' noise."""
+        """Sends one message of the senses; after the grasp's end, its last values with the sensors' noise."""
         now = time.monotonic()
         felt = {name: signal.at(now - self._start) for name, signal in self._felt.items()}
         wrenches = {
@@ -95,13 +95,13 @@ class Hand:
         self.sequence += 1
 
     def hear(self, timeout: float) -> None:
-        """Takes in what is believed, for s; at least what is there."""
+        """Receives beliefs for `timeout` s; handles at least those that have arrived."""
         end = time.monotonic() + timeout
         while self._link.handle_timeout(max(0, math.ceil(1e3 * (end - time.monotonic())))) or time.monotonic() < end:
             pass
 
     def fall_silent(self) -> None:
-        """Until the estimator has said that nothing comes, and for some time at the least."""
+        """Sends nothing until the estimator has reported missing senses, and for `_SILENCE` at least."""
         end = time.monotonic() + _LATEST
         self.hear(_SILENCE)
         while "no senses for" not in self.said and time.monotonic() < end:
@@ -125,7 +125,7 @@ class Hand:
         self.last = belief
 
     def report(self) -> Report:
-        """Since the first belief of the present hand and estimator."""
+        """The measurements since the first belief of the present sender and estimator."""
         assert self.first is not None
         counts = [getattr(self.last, name) - getattr(self.first, name) for name in ("received", "lost", "passed_over")]
         sent = self.last.sequence - self.first.sequence
@@ -133,7 +133,7 @@ class Hand:
 
 
 def vision(prior: tp.PosePrior, utime: int) -> ObjectPoseMessage:
-    """What a camera says, as a message."""
+    """The message of vision with a prior."""
     sigmas = np.repeat([prior.sigma_rotation, prior.sigma_translation], 3)
     X_PO = prior.X_PO
     wxyz = X_PO.rotation().ToQuaternion().wxyz()
@@ -143,7 +143,7 @@ def vision(prior: tp.PosePrior, utime: int) -> ObjectPoseMessage:
 
 
 def start(folder: Path, scenario: Scenario) -> subprocess.Popen[bytes]:
-    """`tactopose run`, in a process of its own."""
+    """Starts `tactopose run` in its own process."""
     file = folder / "lcm.scenario.yaml"
     file.write_text(yaml_dump_typed(scenario))
     command = [sys.executable, "-c", "from tactopose_drake.cli.main import main; main()", "run", str(file)]
@@ -151,7 +151,7 @@ def start(folder: Path, scenario: Scenario) -> subprocess.Popen[bytes]:
 
 
 def measure(duration: float, rate: float, url: str, restarts: Mapping[str, float]) -> Report:
-    """Sends for `duration` s from the first answer on; at the times `sender` and `estimator` these begin anew."""
+    """Sends for `duration` s from the first answer on; restarts `sender` and `estimator` at the times in `restarts`."""
     scenario = make_scenario(url)
     joints = NamedJoints(*make_hand_plant(load_hand_config(scenario.hand))).names
     felt = rehearse(scenario, scenario.object_model())

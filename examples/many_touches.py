@@ -1,12 +1,12 @@
-"""Thousands of touches of many objects in one call, as learning and simulation ask for them, and how many a second.
+"""Estimates thousands of touches of many objects in one call, as for learning and simulation, and their rate.
 
     python examples/many_touches.py --touches 10000 --seed 0 --out many_touches
     python examples/many_touches.py --touches 10000 --workers processes --jobs 8 --out many_touches
 
-Each of the package's objects is touched as often: five contacts at random places, uniform by area, with 0.9 mm and 5
-degrees of noise, at poses that are drawn about the identity, as the prior says. `tp.estimate_poses` finds them,
-by threads or, where there are hundreds of touches of each object, by processes, to the same bits. Writes arrays into
-`touches.npz`: the objects' names, and of each touch its object, the true pose, the best one, and what that is worth.
+The package's objects are touched in turn, with five contacts at random places, uniform by area, with 0.9 mm and 5
+degrees of noise, in poses drawn from the prior about the identity. `tp.estimate_poses` estimates the poses with threads
+or, if there are hundreds of touches of each object, with processes; the results are equal bit by bit. Writes arrays to
+`touches.npz`: the objects' names, and for each touch its object, the true pose, the best pose, and its probability.
 """
 
 import os
@@ -30,7 +30,7 @@ PRIOR = tp.PosePrior(np.eye(4))
 
 
 def workers(kind: str, jobs: int) -> Executor:
-    """What makes the estimates."""
+    """The executor of the estimates."""
     return ThreadPoolExecutor(jobs) if kind == "threads" else ProcessPoolExecutor(jobs, get_context("spawn"))
 
 
@@ -41,7 +41,7 @@ def workers(kind: str, jobs: int) -> Executor:
 @click.option("--seed", default=0, show_default=True, help="Of the touches.")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
 def main(count: int, kind: str, jobs: int, seed: int, out: Path) -> None:
-    """Draws the touches, makes the estimates, and says how many a second."""
+    """Draws the touches, makes the estimates, and prints their rate."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with (
         Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as progress,

@@ -1,7 +1,7 @@
-"""Four families of motion of an object in the hand, as the fingertips bring them about.
+"""Four families of motions of an object in the hand, caused by the fingertips.
 
-A screwdriver is turned about its axis, a cylinder is rolled between thumb and fingers, objects are carried about by the
-fingertips, and objects slip under load. Each draws an object, where it is touched, and how it moves, step by step.
+A screwdriver is rotated about its axis, a cylinder is rolled between thumb and fingers, objects are moved by the
+fingertips, and objects slip under load. Each family draws an object, its contacts, and its motion, step by step.
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ CARRIED = ("bust", "mug", "spray_bottle", "tea_box", "light_bulb")
 
 @dataclasses.dataclass(frozen=True)
 class Step:
-    """What happens in one period: the object's twist in P, the fingertips' turning, and whether they slide."""
+    """The motion in one period: the object's twist in P, the fingertips' angular velocities, and whether they slide."""
 
     twist: Array
     tip_turn: Array
@@ -39,13 +39,13 @@ def load(name: str) -> tp.ObjectModel:
 
 
 def about(point: Array, axis: Array, rate: float, speed: Array | float = 0.0) -> Array:
-    """The twist at P's origin of a turn about an axis through a point, rad/s, and a translation, m/s."""
+    """The twist at P's origin of a rotation about an axis through a point, rad/s, plus a translation, m/s."""
     w = rate * axis
     return np.concatenate([w, np.cross(point, w) + speed])
 
 
 def around_axis(model: tp.ObjectModel, generator: np.random.Generator, heights: Array, angles: Array) -> Array:
-    """Points about the z axis of O, near its surface, where fingertips may touch."""
+    """Points on the object's surface at given heights and angles about O's z axis, for fingertips."""
     radius = np.linalg.norm(model.vertices[:, :2], axis=1).max()
     angles = angles + generator.normal(size=len(angles)) * 0.15
     outside = np.stack([radius * np.cos(angles), radius * np.sin(angles), heights], axis=1)
@@ -54,7 +54,7 @@ def around_axis(model: tp.ObjectModel, generator: np.random.Generator, heights: 
 
 
 def spread_points(model: tp.ObjectModel, generator: np.random.Generator, count: int) -> Array:
-    """Points all over the surface, far from each other."""
+    """Random points on the surface, far from each other."""
     points = model.samples.points
     chosen = [int(generator.integers(len(points)))]
     for _ in range(count - 1):
@@ -65,7 +65,7 @@ def spread_points(model: tp.ObjectModel, generator: np.random.Generator, count: 
 
 
 def turn_screwdriver(generator: np.random.Generator, steps: int) -> Motion:
-    """Five fingertips on handle and collar turn it back and forth, and roll on it as they go."""
+    """Five fingertips on a screwdriver's handle and collar rotate it back and forth, rolling on it."""
     model = load("screwdriver")
     height = model.vertices[:, 2].max()
     heights = height * generator.uniform(0.05, 0.5, size=5)
@@ -84,7 +84,7 @@ def turn_screwdriver(generator: np.random.Generator, steps: int) -> Motion:
 
 
 def roll_cylinder(generator: np.random.Generator, steps: int) -> Motion:
-    """The thumb stays, three or four fingers opposite move across, and the cylinder rolls between them."""
+    """A cylinder rolls between the thumb, which stays, and three or four opposite fingers, which move across it."""
     model = load("cylinder")
     height = model.vertices[:, 2].max()
     count = int(generator.integers(4, 6))
@@ -95,7 +95,7 @@ def roll_cylinder(generator: np.random.Generator, steps: int) -> Motion:
 
     def motion(touch: RollingTouch) -> Iterator[Step]:
         for i in range(steps):
-            # About the thumb's contact: there the cylinder stands still.
+            # Rotation about the thumb's contact, which does not move.
             twist = about(touch.p_PC[1], touch.X_PO[:, 2], rate * np.cos(phase * i * PERIOD))
             yield Step(twist, np.zeros((count, 3)))
 
@@ -103,7 +103,7 @@ def roll_cylinder(generator: np.random.Generator, steps: int) -> Motion:
 
 
 def carry(generator: np.random.Generator, steps: int) -> Motion:
-    """Five fingertips that stick move it about and turn it."""
+    """Five fingertips translate and rotate an object, without slip or rolling."""
     model = load(CARRIED[int(generator.integers(len(CARRIED)))])
     axis, way = generator.normal(size=(2, 3))
     rate, speed, phase = generator.uniform(0.2, 0.8), generator.uniform(0.01, 0.04), generator.uniform(2.0, 4.0)
@@ -119,7 +119,7 @@ def carry(generator: np.random.Generator, steps: int) -> Motion:
 
 
 def slip(generator: np.random.Generator, steps: int) -> Motion:
-    """Fingers that hold still lose it after a while: it slides some way, and then it is held again."""
+    """An object slides for a while between fingers that do not move, and is then held again."""
     model = load(CARRIED[int(generator.integers(len(CARRIED)))])
     start = int(generator.uniform(0.25, 0.5) * steps)
     end = start + int(generator.uniform(0.15, 0.3) * steps)

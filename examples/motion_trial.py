@@ -1,9 +1,9 @@
-"""Follows the pose of one object that moves in the hand, and judges the belief at each instant.
+"""Tracks the pose of one object that moves in the hand, and evaluates the belief at each instant.
 
-The contacts are on the true mesh. The belief begins with a guess that is off by its own standard deviations; it knows
-the noise, and the fingertips' velocities with theirs. The hand's calibration may be worse than it is told, and one of
-the fingers may touch something else all the while. A mode is right when the truth, or an image of it under the
-object's symmetries, lies in the ellipsoid that holds 99.9 % of its Gaussian.
+The contacts are on the true mesh. The belief begins with a prior whose errors are drawn from its standard deviations;
+it knows the standard deviations of the contacts' noise and of the fingertips' velocities. The hand's calibration may be
+worse than the belief assumes, and one of the fingers may touch something else. A mode is right if the truth, or a
+symmetry image of it, is in the ellipsoid with 99.9 % of its Gaussian.
 """
 
 import dataclasses
@@ -30,20 +30,20 @@ WRONG = 0.020, np.radians(20.0)  # m, rad
 
 @dataclasses.dataclass(frozen=True)
 class Instant:
-    """What the belief said at one time, and the truth.
+    """The belief at one time, compared with the truth.
 
     Attributes:
-        time: s.
-        status: the belief's.
+        time: time, s.
+        status: status of the belief.
         right: whether one of the modes is right.
-        best_right: whether the best of them is.
-        unique: whether one mode has all but 1 % of the mass, and the belief does not call itself lost.
-        square: normalised estimation error squared of the best mode.
-        translation, rotation: its error, m and rad.
-        said_translation, said_rotation: root mean squares of what it says these are.
-        ok_but_wrong: whether it is called "ok", and the best mode is off by 20 mm or 20 degrees, up to what the touch
-            leaves free.
-        seconds: that the update took.
+        best_right: whether the best mode is right.
+        unique: whether one mode has more than 99 % of the probability, and the status is not "lost".
+        square: normalized estimation error squared of the best mode.
+        translation, rotation: error of the best mode, m and rad.
+        said_translation, said_rotation: root mean square errors by its covariance, m and rad.
+        ok_but_wrong: whether the status is "ok" while the best mode is off by 20 mm or 20 degrees, apart from the
+            directions that the touch leaves free.
+        seconds: CPU time of the update.
         slides: whether the object truly slid.
     """
 
@@ -94,22 +94,22 @@ def judge(
 
 
 def is_wrong(model: tp.ObjectModel, X_PO: Array, contacts: tp.Contacts, X_true: Array) -> bool:
-    """Whether a pose is off by 20 mm or 20 degrees, but for what the touch leaves free."""
+    """Whether a pose is off by 20 mm or 20 degrees, apart from the directions that the touch leaves free."""
     hessian = SurfaceContact(model.grid, contacts).normal_equations(X_true[None]).hessian
     error = least_error(model, X_PO, X_true, free_directions(hessian, model.size)[0])
     return bool(np.linalg.norm(error[3:]) > WRONG[0] or np.linalg.norm(error[:3]) > WRONG[1])
 
 
 class FalseFinger:
-    """One finger whose contact is not the object's, at all times alike."""
+    """A finger whose contact is constantly wrong."""
 
     def __init__(self, seed: int, count: int, fault: str) -> None:
-        """Draws which of so many it is, and by how much it is off.
+        """Draws the finger and its error.
 
         Args:
-            seed: of what is drawn.
-            count: of fingers.
-            fault: "off", its point by 10 to 30 mm, "flipped", its normal, or "none".
+            seed: random seed.
+            count: number of fingers.
+            fault: "off" if its point is 10 to 30 mm off, "flipped" if its normal is flipped, or "none".
         """
         generator = np.random.default_rng([seed, 99])
         self._finger, way = int(generator.integers(count)), generator.normal(size=3)
@@ -117,7 +117,7 @@ class FalseFinger:
         self._fault = fault
 
     def measured(self, contacts: tp.Contacts) -> tuple[Array, Array]:
-        """Points and normals (k, 3) as they seem."""
+        """The measured points and normals (k, 3), with the fault."""
         p_PC, n_PC = contacts.p_PC.copy(), contacts.n_PC.copy()
         if self._fault == "off":
             p_PC[self._finger] += self._off
@@ -127,14 +127,14 @@ class FalseFinger:
 
 
 def run_motion(family: str, seed: int, steps: int, calibration: float = 1.0, fault: str = "none") -> list[Instant]:
-    """Moves one object, and follows it.
+    """Moves one object, and tracks it.
 
     Args:
-        family: of motions.
-        seed: of all that is drawn.
-        steps: of 10 ms.
-        calibration: the hand's is so many times as bad as told.
-        fault: of one of the fingers, see `FalseFinger`.
+        family: family of motions.
+        seed: random seed.
+        steps: number of steps of 10 ms.
+        calibration: ratio of the hand's constant errors to the assumed ones.
+        fault: fault of one of the fingers, see `FalseFinger`.
     """
     generator = np.random.default_rng([sorted(FAMILIES).index(family), seed])
     model, p_OC, motion = FAMILIES[family](generator, steps)

@@ -1,4 +1,4 @@
-"""How far a pose is from the truth, when an object's symmetries make images of the truth as good as itself."""
+"""Errors of poses of symmetric objects, relative to the nearest symmetry image of the truth."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,11 @@ Array = NDArray[np.float64]
 
 
 def nearest_increments(model: tp.ObjectModel, X_PO: Array, information: Array, X_true: Array) -> Array:
-    """From a pose (3, 4) to the images of true poses (n, 3, 4) that are nearest by its information, shape (n, 6)."""
+    """Increments (n, 6) from a pose (3, 4) to the nearest symmetry images, by its information, of poses (n, 3, 4)."""
     images = compose(X_true[:, None], model.symmetry_poses[None])
     images = turn_toward(images.reshape(-1, 3, 4), X_PO, model.symmetries)
     for symmetry in [symmetry for symmetry in model.symmetries if symmetry.is_continuous] * 4:
-        # A Gauss-Newton step in the angle of the turn.
+        # A Gauss-Newton step in the angle about the axis of symmetry.
         u = increments_between(X_PO, images)
         shift = -images[:, :, :3] @ np.cross(symmetry.axis, symmetry.point)
         spin = np.linalg.solve(right_jacobian(u[:, :3]), np.broadcast_to(symmetry.axis, shift.shape)[..., None])
@@ -31,13 +31,13 @@ def nearest_increments(model: tp.ObjectModel, X_PO: Array, information: Array, X
 
 
 def least_error(model: tp.ObjectModel, X_PO: Array, X_true: Array, free: Array | None = None) -> Array:
-    """From a pose (3, 4) to the nearest image of the true one by how far the surface is off, shape (6,), rad and m.
+    """Increment from a pose to the symmetry image of the true one whose surface is nearest, shape (6,), rad and m.
 
     Args:
         model: the object.
-        X_PO: the pose.
-        X_true: the true one, shape (3, 4).
-        free: directions (f, 6) along which no error counts.
+        X_PO: the pose, shape (3, 4).
+        X_true: the true pose, shape (3, 4).
+        free: directions (f, 6) along which errors are ignored.
     """
     metric = np.diag(np.repeat([(model.size / 2) ** 2, 1.0], 3))
     u: Array = nearest_increments(model, X_PO, metric, X_true[None])[0]

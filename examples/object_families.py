@@ -1,9 +1,9 @@
-"""Objects of everyday shapes and random measures, as many as a study asks for.
+"""Any number of objects with everyday shapes and random dimensions.
 
     python examples/object_families.py --count 1000 --seed 0 --out library
 
-writes one STL file each, named after its family: a library for `tactopose identify`. The same seed gives the same
-objects; those of a smaller count are the first of a larger one.
+writes an STL file for each, named after its family: a library for `tactopose identify`. The same seed gives the same
+objects; a smaller count gives the first objects of a larger one.
 """
 
 import argparse
@@ -25,7 +25,7 @@ def _between(generator: Generator, low: float, high: float) -> float:
 
 
 def _revolved(profile: ArrayLike) -> trimesh.Trimesh:
-    """The solid between the z axis and a profile (r, z) in m, from the bottom's middle outwards and up."""
+    """The solid of revolution of a profile (r, z) in m, which goes from the bottom's middle outwards and up."""
     return trimesh.creation.revolve(np.asarray(profile), sections=_SEGMENTS)
 
 
@@ -38,7 +38,7 @@ def _union(*meshes: trimesh.Trimesh) -> trimesh.Trimesh:
 
 
 def _tidied(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """Without the slivers that cutting leaves, and with corners as a file in single precision keeps them apart."""
+    """Removes the slivers that boolean operations leave, and merges vertices that are equal in single precision."""
     mesh.merge_vertices(digits_vertex=6)
     mesh.update_faces(mesh.nondegenerate_faces())
     return mesh
@@ -70,7 +70,7 @@ def _prism(generator: Generator) -> trimesh.Trimesh:
 
 
 def _superquadric(generator: Generator) -> trimesh.Trimesh:
-    """Angles are powered on an even ball [Barr 1981, Superquadrics and angle-preserving transformations]."""
+    """A superquadric, from an icosphere [Barr 1981, Superquadrics and angle-preserving transformations]."""
     mesh = trimesh.creation.icosphere(subdivisions=4)
     x, y, z = mesh.vertices.T
     exponents = generator.uniform(0.4, 1.5, 2)
@@ -110,7 +110,7 @@ def _cup(generator: Generator) -> trimesh.Trimesh:
     place = trimesh.transformations.rotation_matrix(math.pi / 2, [1, 0, 0])
     place[:3, 3] = [radius, 0, height / 2]
     handle.apply_transform(place)
-    # The handle ends within the wall.
+    # The handle's ends are inside the wall.
     hollow = trimesh.creation.cylinder(
         radius - wall / 2,
         height,
@@ -173,7 +173,7 @@ def make_object(index: int, seed: int) -> tuple[str, trimesh.Trimesh]:
 
 
 def write_objects(folder: Path, count: int, seed: int) -> None:
-    """Writes the first `count` objects of a seed, one STL file each; those that are there already stay."""
+    """Writes the first `count` objects of a seed as STL files; other files in the folder stay."""
     folder.mkdir(parents=True, exist_ok=True)
     for index in track(range(count), f"writing {folder}", transient=True):
         name, mesh = make_object(index, seed)

@@ -1,4 +1,4 @@
-"""Your own diagram gets `object_pose`: a hand closes on a bust that was laid into it, and feels where it has moved."""
+"""Pose estimation in your own diagram: a hand closes on a bust that lies in it, and estimates where it has moved."""
 
 import numpy as np
 import pydrake.all as drake
@@ -8,7 +8,7 @@ from tactopose_drake.hand import add_hand, load_hand_config
 from tactopose_drake.resources import model_path
 from tactopose_drake.systems import AddPoseEstimation
 
-# Your plant and controller: the palm looks up, and the fingers bend until something stops them.
+# Your plant and controller: the palm is up, and the fingers close until they are stopped.
 builder = drake.DiagramBuilder()
 plant, _ = drake.AddMultibodyPlant(drake.MultibodyPlantConfig(time_step=0.004), builder)
 palm_up = drake.RotationMatrix.MakeXRotation(-np.pi / 2)
@@ -22,7 +22,8 @@ fist = np.radians([0, 0] + 3 * [0, 63, 68] + [0, 0, 63, 68] + [10, 30, 0, 20, 50
 posture = builder.AddSystem(drake.ConstantVectorSource(np.append(fist, np.zeros(20))))
 builder.Connect(posture.get_output_port(), plant.get_desired_state_input_port(hand.model_instance))
 
-# The estimation: joints and fingertip sensors are the plant's; a camera has seen the bust in the open hand.
+# The estimation: joint positions and fingertip wrenches come from the plant; a camera has seen the bust in the open
+# hand.
 model = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
 estimation = AddPoseEstimation(builder, hand.config, model, plant=plant)
 X_PO_seen = drake.RigidTransform(drake.RollPitchYaw(np.pi / 2, 0, np.pi / 2), [-0.05, -0.05, 0.065])

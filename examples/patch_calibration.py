@@ -1,14 +1,14 @@
-"""How honest the belief is by tactile arrays: does the truth lie where the hypotheses say, as often as they say?
+"""Calibration of the estimates from tactile arrays: how often the truth is in the 95 % region of the hypotheses.
 
     python examples/patch_calibration.py --trials 1000 --out patches
     python examples/patch_calibration.py --trials 200 --false 1 --out patches
 
-Objects in random poses are gripped by four flat pads at random places, and in every other grip by two contacts beside
-three pads. Pads are misplaced by 0.9 mm and 5 degrees, as the estimate takes them to be; their cells' depths are off by
-0.1 mm. With `--false` so many of the pads are pressed on something else, anywhere about the object. As in
-`calibration.py` asked is how often the truth lies in one of the smallest set of hypotheses that holds 95 % of the mass,
-how often that is promised, and beside these, how complete the hypotheses are: whether the truth lies within 99.9 % of
-any of them, however improbable.
+Objects in random poses are gripped by four flat pads at random places, or, in half of the grips, by three pads and two
+contacts. The pads' poses have errors of 0.9 mm and 5 degrees, as the estimate assumes, and their cells' depths have
+errors of 0.1 mm. With `--false N`, N of the pads touch something else, anywhere near the object. As in
+`calibration.py`, the study counts how often the truth is in the smallest set of hypotheses with 95 % of the
+probability, and how often that is promised. It also counts how often the hypotheses are complete: whether the truth is
+in the 99.9 % ellipsoid of any of them, however improbable.
 """
 
 import argparse
@@ -33,25 +33,25 @@ from tactopose_drake.resources import model_path
 
 LEVEL, COMPLETE = 0.95, 0.999
 PADS, PADS_BESIDE, CONTACTS = 4, 3, 2
-SURE = 0.95  # a hypothesis that carries more is claimed
+SURE = 0.95  # a hypothesis with a larger probability is claimed
 
 Array = NDArray[np.float64]
 
 
 class Trial(NamedTuple):
-    """Of one grip.
+    """The result of one grip.
 
     Attributes:
-        name: the object's.
-        contacts: beside the pads.
-        held: whether the 95 % set holds the truth.
-        promised: the share of truths drawn from the belief that its set holds.
-        complete: whether any hypothesis does, at 99.9 %.
-        claimed: whether the best hypothesis carries more than 95 %.
-        right: whether that one holds the truth, at 99.9 %.
-        status: of the estimate.
-        doubted: the largest probability of a true pad, and the least of a false one, to be of something else.
-        seconds: wall time.
+        name: name of the object.
+        contacts: number of contacts beside the pads.
+        held: whether the 95 % set contains the truth.
+        promised: the share of truths drawn from the belief that its set contains.
+        complete: whether the 99.9 % ellipsoid of any hypothesis contains the truth.
+        claimed: whether the best hypothesis has more than 95 % of the probability.
+        right: whether its 99.9 % ellipsoid contains the truth.
+        status: status of the estimate.
+        doubted: probability of touching something else: the largest of the true pads, and the least of the false ones.
+        seconds: wall time of the estimate.
     """
 
     name: str
@@ -67,7 +67,7 @@ class Trial(NamedTuple):
 
 
 def falsified(patch: Patch, p_PO: Array, size: float, generator: np.random.Generator) -> Patch:
-    """The patch as it would be on something else: turned anyhow, anywhere within the object's size of its middle."""
+    """The patch with a random orientation and a random position near the object, as if on something else."""
     R, middle = random_rotations(generator, 1)[0], patch.p_PT.mean(axis=0)
     p_PT = p_PO + (generator.random(3) - 0.5) * size + (patch.p_PT - middle) @ R.T
     return describe_patch(p_PT, patch.pressure, alpha=patch.alpha, n_PT=patch.n_PT @ R.T)
@@ -112,7 +112,7 @@ def run_trial(model: tp.ObjectModel, seed: int, false: int) -> Trial:
 
 
 def summary(title: str, trials: Sequence[Trial]) -> str:
-    """The figures of some trials in words."""
+    """The results of some trials as text."""
     count = len(trials)
     held, complete = np.mean([trial.held for trial in trials]), np.mean([trial.complete for trial in trials])
     claimed = [trial for trial in trials if trial.claimed and trial.status != "no_solution"]

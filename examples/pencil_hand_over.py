@@ -1,4 +1,4 @@
-"""A pencil that is handed over anyhow, the hand that closes on it, and the diagram that puts it into a hole.
+"""A pencil that is handed over with random errors, the closing of the hand, and the diagram of the task.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.3.2.3.
 """
@@ -32,29 +32,29 @@ from tactopose_drake.station import (
 )
 
 LENGTH, MASS = 0.175, 0.0055  # of the pencil, m, kg
-TURN, SHIFT, SLIDE = math.radians(10.0), 0.005, 0.020  # of the hand-over, either way
-# The simulator's table gives way as a foundation with a pressure of 5e8 Pa per metre of depth. The 0.1 to 0.3 N that it
-# takes to be felt press the rigid pencil's blunt edge 0.2 to 0.4 mm into it, and its point 0.4 to 0.8 mm.
-GIVE = 0.0005  # what is between, m
-# What is held gives way in the simulator's contact, the more the longer its steps. Held still, a pencil turned in the
-# hand by 0.13 degrees a second with steps of 4 ms, by 0.06 with 2 ms and by 0.03 with 1 ms; on the arm's way to the
-# table it moved by 1.6, 0.8 and 0.4 mm.
+TURN, SHIFT, SLIDE = math.radians(10.0), 0.005, 0.020  # limits of the hand-over's errors, in both directions, rad and m
+# The simulator's table is an elastic foundation with a pressure of 5e8 Pa per metre of depth. The 0.1 to 0.3 N that are
+# needed for detection press the rigid pencil's blunt edge 0.2 to 0.4 mm into it, and its point 0.4 to 0.8 mm.
+GIVE = 0.0005  # assumed penetration, in between, m
+# A held object creeps in the simulator's contact, the more the longer its steps. In a hand at rest, a pencil turned by
+# 0.13 degrees per second with steps of 4 ms, by 0.06 with 2 ms and by 0.03 with 1 ms; during the arm's motion to the
+# table, it moved by 1.6, 0.8 and 0.4 mm.
 STEP = 0.002  # s
-# The hand closes as it would on this bar, on beyond its surface and with more force: whatever it meets stops it.
+# The hand closes as if on this bar, but farther, and with more force, until the pencil stops it.
 BAR_RADIUS, BEYOND, FIRMNESS = 0.006, 8.0, 1.5  # m, N of push, share of the planned force
 
 
 @functools.cache
 def plan_closing() -> GraspPlan:
-    """How the hand closes: on any pencil alike, across its palm, with all five fingers.
+    """Plans the closing of the hand, which is the same for every pencil: across the palm, with all five fingers.
 
     The outer fingers press from the palm's side, the two between them from the front, and the thumb presses the bar
-    into the groove that they are: with hardly any friction the five forces balance. A grip whose balance needs friction
-    holds at first; then the pencil creeps, turns, and springs out.
+    into the groove that they form, so that the five forces balance almost without friction. A grip whose balance needs
+    friction holds at first; then the pencil creeps, turns, and slips out.
     """
     bar = trimesh.creation.cylinder(radius=BAR_RADIUS, height=LENGTH, sections=64)
     bar.apply_translation([0.0, 0.0, 0.5 * LENGTH])
-    # Off the joints' limits: a finger that meets the pencil later than planned is to go on closing.
+    # Away from the joints' limits, so that a finger that meets the pencil later than planned can close farther.
     reach = make_hand_reach(load_hand_config("shadow_like"), ReachParams(lift=0.02, limit_margin=0.12))
     params = PlannerParams(
         grasps=3, least_fingers=5, tilt_deg=10.0, normal_force=2.0, least_force=1.0, friction=0.15
@@ -72,14 +72,14 @@ def plan_closing() -> GraspPlan:
 
 
 def best_grip(closing: GraspPlan) -> HeldAxis:
-    """The axis of the bar that the hand is made to close on, by the middle of which it holds it, lower end ahead."""
+    """The axis of the bar of the plan, held by its middle, directed to its lower end."""
     p_PG = np.mean([part.p_PC for part in closing.fingers.values()], axis=0)
     direction, p_PB = -closing.X_PO[:, 2], closing.X_PO[:, 3]
     return HeldAxis(p_PB + ((p_PG - p_PB) @ direction) * direction, direction, 0.5 * LENGTH)
 
 
 def hand_over(plan: GraspPlan, generator: np.random.Generator) -> GraspPlan:
-    """The same closing, with a pencil that is held into it anyhow."""
+    """The same closing, with a random pose of the pencil."""
     axis, p_PB = plan.X_PO[:, 2], plan.X_PO[:, 3]
     grip = np.mean([part.p_PC for part in plan.fingers.values()], axis=0)
     middle = p_PB + ((grip - p_PB) @ axis) * axis + generator.uniform(-SHIFT, SHIFT, 3)
@@ -92,15 +92,15 @@ def hand_over(plan: GraspPlan, generator: np.random.Generator) -> GraspPlan:
 
 
 def write_collision_pencil(folder: Path) -> Path:
-    """The package's pencil for the simulator, with long triangles between its edges instead of short ones.
+    """Writes the package's pencil for the simulator, with long triangles between its edges instead of short ones.
 
-    Their surfaces are 0.02 mm apart where the hand holds it, and 0.3 mm where the sharpening begins; the contact
-    problems get half as large.
+    The surface differs by 0.02 mm where the hand holds it, and by 0.3 mm where the sharpening begins; the contact
+    problems become half as large.
     """
     folder.mkdir(parents=True, exist_ok=True)
     vertices = trimesh.load_mesh(model_path("objects", "pencil.obj")).vertices
     angle = np.arctan2(vertices[:, 1], vertices[:, 0])
-    # Three points round each of the six edges, 5 degrees apart; the rest of the ring lies between them on flats.
+    # Three points at each of the six edges, 5 degrees apart; the other points of a ring are on the flats between them.
     on_edge = np.abs(np.mod(angle + math.pi / 6, math.pi / 3) - math.pi / 6) < math.radians(6.0)
     rings = np.array([0.0, 0.0006, 0.149, 0.15139, 0.15378, 0.15617, 0.15936, 0.16255, 0.1745, 0.175])
     on_ring = np.abs(vertices[:, 2:] - rings).min(axis=1) < 3e-5
@@ -109,14 +109,14 @@ def write_collision_pencil(folder: Path) -> Path:
 
 
 def make_trial_station(closing: GraspPlan, pencil: Path, meshcat: Meshcat | None = None) -> ArmStation:
-    """The whole diagram: sensing, estimate, decision, control; shown by Meshcat, if there is one."""
+    """The whole diagram: sensing, estimation, decision and control; shown in Meshcat, if given."""
     scenario = Scenario(object=str(pencil)).without_errors()
     scenario.plant.time_step = STEP
     scenario.controller.closing_time = 1.6
-    # All of a pencil is within two millimetres of an edge, where the normal says little.
+    # All points of a pencil are within two millimetres of an edge, where normals are uncertain.
     scenario.estimation.contacts.sigma_position = 0.0006
     scenario.estimation.contacts.sigma_normal_deg = 8.0
-    scenario.estimation.estimator.period = 0.4  # a rod's slide is a wide mode, whose samples take their time
+    scenario.estimation.estimator.period = 0.4  # the unknown position along a rod makes wide modes, which are slow
     place = PlaceParams(table_give=GIVE)
     scenes = "package://tactopose_drake/models/scenes"
     box = Transform(translation=[*place.p_WHole[:2], 0.0])

@@ -1,18 +1,18 @@
-"""How far a pencil has slid in the hand, and which end is up: what the fingers do not tell, the table does.
+"""A pencil's position along its axis in the hand, and which end is up, from touching a table.
 
     python examples/pencil_on_table.py --trials 100 --out out
 
-After section 4.3.2.3 of [B16]. A pencil is handed over anyhow, as in `pencil_hand_over.py`: turned, shifted, slid by
-up to 20 mm along itself, either end up, at any spin. Five fingertips feel it, with noise, where the hand closes on it.
-They tell the line that it lies on, and nothing else. Then the hand lowers it onto a table until it touches, upright and
-leaning to one side and the other: each time the pencil's lowest point lies on a plane that is known in the palm,
-wherever it is on the pencil (`tp.PlaneContact`). Upright alone the slide is told but for the end; the blunt end leans
-on its rim and the sharp one on its tip, which tells them apart. There is no vision, no prior, and no bound on the
-slide.
+After section 4.3.2.3 of [B16]. A pencil is handed over with random errors, as in `pencil_hand_over.py`: rotated,
+shifted, also by up to 20 mm along its axis, with either end up, at any angle about its axis. Five fingertips feel it,
+with noise, where the hand closes on it. They determine only the line that it lies on. Then the hand lowers it onto a
+table until it touches, upright and tilted to both sides: each time, the pencil's lowest point, whichever it is, lies on
+a plane that is known in the palm (`tp.PlaneContact`). The upright touch determines the position, but not the end. When
+tilted, the blunt end touches with its rim and the sharp one with its tip, which distinguishes them. There is no vision,
+no prior, and no bound on the shift.
 
-The touches of the fingers and of the table are simulated as noise about the true ones, and the pencil rests in the hand
-between them; `hand_over_and_place.py` does it with an arm in the simulator. Prints, and writes as pencil_on_table.md
-and .png, how often the right end is up and the lower end is known. A hundred pencils take some two minutes of one core.
+The touches of the fingers and of the table are simulated by adding noise to the true ones, and the pencil does not move
+in the hand; `hand_over_and_place.py` does it with an arm in the simulator. Prints, and writes as pencil_on_table.md and
+.png, how often the right end is found and the lower end is known. A hundred pencils take about two minutes on one core.
 
 [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016.
 """
@@ -37,7 +37,7 @@ from tactopose_drake.resources import model_path
 Array = NDArray[np.float64]
 
 SIGMA_POSITION, SIGMA_NORMAL = 0.0006, math.radians(8.0)  # of a fingertip, as in the simulated hand-over
-SIGMA_TABLE = 0.0005  # of the lowest point over the table, m
+SIGMA_TABLE = 0.0005  # of the lowest point's height above the table, m
 LEAN = math.radians(45.0)
 WAYS = {
     "five fingers alone": (),
@@ -45,17 +45,17 @@ WAYS = {
     "and leaning to one side": (0.0, LEAN),
     "and to the other": (0.0, LEAN, -LEAN),
 }
-GOOD = 0.003  # m of the lower end along the pencil
+GOOD = 0.003  # largest error of the lower end along the pencil that is right, m
 
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """What an estimate says of a pencil.
+    """The estimate of one pencil.
 
     Attributes:
         right_end: whether the most probable pose has the right end up.
-        said: the probability of that end, by all hypotheses.
-        end: the lower end's error along the pencil, m.
+        said: total probability of the hypotheses with the right end up.
+        end: error of the lower end along the pencil, m.
     """
 
     right_end: bool
@@ -64,7 +64,7 @@ class Trial:
 
 
 def feel(model: tp.ObjectModel, plan: GraspPlan, generator: np.random.Generator) -> tp.Contacts:
-    """The points of the pencil that are nearest to where the fingertips close, with noise."""
+    """The points of the pencil that are nearest to the planned contacts, with noise."""
     X_PO = plan.X_PO
     p_OF = np.array([(part.p_PC - X_PO[:, 3]) @ X_PO[:, :3] for part in plan.fingers.values()])
     distance, n_O = model.grid.distance_and_normal(p_OF)
@@ -87,7 +87,7 @@ def lowest_end(X_PO: Array, down: Array) -> Array:
 def table_touches(
     model: tp.ObjectModel, X_PO: Array, closing: GraspPlan, generator: np.random.Generator
 ) -> dict[float, tp.PlaneContact]:
-    """The table in the palm when the pencil touches it, for each lean."""
+    """The table's plane in the palm when the pencil touches it, for each tilt."""
     down, planes = -closing.X_PO[:, 2], {}
     across = np.cross(down, [0.0, 1.0, 0.0])
     across /= np.linalg.norm(across)
@@ -100,7 +100,7 @@ def table_touches(
 
 
 def run_trial(model: tp.ObjectModel, closing: GraspPlan, seed: int) -> dict[str, Trial]:
-    """One pencil, by each way of feeling it."""
+    """Estimates one pencil from each set of touches."""
     generator = np.random.default_rng(seed)
     plan = hand_over(closing, generator)
     contacts = feel(model, plan, generator)
@@ -118,7 +118,7 @@ def run_trial(model: tp.ObjectModel, closing: GraspPlan, seed: int) -> dict[str,
 
 
 def markdown(trials: list[dict[str, Trial]]) -> str:
-    """A row for each way of feeling the pencil."""
+    """A table with a row for each set of touches."""
     lines = [
         f"# Section 4.3.2.3: slide and end of {len(trials)} pencils",
         "",
@@ -139,7 +139,7 @@ def markdown(trials: list[dict[str, Trial]]) -> str:
 
 
 def plot(trials: list[dict[str, Trial]], path: Path) -> None:
-    """How far the lower end is off along the pencil, and the probability of the right end."""
+    """Plots the error of the lower end along the pencil, and the probability of the right end."""
     figure = Figure(figsize=(10, 4), layout="constrained")
     left, right = figure.subplots(1, 2)
     share = np.arange(1, len(trials) + 1) / len(trials)

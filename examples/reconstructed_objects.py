@@ -1,16 +1,16 @@
-"""An object known only from depth images: its mesh from three views, and touch on that mesh.
+"""Touch of objects whose meshes are reconstructed from three depth images.
 
 python examples/reconstructed_objects.py --trials 10 --first-seed 1000
 
-In the thesis the object's points can be had "online", by reconstruction from a Kinect's views ([B16], section 3.3.2.1).
-Here Drake's `RgbdSensor` takes three depth images of the object, with a Kinect's noise, from 0.6 m and 30 degrees
-above: from around it, 120 degrees apart, or all from one side, 40 degrees apart. They are fused to a closed mesh; what
-no image has seen, the bottom and the far side, is closed as far out as the images and the table's height allow. The
-reconstruction says itself by how much its surface may be off, the unseen part included, and which share that is.
+In the thesis, the object's points can be obtained "online", by reconstruction from a Kinect's views ([B16], section
+3.3.2.1). Here, Drake's `RgbdSensor` takes three depth images of the object, with a Kinect's noise, from 0.6 m and 30
+degrees above: from all around, 120 degrees apart, or from one side, 40 degrees apart. They are fused to a closed mesh;
+the unseen part, the bottom and the far side, is closed as far out as the images and the table's height allow. The
+reconstruction states the standard deviations of its surface, seen and unseen, and the share of the unseen part.
 
-Then the true object is touched five times, at five places each, 0.9 mm and 5 degrees of noise, any of them on the
-unseen part too, with a guess 33 mm and 16 degrees off a coordinate, and its pose estimated with the true mesh, with the
-reconstructed one as if it were true, and with the reconstructed one and what it says of itself.
+Then the true object is touched five times, with five contacts each, 0.9 mm and 5 degrees of noise, also on the unseen
+part, and with a prior that is 33 mm and 16 degrees off per coordinate. Its pose is estimated with the true mesh, with
+the reconstructed one as if it were true, and with the reconstructed one and its stated standard deviation.
 
 [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016.
 """
@@ -48,19 +48,19 @@ OBJECTS = ("bust", "light_bulb", "spray_bottle", "tea_box", "thermal_bottle", "w
 APART = {"from around": 120.0, "from one side": 40.0}  # deg between two views
 DISTANCE, ABOVE = 0.6, math.radians(30.0)  # of the camera, m and rad
 CAMERA = DepthCameraModel(width=320, height=240, focal_length=288.0)
-CONTACTS, TOUCHES = 5, 5  # of a touch, and of each reconstruction
+CONTACTS, TOUCHES = 5, 5  # contacts of each touch, and touches for each reconstruction
 TRUE, AS_IF_TRUE, AS_SAID = "the true mesh", "its mesh, as if true", "its mesh and what it says"
 
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """One object, one set of views, one touch.
+    """The results for one object, one set of views and one touch.
 
     Attributes:
-        errors: of the estimate by what it knew of the object: distance, mm, and angle, deg.
-        inside: likewise whether the truth is in the set of 95 %.
-        said: the reconstruction's seen, unseen and overall sigma, mm, and its unseen share.
-        off: root mean square distance of the true surface from the mesh, where seen and where not, mm.
+        errors: errors of the estimate by the mesh it used: distance, mm, and angle, deg.
+        inside: whether the truth is in the estimate's 95 % set, by the mesh it used.
+        said: stated standard deviations of the seen, the unseen and the whole surface, mm, and the unseen share.
+        off: root mean square distance of the mesh from the true surface, seen and unseen, mm.
     """
 
     errors: dict[str, tuple[float, float]]
@@ -70,7 +70,7 @@ class Trial:
 
 
 def camera_poses(middle: Array, turn: float, apart: float) -> list[RigidTransform]:
-    """X_OC of three views; z forward, y down."""
+    """Camera poses X_OC of three views; z forward, y down."""
     poses = []
     for azimuth in turn + np.radians([-apart, 0.0, apart]):
         outward = np.array([math.cos(ABOVE) * math.cos(azimuth), math.cos(ABOVE) * math.sin(azimuth), math.sin(ABOVE)])
@@ -101,7 +101,7 @@ def take_views(name: str, middle: Array, apart: float, seed: int) -> list[DepthV
 
 
 def model_of(made: Reconstruction, surface_sigma: float) -> tp.ObjectModel:
-    """The reconstruction as an object to be estimated."""
+    """The object model of a reconstruction."""
     mesh = trimesh.Trimesh(made.vertices, made.faces, process=False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MeshRepairWarning)
@@ -117,7 +117,7 @@ def see(name: str, true: tp.ObjectModel, apart: float, seed: int) -> Reconstruct
 
 
 def run_trials(name: str, true: tp.ObjectModel, apart: float, seed: int) -> list[Trial]:
-    """Reconstructs one object, and touches it some times."""
+    """Reconstructs one object, and touches it `TOUCHES` times."""
     made = see(name, true, apart, seed)
     said = 1e3 * made.seen_sigma, 1e3 * made.unseen_sigma, 1e3 * made.surface_sigma, made.unseen_share
     distance, seen = 1e3 * true.grid.distance(made.vertices), made.seen
@@ -135,7 +135,7 @@ def run_trials(name: str, true: tp.ObjectModel, apart: float, seed: int) -> list
 def touch(
     true: tp.ObjectModel, models: dict[str, tp.ObjectModel], generator: np.random.Generator
 ) -> tuple[dict[str, tuple[float, float]], dict[str, bool]]:
-    """Touches the true object, and estimates its pose by each model; see `Trial`."""
+    """Touches the true object, and estimates its pose with each model; see `Trial`."""
     X_PO = make_poses(random_rotations(generator, 1), 0.05 * generator.normal(size=(1, 3)))[0]
     prior = tp.PosePrior(X_PO)
     prior = tp.PosePrior(retract(X_PO, generator.normal(size=6) * prior.sigmas))
@@ -156,7 +156,7 @@ def _rms(values: Array) -> float:
 
 
 def row(name: str, trials: list[Trial]) -> str:
-    """A line of the table: what the mesh is off and says, then each estimate's errors and how often it is right."""
+    """A line of the table: true and stated errors of the mesh, then errors and coverage of each estimate."""
     said, off = np.mean([trial.said for trial in trials], axis=0), np.mean([trial.off for trial in trials], axis=0)
     cells = [
         name,
@@ -174,7 +174,7 @@ def row(name: str, trials: list[Trial]) -> str:
 
 
 def markdown(results: dict[str, dict[str, list[Trial]]], seeds: range) -> str:
-    """The table, and what it says of the thesis' claim."""
+    """The table, and whether it confirms the thesis' claim."""
     lines = [
         f"# Touch of objects known from three depth images, seeds {seeds.start} to {seeds.stop - 1}",
         "",
@@ -193,7 +193,7 @@ def markdown(results: dict[str, dict[str, list[Trial]]], seeds: range) -> str:
 
 
 def verdict(views: str, objects: dict[str, list[Trial]]) -> str:
-    """Whether touch on a mesh that is reconstructed corrects a guess, as the thesis has it."""
+    """Whether touch of a reconstructed mesh corrects a prior, as the thesis claims."""
     trials = [trial for trials in objects.values() for trial in trials]
     median = np.median([trial.errors[AS_SAID][0] for trial in trials])
     inside = {knows: sum(trial.inside[knows] for trial in trials) for knows in (AS_IF_TRUE, AS_SAID)}
@@ -207,7 +207,7 @@ def verdict(views: str, objects: dict[str, list[Trial]]) -> str:
 
 
 def save_plot(made: dict[str, Reconstruction], path: Path) -> None:
-    """The meshes, what was seen and what closes them."""
+    """Plots the meshes, with their seen and unseen parts."""
     figure = plt.figure(figsize=(4 * len(made), 4.5), layout="constrained")
     for i, (name, mesh) in enumerate(made.items()):
         axis = figure.add_subplot(1, len(made), i + 1, projection="3d")

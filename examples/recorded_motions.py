@@ -1,15 +1,17 @@
-"""The belief along recorded motions of real objects in a real hand, laid on the package's objects.
+"""Tracking of the package's objects along recorded motions of real objects in a real hand.
 
     python examples/recorded_motions.py FOLDER --objects bust mug spray_bottle tea_box --seconds 10 --out out
 
-FOLDER, or what the environment variable TACTOPOSE_MOTIONS names, holds CSV files of a magnetic tracker at 100 Hz, with
+FOLDER, or the environment variable TACTOPOSE_MOTIONS, is a folder of CSV files of a magnetic tracker at 100 Hz, with
 columns ts (s), tx, ty, tz (m), and rx, ry, rz (rad; the rotation is Rz Ry Rx), such as those of New Dexterity's
-Sensorized-Objects. They are not shipped: where there are none, that is said, and nothing is followed. With `--out` the
-errors over time are drawn, too (recorded_motions.png), without what the touch leaves free. Only a motion relative to
-its first row is used: the object moves so from where it lies, five fingertips that stick to it go with it, and their
-contacts with the true mesh are felt with the noise of the sensors and the hand's calibration, of which the belief is
-told. It begins with a guess that is 33 mm and 16 degrees off. At each instant after the first half second it is asked
-whether the best pose is right, within 10 mm and 10 degrees up to what the touch leaves free, and whether any mode is.
+Sensorized-Objects. They are not shipped; without them, the script only prints a message. With `--out`, it also plots
+the errors over time (recorded_motions.png), without the directions that the touch leaves free.
+
+Only the motion relative to the first row is used: the object moves by it from a random pose, and five fingertips move
+with it without slip. Their contacts with the true mesh have the noise of the sensors and of the hand's calibration,
+whose standard deviations the belief knows. It begins with a prior that is 33 mm and 16 degrees off. At each instant
+after the first half second, the study counts whether the best pose is right, within 10 mm and 10 degrees apart from the
+directions that the touch leaves free, and whether any mode is.
 """
 
 import argparse
@@ -41,7 +43,7 @@ RIGHT, WRONG = np.array([0.010, 10.0]), np.array([0.020, 20.0])  # m, deg
 
 
 def read_motion(path: Path, seconds: float) -> tuple[Array, Array]:
-    """Rotations (n, 3, 3) and positions (n, 3), m, at 100 Hz."""
+    """Reads rotations (n, 3, 3) and positions (n, 3), m, at 100 Hz."""
     with path.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     read = {name: np.array([float(row[name]) for row in rows]) for name in ("ts", "tx", "ty", "tz", "rx", "ry", "rz")}
@@ -60,13 +62,13 @@ def read_motion(path: Path, seconds: float) -> tuple[Array, Array]:
 
 
 def error(model: tp.ObjectModel, X_hat: Array, X_true: Array, free: Array) -> Array:
-    """[m, deg] to the nearest image of the truth, without the part along the free directions."""
+    """Error [m, deg] to the nearest symmetry image of the truth, without the part along the free directions."""
     u = least_error(model, X_hat, X_true, free)
     return np.array([np.linalg.norm(u[3:]), np.degrees(np.linalg.norm(u[:3]))])
 
 
 def follow(name: str, R: Array, p: Array, seed: int) -> Array:
-    """For each instant: is the best pose right, is any, is it "ok" while wrong, the update's time, s, error, m, deg."""
+    """For each instant: whether the best pose is right, any is, "ok" while wrong; update time, s; error, m and deg."""
     generator, model = np.random.default_rng(seed), load(name)
     R_PO = random_rotations(generator, 1)[0]
     X_PO = make_poses(R_PO, 0.03 * generator.normal(size=3) - R_PO @ model.vertices.mean(axis=0))
@@ -94,7 +96,7 @@ def follow(name: str, R: Array, p: Array, seed: int) -> Array:
 
 
 def plot(followed: dict[tuple[str, str], Array], path: Path) -> None:
-    """The best pose's errors over time: a row for each motion, mm and deg beside each other."""
+    """Plots the best pose's errors over time: a row for each motion, with mm and deg side by side."""
     motions = list(dict.fromkeys(motion for motion, _ in followed))
     figure = Figure(figsize=(12, 3 * len(motions)), layout="constrained")
     for line, motion in zip(figure.subplots(len(motions), 2, squeeze=False), motions, strict=True):
@@ -137,7 +139,7 @@ def main() -> None:
 
 
 def cells(rows: Array) -> list[str]:
-    """The figures of some instants."""
+    """The results of some instants as cells of the table."""
     best, some, wrong = rows[:, :3].mean(axis=0)
     median, slowest = 1e3 * np.quantile(rows[:, 3], [0.5, 0.99])
     return [str(len(rows)), f"{best:.1%}", f"{some:.1%}", f"{wrong:.2%}", f"{median:.1f} ms, {slowest:.1f} ms"]

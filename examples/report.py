@@ -3,13 +3,12 @@
     python examples/report.py            # few trials each: some minutes
     python examples/report.py --full     # as many trials as docs/results.md has, or nearly: an hour or two
 
-Writes report.html (one file, pictures included) and report.md into `--out`. Nothing on the page is typed by hand: each
-section is what its own script wrote or printed in this run, with the command that ran it; the machine and the versions
-are asked.
-A script that fails gets its last words into the report, and the exit status is 1.
+Writes report.html (one file, pictures included) and report.md into `--out`. The whole page is generated: each section
+is the output of its script in this run, with the command; the machine and the versions are detected. If a script fails,
+the report has the end of its output, and the exit status is 1.
 
-Two scripts run at a time, each on a core of its own; what is real time or real load gets the machine to itself. The
-times that the scripts state are of the processor, unless they say otherwise.
+Two scripts run at a time, each on its own core; scripts that measure real time run alone. Times in the scripts' output
+are CPU times, unless stated otherwise.
 """
 
 import sys

@@ -1,4 +1,4 @@
-"""The report as a page: what the scripts wrote and printed, in Markdown, and as one HTML file with its pictures."""
+"""The page of the report: the scripts' output in Markdown, and as one HTML file with pictures."""
 
 import ast
 import base64
@@ -28,7 +28,7 @@ h2 { border-bottom: 1px solid #d0d7de; margin-top: 3rem; }
 
 
 def to_markdown(runs: Sequence[Run], folder: Path, is_full: bool, seconds: float) -> str:
-    """The report of runs that took so long together, s."""
+    """The report in Markdown; `seconds` is the duration of all runs together."""
     lines = ["# tactopose_drake: the thesis' tables and figures again", ""]
     lines += [f"{'All' if is_full else 'A few'} trials of each; every number comes from this run.", "", *machine()]
     lines.append(f"- {seconds:.0f} s in all")
@@ -46,7 +46,7 @@ def to_markdown(runs: Sequence[Run], folder: Path, is_full: bool, seconds: float
         written = folder / made.section.name
         pages = sorted(written.glob("*.md"))
         for page in pages:
-            # A script's own page begins with its title: here that is a section.
+            # The title of a script's own page becomes a section heading.
             lines += [re.sub(r"^#", "##", page.read_text(encoding="utf-8"), flags=re.M), ""]
         if not pages:
             lines += [f"## {title(made.section)}", "", "```", made.output.strip(), "```", ""]
@@ -65,12 +65,12 @@ def in_order(path: Path) -> tuple[list[int], str]:
 
 
 def caption(stem: str) -> str:
-    """What a file shows, by its name: "figures_3_12_to_3_19" are "Figures 3.12 to 3.19"."""
+    """The caption of a file, from its name: "figures_3_12_to_3_19" becomes "Figures 3.12 to 3.19"."""
     return re.sub(r"(\d+)_(\d+)", r"\1.\2", stem).replace("_", " ").capitalize()
 
 
 def title(section: Section) -> str:
-    """The first line of what the script says of itself."""
+    """The first line of the script's docstring."""
     tree = ast.parse(section.path.read_text(encoding="utf-8"))
     return (ast.get_docstring(tree) or section.name).partition("\n")[0].rstrip(".")
 
@@ -91,7 +91,7 @@ def to_html(markdown: str, folder: Path) -> str:
 
 
 def machine() -> list[str]:
-    """What the report was made on."""
+    """The machine and the versions with which the report was made."""
     memory = (
         os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30 if hasattr(os, "sysconf") else float("nan")
     )

@@ -1,4 +1,4 @@
-"""Runs the scripts of the report's sections, some at a time, and keeps what they print or die of."""
+"""Runs the scripts of the report's sections, several at a time, and captures their output and errors."""
 
 import dataclasses
 import os
@@ -12,20 +12,20 @@ from pathlib import Path
 
 from report_sections import Section
 
-# A progress bar that a script drew where it prints.
+# A progress bar in a script's standard output.
 PROGRESS = re.compile(r"^.* ━+ +\d+% .*\n", re.M)
 
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """How a section's script ended.
+    """The run of a section's script.
 
     Attributes:
-        section: which.
-        command: what was run, as one would type it.
-        seconds: how long it took.
-        output: what it printed.
-        failure: its last words, if it failed.
+        section: the section.
+        command: the command, as typed in a shell.
+        seconds: its duration.
+        output: its standard output.
+        failure: the end of its output if it failed; else empty.
     """
 
     section: Section
@@ -36,7 +36,7 @@ class Run:
 
 
 def run(section: Section, is_full: bool, folder: Path) -> Run:
-    """Runs a script; what it writes lies in the folder of its name, in place of what an earlier run wrote."""
+    """Runs a script, which writes into the folder of its name; output of an earlier run is deleted."""
     for pattern in ("*.md", "*.png", "*.html"):
         for old in (folder / section.name).glob(pattern):
             old.unlink()
@@ -57,17 +57,17 @@ def run(section: Section, is_full: bool, folder: Path) -> Run:
 def run_all(
     sections: Sequence[Section], is_full: bool, folder: Path, jobs: int, tell: Callable[[Section], None]
 ) -> list[Run]:
-    """Runs the sections, so many at a time, and those that need the machine to themselves at last.
+    """Runs the sections, several at a time, and finally, one by one, those that must run alone.
 
     Args:
-        sections: which.
-        is_full: whether with all trials.
-        folder: where each gets a folder.
-        jobs: how many at a time.
-        tell: is told of each that has ended.
+        sections: the sections.
+        is_full: whether to run all trials.
+        folder: parent of the sections' folders.
+        jobs: number of scripts at a time.
+        tell: called with each section that has ended.
 
     Returns:
-        In the sections' order.
+        The runs, in the order of the sections.
     """
 
     def run_one(section: Section) -> Run:

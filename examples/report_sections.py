@@ -1,4 +1,4 @@
-"""The sections of the report: which scripts regenerate the thesis' tables and figures, and with which options."""
+"""The sections of the report: the scripts that regenerate the thesis' tables and figures, and their options."""
 
 import dataclasses
 from pathlib import Path
@@ -11,11 +11,11 @@ class Section:
     """One script of the examples, and what it regenerates.
 
     Attributes:
-        script: its path from `examples/`.
-        covers: what of the thesis it regenerates, as the thesis names it; empty where it goes beyond.
+        script: its path in `examples/`.
+        covers: the tables, figures and sections of the thesis that it regenerates; empty for further studies.
         quick: its options for a few trials.
-        full: its options for all of them.
-        alone: whether nothing else may run beside it, because its numbers are of the clock.
+        full: its options for all trials.
+        alone: whether it must run alone, because it measures real time.
     """
 
     script: str
@@ -26,12 +26,12 @@ class Section:
 
     @property
     def name(self) -> str:
-        """The script's name without its ending: the section's anchor and folder."""
+        """The script's name without suffix, which is the section's anchor and folder."""
         return Path(self.script).stem
 
     @property
     def path(self) -> Path:
-        """Where the script lies."""
+        """Path of the script."""
         return EXAMPLES / self.script
 
 
@@ -220,7 +220,7 @@ SECTIONS = (
     Section(script="can_latency.py", quick=("--duration", "2"), alone=True),
     Section(script="cost_growth.py", quick=("--trials", "1", "--seed", "0"), full=("--trials", "50", "--seed", "0")),
 )
-# What needs the hardware that the thesis had, or shows by one example what a table measures.
+# Figures that need the thesis' hardware, or show a single example of what a table measures.
 NOT_REPRODUCED = {
     "figure 3.2": "a sketch of the regions that algorithm 3.1 searches; the search keeps them, in table 3.1",
     "figures 3.3 to 3.6": "single runs of Gradient Descent and Levenberg-Marquardt; table 3.1 has 100 of each",

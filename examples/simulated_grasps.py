@@ -1,4 +1,4 @@
-"""What a hand with errors reads in grasps of the simulator: for calibrations, and to try what these are worth."""
+"""Readings of a hand with errors in simulated grasps, for calibrations and their evaluation."""
 
 import dataclasses
 
@@ -16,17 +16,17 @@ from tactopose_drake.station import (
     plan_scenario,
 )
 
-TOUCHES = 0.3  # N: less may be a bias
-PLANS = 4  # grasps of a search that are tried
-SEARCHES = 10  # for one object, at the most
+TOUCHES = 0.3  # minimum force of a contact, N; smaller ones may be a bias
+PLANS = 4  # planned grasps that are tried per search
+SEARCHES = 10  # maximum number of searches for one object
 
 
 def as_simulated(errors: HandErrors, vector: np.ndarray) -> SimulatedErrors:
-    """A hand's errors as a scenario has them.
+    """A hand's errors in the form of a scenario.
 
     Args:
-        errors: which they are.
-        vector: these, shape (d,), SI units.
+        errors: the errors that it may have.
+        vector: their values, shape (d,), SI units.
     """
     fingers = {}
     for name in errors.fingers:
@@ -45,7 +45,7 @@ def as_simulated(errors: HandErrors, vector: np.ndarray) -> SimulatedErrors:
 def simulated_grasps(
     scenario: Scenario, model: tp.ObjectModel, count: int, generator: np.random.Generator
 ) -> list[ClosedGrasp]:
-    """Grasps that hold the scenario's object, with what the hand reads at the end; fewer where few hold it."""
+    """At most `count` grasps that hold the scenario's object, with the hand's readings at the end."""
     found: list[ClosedGrasp] = []
     for _ in range(SEARCHES):
         if len(found) == count:
@@ -61,7 +61,7 @@ def simulated_grasps(
 
 
 def simulated_scenario(hand: str, name: str, errors: SimulatedErrors) -> Scenario:
-    """The shipped scenario with such errors, without estimates on the way."""
+    """The shipped scenario with these errors, without estimates during the grasp."""
     scenario = load_scenario(hand)
     scenario.object, scenario.errors = name, errors
     scenario.estimation.estimator.period = 100.0  # s
@@ -69,7 +69,7 @@ def simulated_scenario(hand: str, name: str, errors: SimulatedErrors) -> Scenari
 
 
 def read_grasp(result: GraspResult) -> ClosedGrasp:
-    """What the hand reads at the end, and the truth."""
+    """The hand's readings at the end, and the true pose."""
     station = result.station
     plant, parts = make_hand_plant(station.hand.config)
     read = {

@@ -1,19 +1,19 @@
-"""Slip under load in the simulated station: a hand of 24 joints holds an object that grows heavier until it slides.
+"""Slip under load in the simulated station: a hand with 24 joints holds an object that gets heavier until it slides.
 
 python examples/slip_in_station.py --objects bust mug --grasps 5
 
-The belief is updated at 100 Hz from the simulated fingertips' wrenches and the joints; contact is Drake's hydroelastic
-one. Each grasp is loaded several times from the same instant on, by weights that grow slowly and quickly. Fingers yield
-to a load: that an object moves in the palm is no slide yet. It has slid as far as its surface has moved against a
-fingertip that touches it, by the true motion of both, at the fingertip at which that is the most.
+The belief is updated at 100 Hz from the simulated fingertips' wrenches and the joint positions; contact is
+hydroelastic. Each grasp is loaded several times from the same instant, with weights that grow at different rates.
+Fingers yield under load, so that a motion of the object in the palm is not necessarily a slide. The slide is the true
+motion of the object's surface relative to a fingertip that touches it, at the fingertip where it is largest.
 
-Printed are the belief's error beside what it says of it, its normalised estimation error squared (6 for an honest
-belief), how often it says that the object slips, and where the time goes: processor seconds of the whole station, and
-of the belief's updates. A slide of at least 10 mm has begun with its first millimetre: asked is how much later it is
-called so. A call is false where within a tenth of a second nothing has slid by a millimetre; of those are told apart
-the early ones, of slides that have within half a second. Calls are counted while the object is held, too. A slide goes
-on where the object has slid by a millimetre within the last 50 ms: of those instants it is printed what the belief says
-then. With `--relieved` loads come and go, too, at which nothing slides.
+Prints the belief's error and its stated standard deviation, its normalized estimation error squared (NEES, 6 for a
+consistent belief), how often its status is "slipping", and CPU times of the whole station and of the belief's updates.
+A slide of at least 10 mm begins with its first millimetre; the delay is the time from there until the status is
+"slipping". A detection is false if nothing slides by a millimetre within a tenth of a second from it, and an early one
+among these if that happens within half a second. False detections are also counted while the object is held. A slide is
+in progress if the object has slid by a millimetre within the last 50 ms; the statuses at these instants are counted.
+With `--relieved`, loads under which nothing slides are also applied and removed.
 """
 
 import argparse
@@ -39,19 +39,20 @@ from tactopose_drake.station import Scenario, Station
 from tactopose_drake.systems import PoseTrackingParams
 
 PERIOD = 0.01
-DRAWN = 4  # of the slides, at the most
-RATES = (10.0, 20.0, 40.0)  # times its weight, each second
-# Loads that come and go: of that under which it begins to slide, times its weight each second, and s at the most.
+DRAWN = 4  # maximum number of slides that are plotted
+RATES = (10.0, 20.0, 40.0)  # growth of the load, in weights of the object per second
+# Loads that are applied and removed: shares of the load at which it begins to slide, their growth, in weights per
+# second, and the time at the largest load, s.
 PARTS, RELIEVED_RATES, STAYS = (0.4, 0.7), (10.0, 30.0), 0.3
-SLIPPED, LOST = 0.02, 0.06  # m that it slides, and that it moves in the palm, until the end
-SLIDE, BEGUN = 0.01, 0.001  # m: what counts as a slide, and from where on it has begun
-SOON, LATER = 0.1, 0.5  # s within which what is called a slip has begun, and what is called so early
-LATELY = 0.05  # s within which a slide that goes on has gone as far as it takes to begin
+SLIPPED, LOST = 0.02, 0.06  # slide, and motion in the palm, at which a run ends, m
+SLIDE, BEGUN = 0.01, 0.001  # length of a slide that is counted, and from which it has begun, m
+SOON, LATER = 0.1, 0.5  # time within which the slide of a detection begins, and that of an early one, s
+LATELY = 0.05  # time in which a slide in progress has advanced by `BEGUN`, s
 
 
 class Row(NamedTuple):
-    """One instant: time since the load began, s; load, in weights; by how much it has slid, m; the belief's status; its
-    error and what it says of it, m; NEES.
+    """One instant: time since the load began, s; load, in weights; slide, m; the belief's status; its error and stated
+    standard deviation, m; NEES.
     """
 
     time: float
@@ -64,26 +65,26 @@ class Row(NamedTuple):
 
 
 class Slide:
-    """How far the object has slid under each fingertip, by the true motion of both where they are felt to touch."""
+    """The slide of the object at each fingertip: the true relative motion of both at the estimated contacts."""
 
     def __init__(self, station: Station, context: Context) -> None:
-        """Begins with the context's instant."""
+        """Starts at the context's time."""
         self._station, self._ways = station, dict.fromkeys(station.hand.sensor_frames, np.zeros(3))
         self._X_PO, self._X_PT = self._poses(context)
 
     def follow(self, context: Context) -> float:
-        """The longest of the ways since the beginning, m; the context is a period after the last one."""
+        """The largest slide of a fingertip since the start, m; the context is one period after the last one."""
         diagram, (X_PO, X_PT) = self._station.diagram, self._poses(context)
         fingers, contacts = (diagram.GetOutputPort(name).Eval(context) for name in ("fingers_in_contact", "contacts"))
         for finger, p_PC in zip(fingers, contacts.p_PC, strict=True):
-            # Where what touches now has come from, as a point of either.
+            # The previous positions of the contact point, as a point of the object and of the fingertip.
             p_O, p_T = self._X_PO @ (X_PO.inverse() @ p_PC), self._X_PT[finger] @ (X_PT[finger].inverse() @ p_PC)
             self._ways[finger] = self._ways[finger] + p_T - p_O
         self._X_PO, self._X_PT = X_PO, X_PT
         return float(max(np.linalg.norm(way) for way in self._ways.values()))
 
     def _poses(self, context: Context) -> tuple[RigidTransform, dict[str, RigidTransform]]:
-        """Of the object, and of the fingertips by finger, in the palm."""
+        """Poses in the palm of the object, and of the fingertips by finger."""
         station, hand = self._station, self._station.hand
         plant_context = station.plant.GetMyContextFromRoot(context)
         tips = {
@@ -94,9 +95,9 @@ class Slide:
 
 
 def delay(rows: list[Row]) -> float | None:
-    """From the first millimetre of a slide to the first call, s; infinite if it is never called, None if there is none.
+    """Delay from a slide's first millimetre to its detection, s; infinite if it is not detected, None if none slides.
 
-    A call that is on when the slide begins is one at once.
+    If the status is "slipping" already when the slide begins, the delay is 0.
     """
     if max(row.slide for row in rows) < SLIDE:
         return None
@@ -105,9 +106,7 @@ def delay(rows: list[Row]) -> float | None:
 
 
 def false_calls(rows: list[Row]) -> tuple[int, int, float]:
-    """How often it is falsely said to begin to slip, how often of that early, and for how long it has not slid by a
-    millimetre, s.
-    """
+    """Numbers of false detections and of early ones among these, and the time before the first millimetre, s."""
     begins = [now for before, now in itertools.pairwise(rows) if now.status == "slipping" != before.status]
     soon, later = (
         [max(row.slide for row in rows if now.time <= row.time <= now.time + wait) >= BEGUN for now in begins]
@@ -118,14 +117,14 @@ def false_calls(rows: list[Row]) -> tuple[int, int, float]:
 
 
 def while_sliding(rows: list[Row]) -> list[str]:
-    """The belief's statuses at the instants at which a slide goes on."""
+    """The belief's statuses at the instants at which a slide is in progress."""
     before = [0.0] * round(LATELY / PERIOD) + [row.slide for row in rows]
     return [row.status for then, row in zip(before, rows, strict=False) if row.slide - then > BEGUN]
 
 
 def hold(grasp: GraspResult, seconds: float) -> tuple[float, float, int]:
-    """Processor time of the station, s, for so many seconds of its own, that of the belief's updates, and how often it
-    begins to say that the object slips, which is held.
+    """Simulates a held object for `seconds`; returns the CPU times of the station and of the belief's updates, s, and
+    the number of (false) detections of slip.
     """
     simulator, diagram = grasp.simulator, grasp.station.diagram
     context, updates = simulator.get_mutable_context(), 0.0
@@ -141,12 +140,12 @@ def hold(grasp: GraspResult, seconds: float) -> tuple[float, float, int]:
 
 
 def load_until_it_slides(grasp: GraspResult, load_at: Callable[[float], float], longest: float) -> list[Row]:
-    """Adds weight to the object as it is held, and compares the belief with the simulator's truth.
+    """Makes the held object heavier, and compares the belief with the truth.
 
     Args:
-        grasp: of the object.
-        load_at: what it then weighs, over its own weight, by the time since, s.
-        longest: until when, s.
+        grasp: the grasp of the object.
+        load_at: load, in weights of the object, by the time since the start, s.
+        longest: maximum duration, s.
     """
     station, context = grasp.station, grasp.context.Clone()
     simulator = Simulator(station.diagram, context)
@@ -175,21 +174,21 @@ def load_until_it_slides(grasp: GraspResult, load_at: Callable[[float], float], 
 
 
 def grows(rate: float, time: float) -> float:
-    """A load that grows by so many weights a second."""
+    """A load that grows by `rate` weights per second."""
     return 1.0 + rate * time
 
 
 def comes_and_goes(rate: float, most: float, time: float) -> float:
-    """One that grows to so many weights, stays a moment, and falls again."""
+    """A load that grows to `most` weights, stays there for a moment, and decreases again."""
     return float(np.clip(1.0 + rate * min(time, 2.0 * (most - 1.0) / rate + STAYS - time), 1.0, most))
 
 
 def calls_while_it_holds(grasp: GraspResult, rows: list[Row]) -> tuple[int, float]:
-    """How often loads that come and go are called a slip of which nothing slides by a millimetre, and in what time, s.
+    """Number of detections under loads that are applied and removed without a slide of a millimetre, and the time, s.
 
     Args:
-        grasp: of the object.
-        rows: of a load that has grown until it slid.
+        grasp: the grasp of the object.
+        rows: rows of a load that has grown until the object slid.
     """
     calls, seconds = 0, 0.0
     slid = next((row.load for row in rows if row.slide > 0.5 * BEGUN), rows[-1].load)
@@ -205,7 +204,7 @@ def calls_while_it_holds(grasp: GraspResult, rows: list[Row]) -> tuple[int, floa
 
 
 def save_figure(runs: dict[str, list[Row]], path: Path) -> None:
-    """Slide, error and what the belief says, as the load grows."""
+    """Plots the slide, the belief's error and its stated standard deviation over the load."""
     figure = Figure(figsize=(6.5 * len(runs), 4.2), layout="constrained")
     for ax, (name, rows) in zip(figure.subplots(1, len(runs), squeeze=False)[0], runs.items(), strict=True):
         load = [row.load for row in rows]
@@ -222,7 +221,7 @@ def save_figure(runs: dict[str, list[Row]], path: Path) -> None:
 
 
 def in_words(case: str, rows: list[Row]) -> str:
-    """How one slide went."""
+    """The results of one slide as text."""
     squares = [row.square for row in rows if np.isfinite(row.square)]
     return (
         f"{case}: slid by {1e3 * rows[-1].slide:.1f} mm at {rows[-1].load:.0f} times its weight; error "
@@ -233,7 +232,7 @@ def in_words(case: str, rows: list[Row]) -> str:
 
 
 def run(arguments: argparse.Namespace) -> tuple[dict[str, list[Row]], list[str]]:
-    """The slides by what they are of, and all that is to be said of them."""
+    """The slides by object, seed and rate, and the lines of the results."""
     runs: dict[str, list[Row]] = {}
     lines, calls, held, held_on = [], 0, 0.0, np.zeros(2)
     for name, seed in itertools.product(arguments.objects, range(arguments.grasps)):

@@ -1,17 +1,17 @@
-"""The columns of the thesis' table 6.1, each shown by an experiment of its own.
+"""The columns of the thesis' table 6.1, each demonstrated by an experiment.
 
     python examples/table_6_1.py --trials 50 --seed 0 --out out
 
-The thesis compares methods by what they can do: poses in six degrees of freedom, of complex objects, without a guess,
-without exploring moves, of objects that are not known yet which, and of objects that move in the hand. Here a column is
-ticked when its experiment succeeds in as many trials as the thesis asks of its own (75 %, section 4.3.1.2). Prints the
-experiments and the table beside the thesis' rows, its own and those of ten works before it, and writes both as Markdown
-(table_6_1.md). The thesis' run times are "merely indicative", for they are of different machines; so are ours. What the
-ten works did, they did on real hands; what is ticked here is simulated.
+The thesis compares methods by their capabilities: poses in six degrees of freedom, complex objects, no need of a prior,
+no exploration, identification of the object, and objects that move in the hand. Here, a column is ticked if its
+experiment succeeds in as many trials as the thesis requires of its own (75 %, section 4.3.1.2). Prints the experiments
+and the table with the thesis' rows, its own and those of ten earlier works, and writes both as Markdown (table_6_1.md).
+The thesis' run times are "merely indicative", because they are from different machines; so are these. The ten works
+used real hands; the experiments here are simulated.
 
-Touches are synthetic, with five contacts at random places, 0.9 mm and 5 degrees of noise; the moving objects are those
-of `motion_families.py` that fingertips carry about. Errors are the means over the successful trials, times the median
-CPU time. All poses have six degrees of freedom, and all contacts are one grasp's: nothing is explored.
+Touches are synthetic, with five contacts at random places, 0.9 mm and 5 degrees of noise; moving objects are those of
+the family `carry` of `motion_families.py`. Errors are means over the successful trials, and times are median CPU times.
+All poses have six degrees of freedom, and all contacts are from one grasp, without exploration.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, tables 2.1 and 6.1.
 """
@@ -38,11 +38,11 @@ from tactopose_drake.resources import model_path
 Array = NDArray[np.float64]
 
 COMPLEX = ("bust", "spray_bottle", "screwdriver", "light_bulb")
-MOST_TRANSLATION, MOST_ROTATION = 0.010, math.radians(15.0)  # of a success. [B16] section 4.3.1
+MOST_TRANSLATION, MOST_ROTATION = 0.010, math.radians(15.0)  # limits of a success, m and rad [B16, section 4.3.1]
 NEEDED = 0.75
-STEPS = 100  # of a motion, 10 ms each
-# What else the thesis compares itself with, as its tables 2.1 and 6.1 have it; the numbers in brackets are its
-# references, and what each does is in its section 2.4. A dash is where it knows none.
+STEPS = 100  # number of steps of a motion, 10 ms each
+# The earlier works in the thesis' tables 2.1 and 6.1; the numbers in brackets are its references, and its section 2.4
+# describes the works. A dash means that the thesis gives no value.
 LITERATURE = {
     "Aggarwal [90], underwater exploration, RANSAC, ICP, particle filter": ((1, 1, 1, 0, 1, 1), "<5/-", "-"),
     "Chalon [131], particle filter from vision's pose": ((1, 0, 0, 0, 0, 1), "≈10/10", "-"),
@@ -55,7 +55,7 @@ LITERATURE = {
     "Zito [133], arm's paths that tell poses apart": ((1, 1, 0, 0, 0, 0), "-/-", "200"),
     "Pezzementi [137], maps of tactile images": ((1, 1, 1, 0, 1, 0), "4/≈30", "-"),
 }
-# Which works these are, by the thesis' words on them.
+# The references of these works, as identified from the thesis' description.
 WORKS = {
     90: "A. Aggarwal and F. Kirchner, Object recognition and localization: the role of tactile sensors, Sensors, 2014",
     124: "K. Honda et al., Real-time pose estimation of an object manipulated by multi-fingered hand using 3D stereo "
@@ -85,7 +85,7 @@ THESIS = {
 
 
 class Trial(NamedTuple):
-    """How one trial ended: errors in m and rad, NaN where a pose was not asked for."""
+    """The result of one trial: errors in m and rad, NaN without a pose; CPU time in s."""
 
     succeeded: bool
     translation: float
@@ -94,7 +94,7 @@ class Trial(NamedTuple):
 
 
 class Experiment(NamedTuple):
-    """An experiment's trials, put together."""
+    """The summary of an experiment's trials."""
 
     name: str
     columns: tuple[str, ...]
@@ -110,17 +110,17 @@ class Experiment(NamedTuple):
 
 @functools.cache
 def load(name: str) -> tp.ObjectModel:
-    """An object of the package; loaded once, for a model keeps what its first estimate has prepared."""
+    """An object of the package, loaded once, because a model caches what its first estimate has prepared."""
     return tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
 
 
 def random_pose(generator: np.random.Generator) -> Array:
-    """Any orientation, some centimetres from the palm's origin."""
+    """A random orientation, at a position some centimetres from the palm's origin."""
     return make_poses(random_rotations(generator, 1), 0.05 * generator.normal(size=(1, 3)))[0]
 
 
 def judge_pose(model: tp.ObjectModel, X_PO: Array, X_true: Array, seconds: float) -> Trial:
-    """Errors up to the object's symmetries."""
+    """Compares a pose with the truth, up to the object's symmetries."""
     alike = turn_toward(compose(X_PO[None], model.symmetry_poses), X_true, model.symmetries)
     off = increments_between(alike, X_true[None])
     moved, turned = np.linalg.norm(off[:, 3:], axis=1), np.linalg.norm(off[:, :3], axis=1)
@@ -130,7 +130,7 @@ def judge_pose(model: tp.ObjectModel, X_PO: Array, X_true: Array, seconds: float
 
 
 def find_pose(trial: int, seed: int, has_guess: bool) -> Trial:
-    """A complex object's pose, from one grasp's contacts."""
+    """Estimates a complex object's pose from the contacts of one grasp."""
     generator = np.random.default_rng((seed, trial))
     model = load(COMPLEX[trial % len(COMPLEX)])
     X_PO = random_pose(generator)
@@ -144,7 +144,7 @@ def find_pose(trial: int, seed: int, has_guess: bool) -> Trial:
 
 
 def name_object(trial: int, seed: int) -> Trial:
-    """Which of the package's objects it is."""
+    """Identifies one of the package's objects."""
     generator = np.random.default_rng((seed, trial))
     names = sorted(path.stem for path in model_path("objects").glob("*.obj"))
     models = [load(name) for name in names]
@@ -156,7 +156,7 @@ def name_object(trial: int, seed: int) -> Trial:
 
 
 def follow(trial: int, seed: int) -> Trial:
-    """The pose at a motion's end, and the median time of an update."""
+    """Tracks an object; gives the errors at the motion's end, and the median time of an update."""
     instants = run_motion("carry", seed * 10_000 + trial, STEPS)
     last = instants[-1]
     succeeded = last.translation < MOST_TRANSLATION and last.rotation < MOST_ROTATION
@@ -168,7 +168,7 @@ def follow(trial: int, seed: int) -> Trial:
 def run(
     name: str, columns: tuple[str, ...], trial_of: Callable[[int, int], Trial], trials: int, seed: int
 ) -> Experiment:
-    """Runs an experiment; the first trials, which compile and prepare models, once before."""
+    """Runs an experiment, after some trials that compile code and prepare models."""
     for trial in range(len(COMPLEX)):
         trial_of(trial, seed)
     ended = [trial_of(trial, seed) for trial in track(range(trials), description=name, transient=True)]
@@ -182,7 +182,7 @@ def run(
 
 
 def experiments(trials: int, seed: int) -> list[Experiment]:
-    """All four."""
+    """Runs the four experiments."""
     return [
         run("with a guess", COLUMNS[:2] + COLUMNS[3:4], lambda i, s: find_pose(i, s, True), trials, seed),
         run("without a guess", COLUMNS[:4], lambda i, s: find_pose(i, s, False), trials, seed),
@@ -192,7 +192,7 @@ def experiments(trials: int, seed: int) -> list[Experiment]:
 
 
 def markdown(made: list[Experiment], trials: int, seed: int) -> str:
-    """The experiments and the table."""
+    """The experiments and the table as Markdown."""
     lines = [f"# Table 6.1, {trials} trials of each experiment, seed {seed}", ""]
     lines += ["| experiment | succeeded, % | mm/deg | s |", "|---|---:|---:|---:|"]
     lines += [f"| {one.name} | {100 * one.share:.0f} | {one.accuracy} | {one.seconds:.4f} |" for one in made]

@@ -1,15 +1,15 @@
-"""How often the touch of an unknown object is taken for one of a known object's, and how honest `unknown` is.
+"""Touches of unknown objects: how often they are identified as known ones, and the calibration of `unknown`.
 
     python examples/unknown_objects.py --trials 300 --contacts 5 --seed 0 --out unknown
     python examples/unknown_objects.py --trials 300 --contacts 8 --seed 0 --scans folder --out unknown
 
 Twenty objects are known, drawn at random from a pool: the package's objects, stretched and tapered copies of these,
-and some of `object_families.py`; with `--scans` the meshes of a folder and copies of these, in place of the package's
-unaltered ones. Two thirds of the touches are of known objects, the others of the rest of the pool: contacts at random
-places, uniform by area, with 0.9 mm and 5 degrees of noise, which is what the identification is told.
+and some of `object_families.py`; with `--scans`, the meshes of a folder and altered copies of these replace the
+package's unaltered ones. Two thirds of the touches are of known objects, the others of the rest of the pool: contacts
+at random places, uniform by area, with 0.9 mm and 5 degrees of noise, as the identification assumes.
 
-Asked is how many of the names that are given with more than 95 % are wrong, and whether a touch is of an unknown
-object as often as `Identification.unknown` says. Writes the latter as a plot.
+The study counts how many of the names with a probability above 95 % are wrong, and how often a touch is of an unknown
+object, compared with `Identification.unknown`, which it also plots.
 """
 
 import itertools
@@ -36,13 +36,13 @@ from tactopose_drake.resources import model_path
 KNOWN = 20
 GENERATED = 14
 UNKNOWN_SHARE = 1.0 / 3.0  # of the touches
-STRETCH, TAPER = 0.15, 0.2  # standard deviations: of each axis' logarithm, and of the width at both ends
+STRETCH, TAPER = 0.15, 0.2  # standard deviations of the logarithm of each axis's scale, and of the taper
 CERTAIN = (0.95, 0.9)
 LEVELS = (0.0, 0.05, 0.2, 0.5, 0.8, 0.95, 1.0)
 
 
 class Outcome(NamedTuple):
-    """Of one touch: of which object, what was named first and with what probability, and what else was said."""
+    """The result of one touch: the touched object, the first names with their probability, `unknown` and the status."""
 
     touched: str
     is_known: bool
@@ -53,7 +53,7 @@ class Outcome(NamedTuple):
 
     @property
     def is_right(self) -> bool:
-        """Whether the touched object is the one that was named, or has the same shape."""
+        """Whether the touched object is among the first names, which have the same shape."""
         return self.touched in self.named
 
 
@@ -98,7 +98,7 @@ def run_trials(pool: Sequence[tp.ObjectModel], known: int, trials: int, contacts
 
 
 def names_table(outcomes: Sequence[Outcome]) -> Table:
-    """How many names are given with certainty, and how many of those are wrong."""
+    """How many names have a large probability, and how many of those are wrong."""
     known = sum(outcome.is_known for outcome in outcomes)
     title = f"{len(outcomes)} touches, {len(outcomes) - known} of them of unknown objects"
     table = Table(title=title, box=box.SIMPLE_HEAD)
@@ -120,7 +120,7 @@ def names_table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def reliability(outcomes: Sequence[Outcome]) -> list[tuple[float, float, int, float, float]]:
-    """Of each bin of `unknown`: its ends, touches, the mean of what is said, and the share of unknown objects."""
+    """For each bin of `unknown`: its limits, number of touches, mean of `unknown`, and share of unknown objects."""
     said = np.array([outcome.unknown for outcome in outcomes])
     true = np.array([not outcome.is_known for outcome in outcomes])
     rows = []
@@ -132,7 +132,7 @@ def reliability(outcomes: Sequence[Outcome]) -> list[tuple[float, float, int, fl
 
 
 def reliability_table(outcomes: Sequence[Outcome]) -> Table:
-    """Whether the object is unknown as often as is said."""
+    """How often the object is unknown, compared with `unknown`."""
     table = Table(title="Is the object unknown as often as `unknown` says?", box=box.SIMPLE_HEAD)
     for heading in ("unknown", "touches", "said, %", "true, %"):
         table.add_column(heading, justify="right")
@@ -142,7 +142,7 @@ def reliability_table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def draw(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """The share of unknown objects against what is said, and how far it may be off that by chance."""
+    """Plots the share of unknown objects over `unknown`, with its standard error."""
     figure = Figure(figsize=(5.0, 4.5), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
@@ -166,7 +166,7 @@ def draw(path: Path, outcomes: Sequence[Outcome]) -> None:
 @click.option("--scans", type=click.Path(path_type=Path, exists=True), help="Folder of further meshes.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the plot.")
 def main(trials: int, contacts: int, known: int, seed: int, scans: Path | None, out: Path) -> None:
-    """Prints the tables, and draws the second."""
+    """Prints the tables, and plots the second."""
     outcomes = run_trials(make_pool(seed, scans), known, trials, contacts, seed)
     console = Console()
     console.print(names_table(outcomes))

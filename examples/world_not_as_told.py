@@ -1,11 +1,11 @@
-"""What the belief is worth where the world is not as told: false contacts, turned normals, more noise, another mesh.
+"""Robustness of the estimates to model errors: false contacts, rotated normals, more noise, another mesh.
 
 python examples/world_not_as_told.py --trials 500
 
-Objects in random poses are touched at random places, far apart, as the estimate is told; then something is changed
-of which it is told nothing. A pose is right within 10 mm and 15 degrees, up to the object's symmetries. Of the answers
-that are given with more than 95 % it is asked how many are wrong beyond what 99.9 % of their own covariance allow, and
-of all how often the truth lies in the smallest set of hypotheses that holds 95 %.
+Objects in random poses are touched at random places, far apart, with the noise that the estimate assumes; then
+something is changed that it does not know of. A pose is right within 10 mm and 15 degrees, up to the object's
+symmetries. Of the best hypotheses with a probability above 95 %, the study counts those whose 99.9 % ellipsoid does not
+contain the truth; and of all estimates, how often the truth is in the smallest set of hypotheses with 95 %.
 """
 
 import argparse
@@ -36,12 +36,12 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class World:
-    """How the world differs from what the estimate is told.
+    """Errors of the model that the estimate does not know.
 
     Attributes:
-        noise: of the contacts, in units of what is told.
-        scale: of the object that is touched, in units of the mesh.
-        change: of the measured points (k, 3) and normals (k, 3), in place.
+        noise: ratio of the contacts' noise to the assumed one.
+        scale: size of the touched object relative to the mesh.
+        change: changes the measured points (k, 3) and normals (k, 3) in place.
     """
 
     noise: float = 1.0
@@ -85,15 +85,15 @@ WORLDS = {
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Trial:
-    """What one estimate said, and how far off it was.
+    """The result of one estimate.
 
     Attributes:
-        right: whether the best pose is.
-        sure: whether it is given with more than 95 %.
-        beyond: whether the truth is beyond 99.9 % of its covariance.
-        held: whether the set of 95 % holds the truth.
-        status: the estimate's.
-        seconds: that it took.
+        right: whether the best pose is right.
+        sure: whether its probability is above 95 %.
+        beyond: whether the truth is outside of its 99.9 % ellipsoid.
+        held: whether the 95 % set contains the truth.
+        status: status of the estimate.
+        seconds: CPU time of the estimate.
     """
 
     right: bool
@@ -113,7 +113,7 @@ def run_trial(model: tp.ObjectModel, world: World, seed: int, count: int, has_pr
     noise = {"sigma_position": world.noise * SIGMA_POSITION, "sigma_normal": world.noise * SIGMA_NORMAL}
     felt = touch_surface(model, X_PO, count, generator, spread=True, **noise)
     p_PC, n_PC = felt.p_PC.copy(), felt.n_PC.copy()
-    # An object that is larger about its centre of mass.
+    # The object is scaled about its centre of mass.
     p_PC += (world.scale - 1.0) * (p_PC - X_PO[:, 3] - X_PO[:, :3] @ model.center_of_mass)
     world.change(generator, p_PC, n_PC)
     contacts = tp.Contacts(p_PC, n_PC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
