@@ -44,7 +44,7 @@ from tactopose_drake.systems import CameraView, DepthTracker
 Array = NDArray[np.float64]
 
 OBJECTS = ("soda_can", "tea_box", "mug", "spray_bottle")
-SIGHTS = {LEAVES_OUT: 0.2, TAKES: 1.0}  # periods of the trackers, s
+PERIODS = {LEAVES_OUT: 0.2, TAKES: 1.0}  # periods of the trackers, s
 
 
 class SecondTracker:
@@ -53,7 +53,7 @@ class SecondTracker:
     def __init__(self, station: Station) -> None:
         params = dataclasses.replace(
             station.scenario.vision,
-            period=SIGHTS[TAKES],
+            period=PERIODS[TAKES],
             model=dataclasses.replace(station.scenario.vision.model, knows_hand=False),
         )
         self._tracker = DepthTracker(view_of(station), params=params)
@@ -92,7 +92,7 @@ def make_scenario(name: str, seed: int) -> Scenario:
     """The shipped scenario with a depth camera, with a hand without errors, as in the thesis."""
     scenario = load_scenario("shadow_like_depth").without_errors()
     scenario.object, scenario.seed = name, seed
-    scenario.vision.period = SIGHTS[LEAVES_OUT]
+    scenario.vision.period = PERIODS[LEAVES_OUT]
     scenario.estimation.estimator.period = 2.0 * scenario.duration  # the estimates are made at the end
     return scenario
 
@@ -148,7 +148,7 @@ def run_trial(name: str, seed: int) -> dict[str, Outcome] | str:
 
         def observe(view: RunView, station: Station = station, second: SecondTracker = second) -> None:
             time = view.context.get_time()
-            if abs(time / SIGHTS[TAKES] - round(time / SIGHTS[TAKES])) < 1e-6:
+            if abs(time / PERIODS[TAKES] - round(time / PERIODS[TAKES])) < 1e-6:
                 second.see(station, view.context)
 
         grasp = run_grasp(station, observer=observe)

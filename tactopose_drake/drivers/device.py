@@ -167,7 +167,7 @@ class Device(ABC, Generic[Sample]):
         self._now = time
         if self._conversation is not None:
             self._conversation.close()
-        self._conversation = self._persevere()
+        self._conversation = self._repeat()
         self._take(next(self._conversation))
 
     def handle(self, frame: can.Message, time: float) -> None:
@@ -226,7 +226,7 @@ class Device(ABC, Generic[Sample]):
             for frame in step.frames:
                 self.bus.send(frame, self._now)
 
-    def _persevere(self) -> Conversation:
+    def _repeat(self) -> Conversation:
         """Repeats the conversation, with growing pauses while it fails."""
         while True:
             try:

@@ -33,7 +33,7 @@ class HandJoints:
         """The order in a finalized plant that holds the hand."""
         joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
         moving = [joint for joint in joints if joint.num_positions() > 0]
-        # What hangs on a finger by a joint of its own may stand between the hand's in the plant.
+        # Joints of bodies that are attached to a finger may be between the hand's joints in the plant.
         q = plant.GetPositionsFromArray(hand.model_instance, np.arange(float(plant.num_positions()))).tolist()
         v = plant.GetVelocitiesFromArray(hand.model_instance, np.arange(float(plant.num_velocities()))).tolist()
         actuators = plant.GetJointActuatorIndices(hand.model_instance)

@@ -28,7 +28,7 @@ _PALM = ["time", "x", "y", "z", "qw", "qx", "qy", "qz"]
 def known_signals(scenario: Scenario) -> dict[str, Signal]:
     """Reads the signals of the scenario's `senses.joints`, `palm` and `prior`, by the names of the station's ports.
 
-    Joints and palm hold from row to row; in a gap of a file they are not known.
+    Joint positions and the palm's pose hold from row to row, and are unknown in gaps of a file.
 
     Raises:
         InvalidInputError: if the joint positions come through a port, a joint's name is unknown, or a position is

@@ -135,7 +135,7 @@ def _messages(run: RecordedRun) -> Iterator[_Message]:
                 frame = _POSES_IN[name] or hand.palm
                 stamped = {"header": header(time, frame), "pose": ros_pose(value)}
                 yield _Message(time, f"/{name}", "geometry_msgs/PoseStamped", stamped)
-    said: dict[str, Any] = {}  # the last hypotheses, by prefix
+    said: dict[str, Any] = {}  # the last written hypotheses, by prefix
     for line in run.estimates:
         time = float(line["time"])
         for text in ("status", "sense_status", "tracked_status"):

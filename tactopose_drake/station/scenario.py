@@ -83,7 +83,7 @@ class GraspCheck:
     least_force: float = 1.0  # N
     most_speed: float = 0.001  # of the object's origin in the palm, m/s
     most_angular_speed: float = 0.02  # rad/s
-    most_slip: float = 0.015  # motion of the object's origin in the palm since its release, m; turns about it are free
+    most_slip: float = 0.015  # largest motion of the object's origin in the palm since its release, m; rotation is free
     attempts: int = 5  # planned grasps that are tried, best first
 
 

@@ -83,7 +83,7 @@ class FingertipWeight(CollectableSystem):
     def _now(self, context: Context) -> dict[str, FloatArray]:
         X_WP = eval_input(self._palm, context, RigidTransform) if self._palm.HasValue(context) else None
         if X_WP is not None and not np.isfinite(X_WP.GetAsMatrix34()).all():
-            # As everywhere, one NaN says that the palm's pose is not known, and nothing of its orientation then counts.
+            # As for all poses, a NaN means that the whole pose is unknown, including its orientation.
             return {finger: np.full(6, np.nan) for finger in self._fingers}
         weights: FingertipWeights = self._weights.Eval(context)
         return weights.wrenches(self._positions.Eval(context), None if X_WP is None else X_WP.rotation())

@@ -62,7 +62,7 @@ def set_motor_gains(plant: MultibodyPlant, hand: Hand, params: GripControllerPar
 
 
 def _arm(joint: Joint) -> float:
-    """What motion of a joint counts as a radian."""
+    """The motion of a joint that counts as a radian."""
     return SLIDING_ARM if isinstance(joint, PrismaticJoint) else 1.0
 
 

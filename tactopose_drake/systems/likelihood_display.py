@@ -24,7 +24,7 @@ class LikelihoodDisplayParams:
 
     period: float = 1.0 / 8.0  # s between two frames
     path: str = "/tactopose_identity"  # of all parts in Meshcat's tree
-    aim_camera: bool = False  # once, at the bars when a simulation is initialized: where nothing else is looked at
+    aim_camera: bool = False  # whether to aim the camera at the bars once, when a simulation is initialized
 
     def validate(self) -> None:
         """Raises InvalidInputError if the period is not positive."""

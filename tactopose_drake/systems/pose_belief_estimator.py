@@ -204,7 +204,7 @@ class PoseBeliefEstimator(CollectableSystem):
                 self._tracker.start(before.time), history=before.history, vision=vision, X_WP=before.X_WP
             )
         seen = frame.vision
-        # The spread of vision is that of the object's middle, wherever its origin is.
+        # Vision's covariance is about the object's middle, wherever its origin is.
         if seen is not None and not _may_be_touched(self._model, seen.X_PO, seen.covariance, frame):
             frame = dataclasses.replace(frame, vision=None)
             remarks = ("vision is not believed: it is out of reach of the touch", *remarks)

@@ -104,7 +104,7 @@ class SignalRecorder:
         """
         self.signals: dict[str, Signal] = {}
         self._last: dict[str, str] = {}
-        self._kinds: dict[str, list[Value]] = {}  # of each signal a value that is known
+        self._kinds: dict[str, list[Value]] = {}  # a known value of each signal
         self._time = -math.inf
         self.file = None if path is None else LineFile(path)
 
@@ -182,7 +182,7 @@ def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
 
 
 def _as_value(name: str, value: Value) -> Value:
-    """A value that can be kept, a vector as a copy of its own."""
+    """Checks a value; returns it, or a copy of a vector."""
     if value is None or isinstance(value, PosePrior | RigidTransform):
         return value
     if not isinstance(value, np.ndarray | list | tuple):
@@ -238,7 +238,7 @@ def _finite(value: Any) -> float:
 
 
 def _number(value: Any) -> float:
-    """A time, or a number of a pose."""
+    """Checks a time, or a number of a pose."""
     if abs(number := _finite(value)) > _LARGEST:
         raise ValueError(f"{shown(value)} is beyond {_LARGEST:g}")
     return number

@@ -107,7 +107,7 @@ class TactileArray(CollectableSystem):
         frame = read_cells(pressure, noise, self._pad.model)
         reading, status = frame.pressure, frame.status
         if self._has_point_contact(results):
-            # Which cells it presses on is not known: zero would say that nothing is there.
+            # It is unknown which cells it presses on; zero would mean no contact.
             felt = pressure > 0.0
             reading = np.where(felt, reading, np.nan)
             status = f"{status}; {POINT_CONTACT}" if felt.any() else POINT_CONTACT

@@ -16,8 +16,8 @@ from tactopose_drake.systems.ports import eval_optional_input
 from tactopose_drake.visualization.meshcat import check_meshcat, look_at
 from tactopose_drake.visualization.wrench_spaces import draw_wrench_space
 
-_SEEN = 10.0  # N, from one side to the other, that the camera sees where it is aimed
-_FROM = np.array([0.6, 0.3, 0.2])  # direction to it
+_SEEN = 10.0  # width of the camera's view, N
+_FROM = np.array([0.6, 0.3, 0.2])  # direction to the camera
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -28,7 +28,7 @@ class WrenchSpaceDisplayParams:
     path: str = "/tactopose_wrenches"  # of all parts in Meshcat's tree
     scale: float = 0.1  # length of 1 N, m
     place: list[float] = dataclasses.field(default_factory=lambda: [0.0, 0.0, 0.3])  # of the origin in the world, m
-    aim_camera: bool = False  # once, at the place when a simulation is initialized: where nothing else is looked at
+    aim_camera: bool = False  # whether to aim the camera at `place` once, when a simulation is initialized
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""

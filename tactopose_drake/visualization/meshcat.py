@@ -113,6 +113,6 @@ def set_stage(meshcat: Meshcat, target: FloatArray, size: float, direction: Floa
 
 
 def look_at(meshcat: Meshcat, target: FloatArray, size: float, direction: FloatArray) -> None:
-    """Points Meshcat's camera; the arguments are those of `set_stage`."""
+    """Points Meshcat's camera at a target; the arguments are those of `set_stage`."""
     distance = 0.5 * size / np.tan(0.5 * _FIELD_OF_VIEW)
     meshcat.SetCameraPose(target + distance * direction / np.linalg.norm(direction), target)

@@ -34,19 +34,19 @@ class RemoteMeshcat:
         Raises:
             InvalidInputError: if the URL is invalid, or no meshcat-server answers there.
         """
-        self._line = _Line(url)
+        self._connection = _Connection(url)
         self._client = _client()
-        self._visualizer = self._client.Visualizer(window=self._line)
+        self._visualizer = self._client.Visualizer(window=self._connection)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._line.close()
+        self._connection.close()
 
     def web_url(self) -> str:
         """The URL for a web browser."""
-        return self._line.web_url
+        return self._connection.web_url
 
     def Delete(self, path: str) -> None:
         """Deletes the path and all below it."""
@@ -88,7 +88,7 @@ def _client() -> ModuleType:
         return importlib.import_module("meshcat")
 
 
-class _Line:
+class _Connection:
     """The connection to a server; the one of the package `meshcat` would wait for an answer forever."""
 
     def __init__(self, url: str) -> None:
