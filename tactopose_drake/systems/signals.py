@@ -135,7 +135,7 @@ class SignalRecorder:
         try:
             _check_like(value, known)
         except ValueError as error:
-            raise InvalidInputError(f"value of {name!r}: {error}; allowed are such as before, and None.") from None
+            raise InvalidInputError(f"value of {name!r}: {error}; allowed are values like these, and None.") from None
         text = json.dumps(_encode(value), allow_nan=False)
         if self._last.get(name) == text:
             return
@@ -216,7 +216,7 @@ def _check_like(value: Value, others: list[Value]) -> None:
     """Raises ValueError if a value's type or shape differs from the signal's earlier values; None fits any signal."""
     other = next((known for known in reversed(others) if known is not None), None)
     if value is not None and other is not None and (type(value), np.shape(value)) != (type(other), np.shape(other)):
-        raise ValueError("its value differs in kind or length from the signal's earlier ones")
+        raise ValueError("it differs in kind or length from the signal's others")
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -118,7 +118,7 @@ def test_bad_parameters_and_inputs_are_named(models: list[ObjectModel]) -> None:
         simulator.AdvanceTo(0.1)
     with pytest.raises(InvalidInputError, match="period: is -1"):
         LikelihoodDisplay(RecordingMeshcat(), models, params=LikelihoodDisplayParams(period=-1.0))
-    with pytest.raises(InvalidInputError, match="models: there are 0"):
+    with pytest.raises(InvalidInputError, match="models: is empty"):
         LikelihoodDisplay(RecordingMeshcat(), [])
     with pytest.raises(InvalidInputError, match=r"^meshcat: is a NoneType; allowed are a Meshcat"):
         LikelihoodDisplay(None, models)
