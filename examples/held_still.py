@@ -58,7 +58,8 @@ def change(model: tp.ObjectModel, first: tp.PoseEstimate, other: tp.PoseEstimate
 
 def run_trial(model: tp.ObjectModel, count: int, has_prior: bool, seed: int) -> tuple[Change, Change]:
     """Touches the object; returns the changes by moved contacts and by another seed."""
-    felt = touch(model, seed, argparse.Namespace(noise=1.0, contacts=count, spread=False), has_prior)
+    usual = argparse.Namespace(noise=1.0, contacts=count, spread=False, without_normals=False)
+    felt = touch(model, seed, usual, has_prior)
     answers = [
         tp.estimate_pose(model, contacts, prior=felt.prior, seed=of_search)
         for contacts, of_search in ((felt.contacts, 0), (moved(felt.contacts, felt.generator), 0), (felt.contacts, 1))
