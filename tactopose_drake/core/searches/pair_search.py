@@ -93,6 +93,9 @@ _ON_THE_WAY = Stage(refinement=_FURTHER_STEPS, kept=20, worth=20.0, apart=1.0)
 # So few measured numbers, three for a contact with its normal and one for a point alone, leave many poses that explain
 # them, most without a prior: more are followed.
 _FEW_NUMBERS, _MANY_ON_THE_WAY = 12, dataclasses.replace(_ON_THE_WAY, kept=80)
+# So do contacts that all lie within this share of the object's size of their middle, which fit it in many places, and
+# those of which only few are known about as well as the best: the others, so many times as uncertain, decide little.
+_CLOSE_TOGETHER, _MUCH_ROUGHER = 0.15, 4.0
 # A descent may get stuck at a kink of the field; it is restarted from the best poses.
 _AGAIN = dataclasses.replace(_ON_THE_WAY, kept=3)
 # To convergence: a pose still on its way down a valley would count as a mode of its own.
@@ -147,7 +150,7 @@ class PairSearch(Search):
     def of(cls, model: ObjectModel, contacts: Contacts) -> "PairSearch":
         """The search for these contacts; wider if they are few, or have no normals to determine the spin."""
         search = cls(model=model, contacts=contacts)
-        if len(contacts.p_PC) * (1 if contacts.n_PC is None else 3) <= _FEW_NUMBERS:
+        if _tell_as_little_as_few(contacts, model.size):
             search = dataclasses.replace(search, stages=global_stages(320, 160), on_the_way=_MANY_ON_THE_WAY)
         return search if contacts.n_PC is not None else search.widened()
 
@@ -271,3 +274,13 @@ class PairSearch(Search):
         X_PO = found.X_PO[:count]
         hessian = believed.normal_equations(X_PO).hessian if found.hessian is None else found.hessian[:count]
         return X_PO.take(one_of_each(X_PO, hessian + space.information, _NO_SYMMETRY, stage.apart, stage.kept), axis=0)
+
+
+def _tell_as_little_as_few(contacts: Contacts, size: float) -> bool:
+    """Whether there are few contacts, few that are precise, or all of them lie in a small region of the object."""
+    sigma = np.asarray(contacts.sigma_position)
+    precise = np.count_nonzero(sigma <= _MUCH_ROUGHER * sigma.min(initial=np.inf))
+    if precise * (1 if contacts.n_PC is None else 3) <= _FEW_NUMBERS:
+        return True
+    from_middle = np.linalg.norm(contacts.p_PC - contacts.p_PC.mean(axis=0), axis=1)
+    return bool(from_middle.max() < _CLOSE_TOGETHER * size)

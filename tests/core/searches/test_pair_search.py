@@ -294,3 +294,18 @@ def test_more_poses_are_followed_where_few_numbers_are_measured(blob: ObjectMode
             search, usual = PairSearch.of(blob, told), PairSearch(model=blob, contacts=told)
             assert (search.on_the_way.kept > usual.on_the_way.kept) == is_wide
             assert (search.stages[0].kept > usual.stages[0].kept) == is_wide
+
+
+def test_contacts_that_tell_as_little_as_few_are_searched_as_widely() -> None:
+    model = ObjectModel.from_mesh(model_path("objects", "mug.obj"))
+    few, usual, close = (touch_surface(model, np.eye(3, 4), count, np.random.default_rng(0)) for count in (4, 6, 6))
+    middle = close.p_PC.mean(axis=0)
+    close = Contacts(middle + 0.2 * (close.p_PC - middle), close.n_PC)
+    two_precise = Contacts(usual.p_PC, usual.n_PC, sigma_position=[0.001, 0.001, 0.01, 0.01, 0.01, 0.01])
+    wide = PairSearch.of(model, few)
+    for contacts in (close, two_precise):
+        chosen = PairSearch.of(model, contacts)
+        assert (chosen.stages, chosen.on_the_way) == (wide.stages, wide.on_the_way)
+    assert PairSearch.of(model, usual) == PairSearch(model=model, contacts=usual)
+    alike = Contacts(usual.p_PC, usual.n_PC, sigma_position=[0.001, 0.001, 0.002, 0.003, 0.003, 0.004])
+    assert PairSearch.of(model, alike) == PairSearch(model=model, contacts=alike)
