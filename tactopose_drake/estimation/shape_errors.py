@@ -7,6 +7,9 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
+# Up to this standard deviation of a point, m, the surface beside it counts as the same if no covariance is told.
+_SMALL_SIGMA = 0.001
+
 
 def with_shape_errors(model: ObjectModel, contacts: Contacts) -> Contacts:
     """The contacts with the object's shape errors added to their noise.
@@ -16,18 +19,26 @@ def with_shape_errors(model: ObjectModel, contacts: Contacts) -> Contacts:
     root mean square over the surface is used.
 
     A contact that is displaced *along* the surface is compared with another place, whose height and normal differ. If
-    the contacts have covariances, these differences are added, too, as `Unevenness` gives them.
+    the contacts have covariances, these differences are added, too, as `Unevenness` gives them. Of a `sigma_position`
+    they are added for what exceeds a millimetre: a normal known to a degree does not tell the surface's normal to a
+    degree if its point is only known to five millimetres.
 
     Args:
         model: the object, with its `surface_sigma` and `scale_sigma`.
         contacts: contacts whose noise contains only the hand's errors.
     """
-    if not len(contacts) or (contacts.covariance is None and model.surface_sigma == model.scale_sigma == 0.0):
+    is_exact = contacts.covariance is None and model.surface_sigma == model.scale_sigma == 0.0
+    if not len(contacts) or (is_exact and np.max(contacts.sigma_position) <= _SMALL_SIGMA):
         return contacts
     outward, tangential = (model.scale_sigma * lever for lever in model.growth)
     variance = model.surface_sigma**2 + outward**2
     if contacts.covariance is None:
-        return contacts.with_arrays(sigma_position=np.sqrt(np.square(contacts.sigma_position) + variance))
+        squared, turned = np.square(contacts.sigma_position), np.square(contacts.sigma_normal)
+        along = np.sqrt(np.maximum(squared - _SMALL_SIGMA**2, 0.0))
+        if along.any():
+            height, turn = model.unevenness.variances(along)
+            squared, turned = squared + height, turned + turn
+        return contacts.with_arrays(sigma_position=np.sqrt(squared + variance), sigma_normal=np.sqrt(turned))
     n_PC = np.zeros((0, 3)) if contacts.n_PC is None else contacts.n_PC
     covariance, along = contacts.covariance.copy(), np.empty(len(contacts))
     fill_tangential(covariance, n_PC, along)

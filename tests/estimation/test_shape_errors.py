@@ -24,9 +24,9 @@ def ball() -> tp.ObjectModel:
 
 
 def test_a_ball_of_another_size_is_off_by_its_radius(ball: tp.ObjectModel) -> None:
-    contacts = tp.Contacts(P, N, sigma_position=0.002)
+    contacts = tp.Contacts(P, N, sigma_position=0.001)
     wider = with_shape_errors(ball, contacts)
-    np.testing.assert_allclose(wider.sigma_position, math.sqrt(0.002**2 + 0.001**2 + 0.002**2), rtol=1e-3)
+    np.testing.assert_allclose(wider.sigma_position, math.sqrt(0.001**2 + 0.001**2 + 0.002**2), rtol=1e-3)
     np.testing.assert_array_equal(wider.sigma_normal, contacts.sigma_normal)
 
 
@@ -48,6 +48,14 @@ def test_a_point_off_along_a_ball_may_have_touched_where_it_is_turned(ball: tp.O
     covariance[:, 3:, 3:] = 1e-8 * np.eye(3)
     wider = with_shape_errors(tp.ObjectModel.from_sphere(0.05), tp.Contacts(P, N, covariance=covariance))
     np.testing.assert_allclose(wider.sigma_normal, 0.004 / 0.05, rtol=0.15)
+
+
+def test_the_normal_of_a_point_known_to_millimetres_is_of_another_place() -> None:
+    ball = tp.ObjectModel.from_sphere(0.05)
+    wider = with_shape_errors(ball, tp.Contacts(P, N, sigma_position=[0.0009, 0.005], sigma_normal=0.01))
+    np.testing.assert_allclose(wider.sigma_normal, [0.01, math.hypot(0.01, math.sqrt(24e-6) / 0.05)], rtol=0.1)
+    assert wider.sigma_position[0] == 0.0009
+    assert 0.005 < wider.sigma_position[1] < 0.0055
 
 
 def test_an_object_of_another_size_has_its_places_elsewhere_along_the_surface_too() -> None:
