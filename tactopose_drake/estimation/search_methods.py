@@ -27,7 +27,8 @@ _PARTICLES_OF_PADS, _POPULATION_OF_PADS = 75_000, 3_750
 def _pair_search(model: ObjectModel, evidence: Evidence) -> PairSearch:
     if evidence.felt:
         return patch_search(model, evidence.felt, evidence.contacts)
-    return PairSearch.of(model, evidence.contacts)
+    search = PairSearch.of(model, evidence.contacts)
+    return search.of_one_contact() if evidence.planes and len(evidence.contacts) == 1 else search
 
 
 def _monte_carlo(model: ObjectModel, evidence: Evidence) -> MonteCarlo:

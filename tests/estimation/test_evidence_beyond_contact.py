@@ -10,6 +10,7 @@ import tactopose_drake as tp
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, transform_points
 from tactopose_drake.core.synthetic import touch_surface, touch_with_pads
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.resources import model_path
 from tests.core.balanced_forces import balanced_forces
 from tests.displaced_poses import random_pose
 
@@ -180,6 +181,17 @@ def test_a_table_tells_how_far_a_rod_has_slid() -> None:
     lower = tp.PlaneContact(table.p_PQ - [0.0, 0.0, 0.03], table.n_P, 0.0005)
     moved = tp.estimate_pose(rod, contacts, planes=[lower]).best.X_PO.translation()
     assert moved[2] == pytest.approx(slid - 0.03, abs=0.0015)
+
+
+def test_one_contact_and_a_plane_leave_many_poses() -> None:
+    model = tp.ObjectModel.from_mesh(model_path("objects", "screwdriver.obj"))
+    for seed in range(3):
+        generator = np.random.default_rng(seed)
+        R_PO = random_rotations(generator, 1)
+        contact = touch_surface(model, make_poses(R_PO, np.zeros((1, 3)))[0], 1, generator)
+        lowest = np.array([0.0, 0.0, (model.hull_vertices @ R_PO[0, 2]).min()])
+        estimate = tp.estimate_pose(model, contact, planes=[tp.PlaneContact(lowest, [0.0, 0.0, 1.0])])
+        assert len(estimate) > 20
 
 
 def test_a_pose_that_pads_keep_off_a_plane_explains_no_touch(can: tp.ObjectModel) -> None:

@@ -154,6 +154,17 @@ class PairSearch(Search):
             search = dataclasses.replace(search, stages=global_stages(320, 160), on_the_way=_MANY_ON_THE_WAY)
         return search if contacts.n_PC is not None else search.widened()
 
+    def of_one_contact(self) -> "PairSearch":
+        """The search where one contact and planes are known: no pair proposes poses, so that more random ones start."""
+        return dataclasses.replace(
+            self,
+            start=dataclasses.replace(self.start, samples=1000),
+            stages=global_stages(640, 320),
+            on_the_way=dataclasses.replace(self.on_the_way, kept=160),
+            near_start=dataclasses.replace(self.near_start, samples=200, fewest=200, kept=200),
+            near_stages=near_stages(kept=80),
+        )
+
     def widened(self) -> "PairSearch":
         """The search with four times as many start poses near a prior."""
         return dataclasses.replace(
@@ -216,8 +227,8 @@ class PairSearch(Search):
         if is_near(space):
             start, quick, stages = self.near_start, believed.quick, self.near_stages
         else:
-            start, quick, stages = self.start, believed, self.stages
-            if not believed.is_touch:
+            start, quick, stages = self.start, believed.quick, self.stages
+            if quick is believed and not believed.is_touch:
                 quick = SurfaceContact(self.model.grid, self.contacts)
         if start.kept is not None and len(X_PO) > start.kept:
             X_PO = X_PO.take(believed.cost(X_PO).argsort(kind="stable")[: start.kept], axis=0)

@@ -31,6 +31,10 @@ from tactopose_drake.errors import InvalidInputError
 # that size too, and yielding skin may leave the object that deep.
 _TOUCHING = 2.0
 
+# Fewer contacts than this leave whole families of poses, which planes narrow: the search then descends by planes from
+# the first step on. Otherwise nearly all poses would still be far from the planes when most of them are dropped.
+_FEW_CONTACTS = 3
+
 # Tolerance for symmetries to keep the centre of mass in place, as a share of the object's size.
 _SAME_CENTER = 1e-3
 
@@ -107,8 +111,9 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
             pad_mixture = PatchMixture(model, evidence.felt, evidence.outlier_probability)
     if evidence.balance is not None:
         terms.append(_balance_term(model, evidence))
-    if evidence.planes:
-        terms.append(PlaneSupport(model, evidence.planes))
+    planes = PlaneSupport(model, evidence.planes) if evidence.planes else None
+    if planes is not None:
+        terms.append(planes)
     determining = _sum(terms)
     bounding, hand = _bounding_terms(model, evidence), _hand_term(model, evidence)
     if hand is not None:
@@ -119,8 +124,14 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
     if known is None or prior is None:
         space: PoseSpace = TouchSpace(model, evidence.touch)
         objective = likelihood
+        if planes is not None and len(evidence.touch) < _FEW_CONTACTS:
+            by_contacts = SurfaceContact(model.grid, evidence.touch) if pads else touch
+            objective = SumObjective([*terms, *bounding], quick=SumObjective([by_contacts, planes]))
     else:
-        space, quick = PriorSpace(prior), ContactSum(touch, known)
+        space = PriorSpace(prior)
+        quick: LeastSquaresObjective = ContactSum(touch, known)
+        if planes is not None and len(evidence.touch) < _FEW_CONTACTS:
+            quick = SumObjective([quick, planes])
         bounding.append(known)
         objective = quick
         if is_compiled and hand is not None:
