@@ -26,7 +26,8 @@ _PARTICLES_OF_PADS, _POPULATION_OF_PADS = 75_000, 3_750
 
 def _pair_search(model: ObjectModel, evidence: Evidence) -> PairSearch:
     if evidence.felt:
-        return patch_search(model, evidence.felt, evidence.contacts)
+        search = patch_search(model, evidence.felt, evidence.contacts)
+        return search.of_one_contact() if len(evidence.touch) == 1 else search
     search = PairSearch.of(model, evidence.contacts)
     return search.of_one_contact() if evidence.planes and len(evidence.contacts) == 1 else search
 

@@ -210,6 +210,12 @@ def test_every_global_method_takes_patches(model: tp.ObjectModel, method: str) -
     assert errors(estimate, X_PO)[1] < 0.5 * before
 
 
+def test_one_pad_leaves_many_poses(model: tp.ObjectModel) -> None:
+    for seed in range(2):
+        pads = touch_with_pads(model, np.eye(3, 4), 1, np.random.default_rng(seed))
+        assert len(tp.estimate_pose(model, NOTHING, patches=pads)) > 20
+
+
 def test_three_touches_and_no_fewer_may_tell_the_pose_of_a_ball() -> None:
     ball = tp.ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=4, radius=0.03))
     patches = touch_with_pads(ball, np.eye(3, 4), 3, np.random.default_rng(0))

@@ -155,7 +155,7 @@ class PairSearch(Search):
         return search if contacts.n_PC is not None else search.widened()
 
     def of_one_contact(self) -> "PairSearch":
-        """The search where one contact and planes are known: no pair proposes poses, so that more random ones start."""
+        """The search where a single pad is felt, or a contact beside planes: no pair proposes poses, more are drawn."""
         return dataclasses.replace(
             self,
             start=dataclasses.replace(self.start, samples=1000),
