@@ -133,3 +133,13 @@ def test_contacts_that_must_be_as_told_and_fit_nowhere_are_not_explained() -> No
         statuses.append(tp.estimate_pose(model, nonsense, outlier_probability=0.0).status)
     assert all(estimate.status != "no_solution" and estimate.noise_scale < 2.0 for estimate in told)
     assert statuses.count("no_solution") >= 7
+
+
+def test_what_only_the_prior_says_is_as_sure_as_the_prior(blob: tp.ObjectModel) -> None:
+    """Contacts say nothing of where an object is within ten micrometres."""
+    contacts = touch_surface(blob, np.eye(3, 4), 5, np.random.default_rng(0))
+    prior = tp.PosePrior(np.eye(3, 4), sigma_translation=1e-5, sigma_rotation=1e-4)
+    best = tp.estimate_pose(blob, contacts, prior=prior).best
+    variances = np.linalg.eigvalsh(best.covariance / np.outer(prior.sigmas, prior.sigmas))
+    assert variances.min() > 0.65
+    assert variances.max() < 1.5
