@@ -52,6 +52,18 @@ def test_what_is_known_is_said_to_be_and_what_is_not_is_not(models: dict[str, Ob
     assert without.unknown > 0.9
 
 
+@pytest.mark.parametrize(("sigma_position", "sigma_normal", "least"), [(1e-4, 0.5, 0.9), (0.005, 20.0, 0.05)])
+def test_how_precise_a_touch_is_counts(
+    models: dict[str, ObjectModel], sigma_position: float, sigma_normal: float, least: float
+) -> None:
+    """A precise touch tells an unknown object; a rough one is no proof that a known object is none."""
+    noise = {"sigma_position": sigma_position, "sigma_normal": math.radians(sigma_normal)}
+    for name in ("block", "can"):
+        contacts = touch_surface(models[name], np.eye(3, 4), 8, np.random.default_rng(1), **noise)
+        assert tp.identify(list(models.values()), contacts).unknown < 0.9
+        assert tp.identify(others(models, name), contacts).unknown > least
+
+
 def test_the_only_known_object_may_not_be_it(models: dict[str, ObjectModel]) -> None:
     contacts = touch(models["block"], 2, 8)
     assert tp.identify([models["block"]], contacts).unknown < 0.1

@@ -130,7 +130,7 @@ def test_an_object_that_is_like_the_best_is_never_ruled_out() -> None:
 
 
 def test_a_touch_that_measures_no_more_than_a_pose_is_not_expected_to_tell() -> None:
-    params = UnknownObjectParams(trust=0.0, lookalikes=1e-9)
+    params = UnknownObjectParams(trust=0.0, lookalikes=1e-9, surplus_of_noise=0.0)
     two, three = (unknown_probability([0.0], 1, some_touch(count), 0.5, params) for count in (2, 3))
     assert two == pytest.approx(0.5)
     assert three == pytest.approx(1.0 / (1.0 + math.exp(-3.0 * params.least_surplus)))
