@@ -8,11 +8,13 @@ import pytest
 import trimesh
 
 import tactopose_drake as tp
+from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract, transform_points
 from tactopose_drake.core.posterior.hypotheses import determined_part
+from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.synthetic.synthetic_patch import flat_pad, touch_with_pads
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
-from tactopose_drake.estimation.search_methods import GLOBAL_METHODS
+from tactopose_drake.estimation.search_methods import GLOBAL_METHODS, METHODS
 from tests.core.meshes import shape_poor_in_symmetry
 
 ALPHA = 1e-7
@@ -211,9 +213,12 @@ def test_every_global_method_takes_patches(model: tp.ObjectModel, method: str) -
 
 
 def test_one_pad_leaves_many_poses(model: tp.ObjectModel) -> None:
-    for seed in range(2):
-        pads = touch_with_pads(model, np.eye(3, 4), 1, np.random.default_rng(seed))
-        assert len(tp.estimate_pose(model, NOTHING, patches=pads)) > 20
+    one, two = (touch_with_pads(model, np.eye(3, 4), count, np.random.default_rng(0)) for count in (1, 2))
+    wide, usual = (METHODS["pair_search"](model, Evidence(NOTHING, patches=pads)) for pads in (one, two))
+    assert isinstance(wide, PairSearch)
+    assert isinstance(usual, PairSearch)
+    assert wide.start.samples >= 4 * usual.start.samples
+    assert wide.on_the_way.kept > usual.on_the_way.kept
 
 
 def test_three_touches_and_no_fewer_may_tell_the_pose_of_a_ball() -> None:
