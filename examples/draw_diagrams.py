@@ -186,8 +186,9 @@ def draw_control_stack(plan: GraspPlan) -> str:
     fingers = tuple(station.hand.sensor_frames)
     systems, edges = opened(station.diagram, "pose_tracking")
     sensors = [f"sensor_{finger}" for finger in fingers]
+    touch = ["contact_solver", "fingertip_inertia", "contacts_in_palm"]
     groups = {
-        "Sensing": [*sensors, "joint_positions", "vision", "palm_pose", "contact_solver", "contacts_in_palm"],
+        "Sensing": [*sensors, "joint_positions", "vision", "palm_pose", *touch],
         "Prediction": ["fingertip_velocities"],
         "Update": ["hand_volume", "pose_belief"],
         "Decision": ["place_task", "grasp_controller", "arm_controller"],

@@ -14,6 +14,8 @@ from .depth_camera import DepthNoise as DepthNoise
 from .depth_camera import depth_of as depth_of
 from .depth_tracker import DepthTracker as DepthTracker
 from .depth_tracker import DepthTrackerParams as DepthTrackerParams
+from .fingertip_inertia import FingertipInertia as FingertipInertia
+from .fingertip_inertia import FingertipInertiaParams as FingertipInertiaParams
 from .fingertip_velocities import FingertipVelocities as FingertipVelocities
 from .fingertip_weight import FingertipWeight as FingertipWeight
 from .force_torque_sensor import ForceTorqueSensor as ForceTorqueSensor

@@ -20,6 +20,8 @@ from tactopose_drake.systems.collectable_system import CollectableSystem, declar
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 from tactopose_drake.systems.ports import eval_named
 
+_ACCELERATED = "its own acceleration explains the force"
+
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class ContactsInPalmParams:
@@ -54,6 +56,7 @@ class ContactsInPalm(CollectableSystem):
         input_ports:
         - joint_positions
         - contact_solutions
+        - inertial_forces
         output_ports:
         - contacts
         - fingers_in_contact
@@ -63,11 +66,13 @@ class ContactsInPalm(CollectableSystem):
     - joint_positions: measured positions of the hand's joints, shape (nq,) of the hand's own plant, rad; NaN where
       unknown. A finger that is moved by an unknown joint, or by one far beyond its limits, gives no contact.
     - contact_solutions: dict of `ContactSolution` by finger.
-    - contacts: `Contacts` in P of the fingers whose solution is valid, with normals and forces; changes with either
-      input. Normals point out of the object, opposite to the fingertip's own.
+    - inertial_forces: dict of arrays by finger, see `FingertipInertia`. A force no larger than the component of one of
+      these along it is no contact. May stay unconnected.
+    - contacts: `Contacts` in P of the fingers whose solution is valid, with normals and forces; changes with the
+      inputs. Normals point out of the object, opposite to the fingertip's own.
     - fingers_in_contact: tuple of the fingers' names, in the order of the rows of `contacts`.
     - fingers_untouched: tuple of the names of the fingers whose sensor says that nothing touches them. A finger without
-      a reading, or with a wrench that no single contact explains, is in neither tuple.
+      a reading, or with a wrench that its acceleration or no single contact explains, is in neither tuple.
     - status: str, "ok", or each finger that gives no contact and why.
     """
 
@@ -94,13 +99,14 @@ class ContactsInPalm(CollectableSystem):
         self._sensor_frames = dict(sensor_frames)
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
         self._solutions = self.DeclareAbstractInputPort("contact_solutions", AbstractValue.Make({}))
+        self._inertial = self.DeclareAbstractInputPort("inertial_forces", AbstractValue.Make({}))
         self._kinematics = declare_kinematics(self, plant, palm_frame, self._positions)
         self._touch = declare_cache(
             self,
             "contacts in the palm",
             lambda: AbstractValue.Make(None),
             self._calc_touch,
-            {self._kinematics.ticket(), self._solutions.ticket()},
+            {self._kinematics.ticket(), self._solutions.ticket(), self._inertial.ticket()},
         )
         empty = _Touch(Contacts.empty(), (), (), "")
         for name in (field.name for field in dataclasses.fields(_Touch)):
@@ -113,9 +119,9 @@ class ContactsInPalm(CollectableSystem):
         self.DeclareAbstractOutputPort(name, model.Clone, calc, prerequisites_of_calc={self._touch.ticket()})
 
     def _calc_touch(self, context: Context, cached: AbstractValue) -> None:
-        solutions = eval_named(self._solutions, context, ContactSolution)
         kinematics = self._kinematics.Eval(context)
         X_PS = kinematics.poses(self._sensor_frames)
+        solutions = self._read_solutions(context, X_PS)
         fingers = tuple(finger for finger in X_PS if finger in solutions and solutions[finger].valid)
         p_PC, n_PC, f_PC = _move([X_PS[finger] for finger in fingers], [solutions[finger] for finger in fingers])
         covariance = None
@@ -137,6 +143,17 @@ class ContactsInPalm(CollectableSystem):
         }
         status = "; ".join(f"{finger}: {reason}" for finger, reason in reasons.items() if reason) or "ok"
         cached.set_value(_Touch(contacts, fingers, untouched, status))
+
+    def _read_solutions(self, context: Context, X_PS: Mapping[str, RigidTransform]) -> dict[str, ContactSolution]:
+        """The solutions; those whose force the finger's own acceleration explains are not valid."""
+        solutions = dict(eval_named(self._solutions, context, ContactSolution))
+        forces = eval_named(self._inertial, context, np.ndarray) if self._inertial.HasValue(context) else {}
+        for finger in X_PS.keys() & solutions.keys() & forces.keys():
+            solution = solutions[finger]
+            f_P = X_PS[finger].rotation() @ (solution.normal_force + solution.friction_force)
+            if solution.valid and f_P @ f_P <= np.max(forces[finger] @ f_P):
+                solutions[finger] = dataclasses.replace(solution, valid=False, reason=_ACCELERATED)
+        return solutions
 
 
 def _move(X_PS: list[RigidTransform], solutions: list[ContactSolution]) -> FloatArray:

@@ -54,8 +54,10 @@ class ObjectTracker:
         self.context = self.diagram.CreateDefaultContext()
         self._joints = NamedJoints(*make_hand_plant(hand))
         self.joint_names = self._joints.names
-        parts = ["pose_belief"] if params.refinement is None else ["pose_belief", "offset_refiner"]
-        self._advancing = [self.diagram.GetSubsystemByName(name) for name in parts]
+        parts = ["pose_belief", "offset_refiner", "fingertip_inertia"]  # in the order of their updates
+        self._advancing = [
+            self.diagram.GetSubsystemByName(name) for name in parts if self.diagram.HasSubsystemNamed(name)
+        ]
         ports = [self.diagram.get_input_port(index) for index in range(self.diagram.num_input_ports())]
         self._sizes = {
             kind: {port.get_name()[len(kind) + 1 :]: port.size() for port in ports if port.get_name().startswith(kind)}

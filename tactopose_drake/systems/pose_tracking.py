@@ -13,6 +13,7 @@ from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.systems.belief_inputs import pad_source
+from tactopose_drake.systems.fingertip_inertia import FingertipInertia, FingertipInertiaParams
 from tactopose_drake.systems.fingertip_velocities import FingertipVelocities
 from tactopose_drake.systems.joint_offset_refiner import JointOffsetRefiner
 from tactopose_drake.systems.live_pose_belief_estimator import LivePoseBeliefEstimator
@@ -26,6 +27,8 @@ class PoseTrackingParams(TouchParams):
     """The parameters of each part."""
 
     belief: PoseBeliefParams = dataclasses.field(default_factory=PoseBeliefParams)
+    # Which forces count as inertial forces of the fingertips, and not as a touch.
+    inertia: FingertipInertiaParams = dataclasses.field(default_factory=FingertipInertiaParams)
     use_joint_velocities: bool = True  # whether the object is taken to move with the fingertips; else with the palm
     live: bool = False  # whether the belief is computed in a thread of its own, for hardware; not repeatable
     # Online refinement of the encoders' offsets by fingertips with a force-torque sensor; None: no refinement.
@@ -36,7 +39,7 @@ class PoseTrackingParams(TouchParams):
         TouchParams.validate(self)
         for name in ("use_joint_velocities", "live"):
             flag(f"PoseTrackingParams.{name}", getattr(self, name))
-        check_parts(self, belief=PoseBeliefParams)
+        check_parts(self, belief=PoseBeliefParams, inertia=FingertipInertiaParams)
         if self.refinement is not None:
             check_parts(self, refinement=OffsetRefinementParams)
 
@@ -90,6 +93,8 @@ def AddPoseTracking(
       may stay unconnected.
     - vision, palm_pose, and the outputs up to belief: see `PoseBeliefEstimator`.
     - joint_offsets, joint_offset_sigmas: see `JointOffsetRefiner`; only with `refinement`.
+    - contacts, fingers_in_contact: without fingers whose own acceleration explains the force, see `FingertipInertia`;
+      contact_solutions still has these.
 
     Args:
         builder: receives the diagram.
@@ -126,6 +131,11 @@ def MakePoseTracking(hand: HandConfig, model: ObjectModel, params: PoseTrackingP
         refining = JointOffsetRefiner(plant, parts, hand.uncertainty or HandUncertainty(), model, params.refinement)
         refiner = _add_refiner(builder, refining, belief)
     tips = [_add_velocities(builder, plant, parts, belief)] if params.use_joint_velocities else []
+    if parts.sensor_frames:
+        inertia = FingertipInertia(plant, parts, params.inertia, params.belief.period)
+        tips.append(builder.AddNamedSystem("fingertip_inertia", inertia))
+        if params.use_joint_velocities:
+            builder.ConnectInput("joint_velocities", inertia.GetInputPort("joint_velocities"))
     add_touch(builder, plant, parts, params, belief, refiner, tips, collision)
     for port in ("prior", "planes", "vision", "palm_pose"):
         builder.ExportInput(belief.GetInputPort(port), port)

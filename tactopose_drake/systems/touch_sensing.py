@@ -68,7 +68,7 @@ def add_touch(
         params: parameters of each part.
         estimator: its inputs are connected to the outputs of the same names.
         refiner: a `JointOffsetRefiner` that corrects the joint positions; None: they are used as measured.
-        others: further systems with an input `joint_positions`.
+        others: further systems with an input `joint_positions`; one with an output `inertial_forces` gives those.
         collision: a checker that has already read the hand's shapes from its file; None: they are read here.
     """
     solver = _add_solver(builder, hand, params)
@@ -78,6 +78,9 @@ def add_touch(
         "contacts_in_palm", ContactsInPalm(plant, hand.sensor_frames, hand.palm_frame, params.contacts, errors)
     )
     builder.Connect(solver.GetOutputPort("contact_solutions"), contacts.GetInputPort("contact_solutions"))
+    for system in others:
+        if system.HasOutputPort("inertial_forces"):
+            builder.Connect(system.GetOutputPort("inertial_forces"), contacts.GetInputPort("inertial_forces"))
     posed: list[LeafSystem] = [contacts]
     touch = {name: contacts.GetOutputPort(name) for name in ("contacts", "fingers_in_contact")}
     touch["contact_status"] = contacts.GetOutputPort("status")

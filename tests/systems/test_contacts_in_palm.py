@@ -181,3 +181,22 @@ def test_a_hand_that_errs_in_nothing_knows_its_contacts_to_a_hundredth_of_a_mill
     system.GetInputPort("contact_solutions").FixValue(context, AbstractValue.Make({finger: solution}))
     contacts = system.GetOutputPort("contacts").Eval(context)
     np.testing.assert_allclose(contacts.covariance[0], np.diag(np.repeat([1e-5**2, 1e-3**2], 3)), atol=1e-16)
+
+
+@pytest.mark.parametrize(("share", "is_contact"), [(0.0, True), (-2.0, True), (0.9, True), (1.1, False), (3.0, False)])
+def test_a_force_that_the_own_acceleration_explains_is_no_contact_and_the_finger_is_not_known_to_be_untouched(
+    share: float, is_contact: bool
+) -> None:
+    system, context = make_system({"first": contact(0.1), "thumb": contact(2.0)})
+    assert system.GetOutputPort("fingers_in_contact").Eval(context) == FINGERS
+    f_PC = system.GetOutputPort("contacts").Eval(context).f_PC
+    across = np.cross(f_PC[0], [1.0, 0.0, 0.0])  # which explains nothing of it
+    forces = {"first": np.array([across, share * f_PC[0] + across]), "thumb": np.array([f_PC[0], f_PC[0]])}
+    system.GetInputPort("inertial_forces").FixValue(context, AbstractValue.Make(forces))
+    contacts, fingers, status = read(system, context)
+    assert fingers == (FINGERS if is_contact else FINGERS[1:])
+    assert status == ("ok" if is_contact else "first: its own acceleration explains the force")
+    assert len(contacts) == len(fingers)
+    assert system.GetOutputPort("fingers_untouched").Eval(context) == ()
+    # What the solver says of it stays as it is.
+    assert system.GetInputPort("contact_solutions").Eval(context)["first"].valid
