@@ -1,13 +1,14 @@
-"""What evidence beyond the touch is worth: the same simulated grasps, estimated without a guess from more and more.
+"""The value of evidence beyond the contacts: simulated grasps, estimated without a prior from more and more evidence.
 
     python examples/thesis/beyond_contact.py --trials 100 --seed 0
 
-Five fingertips, with the noise of section 4.3.1 of the thesis (0.9 mm, 5 degrees; read as in `grasp_trials.py`), and
-0.05 N on each component of each force. First with normals, as force-torque sensors in fingertips give them; then by
-points alone, as of sensors that tell no more than where they are touched. All rows of a table see the same noise.
+Five fingertips touch, with the noise of section 4.3.1 of the thesis (0.9 mm, 5 degrees; interpreted as in
+`grasp_trials.py`), and 0.05 N on each component of each force. The first table uses contact normals, as force-torque
+sensors in fingertips give them. The second one uses contact points alone, as from sensors that only localise a contact.
+All rows of a table use the same noise.
 
 The hand's volume is that of its collision geometry at the true joint angles. Mass and friction are those of the
-simulation; the object is held by the fingertips alone, as the balance of forces supposes.
+simulation. The object is held by the fingertips alone, as the balance of forces assumes.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, sections 4.3.1 and 6.4.
 """
@@ -35,13 +36,22 @@ from tactopose_drake.station import Scenario
 
 NOISE = Noise(0.0009, math.radians(5.0))
 SIGMA_FORCE = 0.05  # N
-# Drake's mean, 2 a b / (a + b), of the fingertips' coefficient and the object's.
+# Drake's combination, 2 a b / (a + b), of the fingertips' and the object's coefficient.
 FRICTION = {"bust": 0.9, "wine_glass": 2 * 0.9 * 0.8 / (0.9 + 0.8)}
 ROWS = ((), ("hand",), ("friction",), ("balance",), ("hand", "balance"), ("hand", "friction", "balance"))
 
 
 class Outcome(NamedTuple):
-    """One estimate: is its best pose within the limits, is any, how probable are those, errors (m, rad), CPU time."""
+    """The result of one estimate.
+
+    Attributes:
+        success: whether its best pose is within the limits of a success.
+        found: whether any of its hypotheses is.
+        said: total probability of the hypotheses within the limits.
+        translation: error of the best pose, m.
+        rotation: error of the best pose, rad.
+        seconds: CPU time.
+    """
 
     success: bool
     found: bool
@@ -52,14 +62,14 @@ class Outcome(NamedTuple):
 
 
 def make_model(scenario: Scenario) -> tp.ObjectModel:
-    """The object with the simulation's mass."""
+    """The model of the object with the simulation's mass."""
     mass = ET.parse(scenario.object_sdf()).findtext(".//mass")
     assert mass is not None
     return tp.ObjectModel.from_mesh(scenario.object_mesh(), mass=float(mass))
 
 
 def gravity(scenario: Scenario) -> tp.ForceBalance:
-    """Which way is down for the scenario's palm."""
+    """Gravity in the palm frame of the scenario's hand."""
     plant, hand = make_hand_plant(load_hand_config(scenario.hand))
     X_BaseP = hand.palm_frame.CalcPoseInWorld(plant.CreateDefaultContext())
     R_WP = scenario.X_WBase.GetDeterministicValue().rotation() @ X_BaseP.rotation()
@@ -67,7 +77,7 @@ def gravity(scenario: Scenario) -> tp.ForceBalance:
 
 
 def touch(grasp: SimulatedGrasp, seed: tuple[int, int], has_normals: bool) -> tp.Contacts:
-    """The noisy contacts of a grasp, with their forces."""
+    """The contacts of a grasp with noise, and their forces."""
     unit = np.random.default_rng(seed).normal(size=(3, *grasp.p_PC.shape))
     n_PC = np.einsum("kij,kj->ki", exp_so3(NOISE.normal * unit[1]), grasp.n_PC)
     return tp.Contacts(
@@ -81,7 +91,7 @@ def touch(grasp: SimulatedGrasp, seed: tuple[int, int], has_normals: bool) -> tp
 
 
 def run(model: tp.ObjectModel, contacts: tp.Contacts, evidence: dict[str, Any], X_PO: np.ndarray) -> Outcome:
-    """One estimate, and how far it ends from the true pose (3, 4)."""
+    """Makes one estimate, and compares it with the true pose (3, 4)."""
     started = time.process_time()
     estimate = tp.estimate_pose(model, contacts, **evidence)
     seconds = time.process_time() - started
@@ -99,7 +109,7 @@ def run(model: tp.ObjectModel, contacts: tp.Contacts, evidence: dict[str, Any], 
 
 
 def study(name: str, grasps: Sequence[SimulatedGrasp], seed: int, has_normals: bool) -> dict[str, list[Outcome]]:
-    """The outcomes of each row on all grasps."""
+    """The outcomes of each row for all grasps."""
     scenario = make_scenario(name)
     model, balance = make_model(scenario), gravity(scenario)
     outcomes: dict[str, list[Outcome]] = {" + ".join(row) or "contacts alone": [] for row in ROWS}
@@ -113,7 +123,7 @@ def study(name: str, grasps: Sequence[SimulatedGrasp], seed: int, has_normals: b
 
 
 def make_table(title: str, outcomes: dict[str, list[Outcome]]) -> Table:
-    """A line for each kind of evidence."""
+    """A table with a row for each combination of evidence."""
     table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("besides", no_wrap=True)
     for heading in ("success, %", "found, %", "said, %", "mm", "deg", "ms"):
@@ -128,7 +138,7 @@ def make_table(title: str, outcomes: dict[str, list[Outcome]]) -> Table:
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--trials", type=click.IntRange(min=1), default=100, show_default=True, help="Grasps of each object.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the noise.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise.")
 def main(trials: int, seed: int) -> None:
     """Prints a table for each object, with normals and without."""
     console = Console()

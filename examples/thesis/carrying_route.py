@@ -1,4 +1,4 @@
-"""The way of an arm that carries what its hand holds from place to place, and rests at each."""
+"""The motion of an arm that carries the held object from place to place, and rests at each."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,11 @@ from tactopose_drake.systems import CollectableSystem
 
 Array = NDArray[np.float64]
 
-REST = 1.0  # at each place, s
+REST = 1.0  # time at each place, s
 
 
 class Route(CollectableSystem):
-    """Takes the arm from place to place once the hand holds; rests at each."""
+    """Moves the arm from place to place once the hand holds the object, with a rest at each place."""
 
     def __init__(self, motions: list[PiecewisePolynomial]) -> None:
         super().__init__()
@@ -29,7 +29,7 @@ class Route(CollectableSystem):
 
     @property
     def duration(self) -> float:
-        """From the beginning to the end of the last rest, s."""
+        """Time from the beginning to the end of the last rest, s."""
         return float(self._ends[-1])
 
     def _update(self, context: Context, state: State) -> EventStatus:
@@ -39,7 +39,7 @@ class Route(CollectableSystem):
         return EventStatus.Succeeded()
 
     def _now(self, context: Context) -> tuple[PiecewisePolynomial, float]:
-        """The motion at this time, and the time in it."""
+        """The current motion, and the time within it."""
         passed = max(0.0, context.get_time() - context.get_abstract_state(self._start).get_value())
         i = min(int(np.searchsorted(self._ends, passed)), len(self._motions) - 1)
         return self._motions[i], passed - (self._ends[i - 1] if i else 0.0)
@@ -50,13 +50,13 @@ class Route(CollectableSystem):
         output.SetFromVector(np.concatenate([motion.value(at)[:, 0], motion.EvalDerivative(at, 1)[:, 0]]))
 
     def _calc_rested(self, context: Context, output: BasicVector) -> None:
-        """How long the arm has rested at a place, s."""
+        """Outputs for how long the arm has rested at a place, s."""
         motion, passed = self._now(context)
         output.SetFromVector([max(0.0, passed - motion.end_time())])
 
 
 def plan_route(parts: ArmParts, setup: ArmSetup, places: Array) -> list[PiecewisePolynomial]:
-    """Motions through the places, the thumb up throughout."""
+    """Motions through the places, with the thumb up throughout."""
     X_FP = parts.plant.CalcRelativeTransform(
         parts.plant.CreateDefaultContext(), parts.arm.flange, parts.hand.palm_frame
     )

@@ -1,9 +1,10 @@
-"""The methods of table 3.1: the thesis' two local searches on its objective, and `tp.estimate_pose` as by default.
+"""The methods of table 3.1: the thesis' two local searches on its objective, and `tp.estimate_pose` with its defaults.
 
-What the thesis says is done as it says: seven parameters (quaternion and translation) that move the contacts, forward
-differences, each contact against its 50 nearest points of a point cloud, at most 200 iterations, Levenberg-Marquardt
-with pseudo-inverse and tenfold damping rule. It does not name its accuracies and the step of its gradient descent:
-here a search also stops where it gets no further, and the step adapts.
+The thesis' methods are implemented as described there: seven parameters (quaternion and translation) that move the
+contacts, forward differences, each contact compared with its 50 nearest points of a point cloud, at most 200
+iterations, and Levenberg-Marquardt with pseudo-inverse and a damping factor of ten. The thesis states neither its
+termination tolerances nor the step size of its gradient descent. Here, a search also stops if it makes no more
+progress, and the step size is adapted.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, chapter 3.
 """
@@ -36,13 +37,13 @@ Array = NDArray[np.float64]
 NORMAL_WEIGHT = 20e-4  # w_n, m^2: the thesis' 20 cm^2
 
 GD, LM, OURS = "Gradient descent", "Levenberg-Marquardt", "tp.estimate_pose"
-Row = tuple[str, str]  # method, what it looks at
+Row = tuple[str, str]  # method, evidence that it uses
 OUR_ROWS: tuple[Row, Row] = ((OURS, "distance"), (OURS, "distance, normals"))
 THESIS_ROWS: tuple[Row, ...] = ((GD, "w_n = 0"), (GD, "w_n = 20"), (LM, "w_n = 0"), (LM, "w_n = 20"))
 
 
 class Outcome(NamedTuple):
-    """Where a method ended: the pose (3, 4), its iterations, and the seconds it took."""
+    """The result of a method: the pose (3, 4), the number of iterations, and the time in seconds."""
 
     X_PO: Array
     iterations: float
@@ -53,7 +54,7 @@ Solver = Callable[[Shape, Trial], Outcome]
 
 
 def thesis_solver(search: Search, normal_weight: float) -> Solver:
-    """A search of the thesis on the objective of the thesis."""
+    """One of the thesis' searches on the thesis' objective."""
 
     def solve(shape: Shape, trial: Trial) -> Outcome:
         started = time.perf_counter()
@@ -66,7 +67,7 @@ def thesis_solver(search: Search, normal_weight: float) -> Solver:
 
 
 def our_solver(with_normals: bool) -> Solver:
-    """`tp.estimate_pose` as it is called by default."""
+    """`tp.estimate_pose` with its default arguments."""
 
     def solve(shape: Shape, trial: Trial) -> Outcome:
         contacts = trial.contacts if with_normals else dataclasses.replace(trial.contacts, n_PC=None)
@@ -78,9 +79,9 @@ def our_solver(with_normals: bool) -> Solver:
 
 
 def count_iterations(model: tp.ObjectModel, contacts: tp.Contacts, prior: tp.PosePrior) -> float:
-    """Steps on the way to the best pose: what the estimate does not tell, the search by itself does.
+    """Number of iterations to the best pose, counted by running the search alone, as the estimate does not state it.
 
-    Many poses step side by side; this counts as one, as it is one after the other that takes iterations.
+    Many poses are refined at once; an iteration of all of them counts as one, because only successive iterations count.
     """
     evidence = Evidence(contacts, prior)
     problem, search = make_problem(model, evidence), METHODS["pair_search"](model, evidence)
@@ -89,9 +90,9 @@ def count_iterations(model: tp.ObjectModel, contacts: tp.Contacts, prior: tp.Pos
 
 def make_solvers() -> dict[Row, Solver]:
     """A solver for each row but the first."""
-    # In the thesis' units, a quaternion and centimetres: lambda is the same for all seven.
+    # In the thesis' units, quaternion and centimetres, lambda is the same for all seven parameters.
     descent = GradientDescent(max_iterations=200, tolerance=1e-6, length=0.01, parameters=QuaternionParameters())
-    # The tolerance, in m^4, is the cost of a single contact 0.4 mm from its nearest point.
+    # The tolerance, in m^4, is the cost of a single contact at 0.4 mm from its nearest point.
     marquardt = LevenbergMarquardt(
         max_iterations=200,
         tolerance=1e-14,

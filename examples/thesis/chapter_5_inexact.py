@@ -1,20 +1,20 @@
-"""Chapter 5 of the thesis with a hand that is not as its files say: tables 5.2 and 5.3 and figure 5.11 once more.
+"""Chapter 5 of the thesis with a hand whose files are inexact: tables 5.2 and 5.3 and figure 5.11 repeated.
 
     python examples/thesis/chapter_5_inexact.py --trials 20 --hands 40 --search-trials 3 --seed 0 --out out
 
-Prints the tables and what they say; writes them as Markdown (chapter_5_inexact.md) with a figure
+Prints the tables and a summary, and writes them as Markdown (chapter_5_inexact.md) with a figure
 (chapter_5_inexact.png). The grips are those of `pad_grasps.py`, kept in the cache folder.
 
-The thesis matches covariances, rather than distances, on a real Barrett hand, whose joints and arrays are not exactly
-where one believes them. The other scripts' hand errs in nothing, and there distances win. Here each trial draws a hand
-(see `inexact_hand.py`) that is off by up to 4 mm, 4 deg, or both, one standard deviation, and every objective believes
-the hand's files. Ours comes twice: with what it assumes of any hand (0.9 mm and 5 deg of each array, always the same),
-and told how far such hands are off: a covariance of each array's place, through its finger's Jacobian, as
-`uncertainty:` of a hand's file declares it.
+The thesis compares covariances, rather than distances, on a real Barrett hand, whose joints and arrays are not exactly
+where its model has them. In the other scripts the hand has no errors, and there distances give the better results.
+Here, each trial draws a hand (see `inexact_hand.py`) whose errors have a standard deviation of up to 4 mm, 4 deg, or
+both, while every objective uses the hand's files as they are. Our objective is evaluated twice: with the default
+assumptions on any hand (0.9 mm and 5 deg for each array, always the same), and with the actual standard deviations, as
+a covariance of each array's pose through its finger's Jacobian, as `uncertainty:` in a hand's file declares it.
 
-Corrections are table 5.3's, by the same searches from as displaced poses. Searches are table 5.2's, each of the trials
-with a hand of its own. The turns are figure 5.11's: at which turn about the vertical each cost is least, over drawn
-hands.
+Corrections are those of table 5.3, by the same searches from displaced poses of the same distribution. Searches are
+those of table 5.2, with another hand in each trial. For figure 5.11, the rotation about the vertical at which each cost
+is least is computed over the drawn hands.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, sections 5.2.5 and 5.3.
 """
@@ -41,7 +41,7 @@ LEVELS = (
 )
 SEARCH_LEVELS = (Level(0, 0), Level(2, 2), Level(4, 4))
 COLORS = {PCA: "tab:orange", DISTANCE: "tab:green", OURS: "tab:cyan", TOLD: "tab:blue"}
-CLEAR = 2.0  # standard errors of a paired difference, from which on one objective is called better
+CLEAR = 2.0  # standard errors of a paired difference, above which one objective is called better
 
 Corrections = dict[Level, dict[str, LevelTrials]]
 Turns = dict[Level, dict[str, Array]]
@@ -49,7 +49,7 @@ Costs = dict[Level, dict[tuple[str, str], Outcome]]
 
 
 class Results(NamedTuple):
-    """All three experiments."""
+    """The results of all three experiments."""
 
     corrections: Corrections
     turns: Turns
@@ -67,7 +67,7 @@ def search_costs(grasps: dict[str, PadGrasp], level: Level, trials: int, seed: i
 
 
 def run_all(grasps: dict[str, PadGrasp], trials: int, hands: int, search_trials: int, seed: int) -> Results:
-    """Every level's corrections, turns and searches."""
+    """Runs the corrections, rotations and searches of every level."""
     return Results(
         {level: run_level(grasps, level, trials, (seed, 0, i)) for i, level in enumerate(LEVELS)},
         {level: least_turns(grasps[GRIP], level, hands, (seed, 1, i)) for i, level in enumerate(LEVELS)},
@@ -76,7 +76,7 @@ def run_all(grasps: dict[str, PadGrasp], trials: int, hands: int, search_trials:
 
 
 def compare(one: LevelTrials, other: LevelTrials) -> Array:
-    """By how many standard errors one's errors are below another's, trial by trial, for mm and deg, shape (2,)."""
+    """The mean paired difference, other minus one, for mm and deg, in standard errors, shape (2,)."""
     difference = (other.error - one.error).reshape(-1, 2)
     spread: Array = difference.std(axis=0, ddof=1) / np.sqrt(len(difference))
     below: Array = difference.mean(axis=0) / np.maximum(spread, 1e-12)
@@ -84,12 +84,12 @@ def compare(one: LevelTrials, other: LevelTrials) -> Array:
 
 
 def names(levels: list[Level]) -> str:
-    """Levels in words."""
+    """The levels as text."""
     return "; ".join(map(str, levels)) or "none"
 
 
 def verdicts(results: Results) -> list[str]:
-    """What the tables say."""
+    """The results in sentences."""
     lines = []
     for i, unit in enumerate(("mm", "deg")):
         below = {level: compare(found[PCA], found[DISTANCE])[i] for level, found in results.corrections.items()}
@@ -130,7 +130,7 @@ def verdicts(results: Results) -> list[str]:
 
 
 def markdown(results: Results, counts: tuple[int, int, int], seed: int) -> str:
-    """The tables and the verdicts."""
+    """The tables and the verdicts as Markdown."""
     trials, hands, search_trials = counts
     lines = [
         f"# Chapter 5 with an inexact hand, {trials} trials of each of {len(GRIPS)} grips a level, seed {seed}",
@@ -162,7 +162,7 @@ def markdown(results: Results, counts: tuple[int, int, int], seed: int) -> str:
 
 
 def plot_errors(axes: Axes, results: Corrections, column: int) -> None:
-    """Mean errors against the levels, with standard errors."""
+    """Plots mean errors against the levels, with standard errors."""
     for shift, method in zip((-0.15, -0.05, 0.05, 0.15), METHODS, strict=True):
         errors = np.array([found[method].error[..., column].ravel() for found in results.values()])
         places = np.arange(len(errors)) + shift
@@ -175,7 +175,7 @@ def plot_errors(axes: Axes, results: Corrections, column: int) -> None:
 
 
 def plot_turns(axes: Axes, turns: dict[str, Array], level: Level) -> None:
-    """How far from the truth the least costs of figure 5.11 lie, over the hands."""
+    """Plots a histogram, over the hands, of the rotation of least cost of figure 5.11 relative to the truth."""
     for method, values in turns.items():
         share = np.arange(1, len(values) + 1) / len(values)
         axes.step(np.sort(np.abs(values)), share, where="post", color=COLORS[method], label=method)
@@ -190,7 +190,7 @@ def plot_turns(axes: Axes, turns: dict[str, Array], level: Level) -> None:
 
 
 def plot(results: Results, path: Path) -> None:
-    """Errors by level above, turns below."""
+    """Plots the errors by level above, and the rotations below."""
     figure = Figure(figsize=(14, 9), layout="constrained")
     above, below = figure.subplots(2, 2)
     for column, axes in enumerate(above):
@@ -202,13 +202,21 @@ def plot(results: Results, path: Path) -> None:
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--trials", type=click.IntRange(min=2), default=20, show_default=True, help="Of each grip and level.")
-@click.option("--hands", type=click.IntRange(min=1), default=40, show_default=True, help="Of figure 5.11, a level.")
-@click.option("--search-trials", type=click.IntRange(min=0), default=3, show_default=True, help="Of table 5.2.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of hands and displacements.")
+@click.option(
+    "--trials", type=click.IntRange(min=2), default=20, show_default=True, help="Trials of each grip and level."
+)
+@click.option(
+    "--hands", type=click.IntRange(min=1), default=40, show_default=True, help="Hands a level for figure 5.11."
+)
+@click.option(
+    "--search-trials", type=click.IntRange(min=0), default=3, show_default=True, help="Hands a grip for table 5.2."
+)
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of hands and displacements."
+)
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the tables and the figure here.")
 def main(trials: int, hands: int, search_trials: int, seed: int, out: Path | None) -> None:
-    """Chapter 5 of the thesis with a hand that is not as its files say."""
+    """Chapter 5 of the thesis with a hand whose files are inexact."""
     grasps = {name: load_pad_grasp(name, grip) for name, grip in GRIPS.items()}
     results = run_all(grasps, trials, hands, search_trials, seed)
     text = markdown(results, (trials, hands, search_trials), seed)

@@ -1,9 +1,9 @@
-"""The cube and the cylinder of the thesis' chapter 3, their exact contacts, and first guesses that are displaced.
+"""The cube and the cylinder of the thesis' chapter 3, their exact contacts, and displaced initial poses.
 
-As there, a trial has four exact contacts, chosen among the points of the cloud that the searches look at. The thesis
-does not say how large the objects are and how far they are displaced: the numbers below make the 'Initial' rows of its
-table 3.1 come out. One distribution of displacements does so for both objects if the cube turns about one of its
-corners.
+As in the thesis, a trial has four exact contacts, chosen from the point cloud that the searches use. The thesis does
+not state the sizes of the objects or the distribution of the displacements: the numbers below reproduce the 'Initial'
+rows of its table 3.1. A single distribution of displacements does so for both objects if the cube is rotated about one
+of its corners.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, chapter 3.
 """
@@ -20,8 +20,8 @@ from scipy.spatial.distance import cdist
 import tactopose_drake as tp
 from tactopose_drake.core.poses import retract
 
-SIGMA_ROTATION = math.radians(7.25)  # of the displacement about each axis
-SIGMA_TRANSLATION = 0.002  # m, along each axis
+SIGMA_ROTATION = math.radians(7.25)  # standard deviation of the displacement about each axis
+SIGMA_TRANSLATION = 0.002  # m, standard deviation along each axis
 CONTACTS = 4
 # What the exact contacts claim to be, for the likelihood of `tp.estimate_pose`: about what its grid resolves.
 SIGMA_POSITION, SIGMA_NORMAL = 1e-4, math.radians(2.0)
@@ -33,7 +33,7 @@ class Shape:
 
     Attributes:
         model: the object.
-        touchable: which of its samples may be touched, shape (n,): those at least some way from every edge.
+        touchable: which of its samples may be touched, shape (n,): those with some distance from every edge.
     """
 
     model: tp.ObjectModel
@@ -42,7 +42,7 @@ class Shape:
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """Four exact contacts with the object at X_PO = 1, and a displaced first guess."""
+    """Four exact contacts with the object at X_PO = 1, and a displaced initial pose."""
 
     contacts: tp.Contacts
     prior: tp.PosePrior
@@ -59,7 +59,7 @@ def make_shapes() -> dict[str, Shape]:
 
 
 def make_shape(mesh: trimesh.Trimesh, name: str, margin: float) -> Shape:
-    """A shape that is touched at least `margin` (m) away from its edges, as a fingertip would."""
+    """A shape that is touched at a distance of at least `margin` (m) from its edges, as by a fingertip."""
     model = tp.ObjectModel.from_mesh(mesh, name=name, cache=False)
     points, normals = model.samples.points, model.samples.normals
     beyond_an_edge = normals @ normals.T < math.cos(math.radians(60))
@@ -68,7 +68,7 @@ def make_shape(mesh: trimesh.Trimesh, name: str, margin: float) -> Shape:
 
 
 def make_trial(shape: Shape, generator: np.random.Generator) -> Trial:
-    """Four random contacts, exact, and the displaced pose, which is all that is known beforehand."""
+    """Draws four exact contacts and the displaced pose, which is all prior knowledge."""
     touched = generator.choice(shape.touchable, CONTACTS, replace=False)
     samples = shape.model.samples
     contacts = tp.Contacts(

@@ -1,4 +1,4 @@
-"""Runs the experiments of `pose_experiments.py`, on as many processes as wanted, and goes on where a run was ended."""
+"""Runs the experiments of `pose_experiments.py` on several processes, and continues interrupted runs."""
 
 import contextlib
 import dataclasses
@@ -36,7 +36,7 @@ import tactopose_drake as tp
 
 
 class Task(NamedTuple):
-    """One method on the trial of one grasp in one cell."""
+    """One method applied to the trial of one grasp in one cell."""
 
     grasp: int
     cell: Cell
@@ -45,13 +45,13 @@ class Task(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Bench:
-    """What the trials of an experiment are made of.
+    """The inputs of an experiment's trials.
 
     Attributes:
-        experiment: which one.
-        model: of its object.
-        grasps: of its object; each gives one trial to each cell.
-        seed: of the noise, the displacements and the fingers that are left out.
+        experiment: the experiment.
+        model: the model of its object.
+        grasps: the grasps of its object; each gives one trial in each cell.
+        seed: seed of the noise, the displacements and the choice of fingers that are left out.
     """
 
     experiment: Experiment
@@ -65,19 +65,19 @@ class Bench:
         return make_trial(name, self.grasps[grasp], cell.fingers, cell.noise, (self.seed, grasp), guess)
 
     def rehearse(self, methods: Sequence[str]) -> None:
-        """Calls each method before it is timed: the first calls compile, or load what is compiled."""
-        # The thesis' search is only fast about a guess.
+        """Calls each method once before it is timed, because the first call compiles, or loads what is compiled."""
+        # The thesis' search is fast only around a prior.
         near = make_trial(self.experiment.object, self.grasps[0], 5, LEVELS[0], (self.seed, 0), True)
         for method in methods:
             for trial in (self.trial(0, cell) for cell in CELLS) if method in OUR_METHODS else (near,):
                 find_poses(self.model, trial, method)
 
     def run(self, task: Task) -> Numbers:
-        """What came of a task; see `run_trial`."""
+        """The result of a task; see `run_trial`."""
         return tuple(map(float, run_trial(self.model, self.trial(task.grasp, task.cell), task.method)))
 
     def key(self, task: Task) -> Key:
-        """What a journal calls a task."""
+        """The key of a task in the journal."""
         return {
             "experiment": self.experiment.name,
             "seed": self.seed,
@@ -93,13 +93,13 @@ def run_experiment(
 ) -> Results:
     """Runs an experiment.
 
-    An interrupt (Ctrl-C) lets the thesis' searches, which take hours, end with the grasp that they are at.
+    After an interrupt (Ctrl-C), the thesis' searches, which take hours, stop after the current grasp.
 
     Args:
-        bench: its trials.
-        counts: how many of the trials of each cell each method runs on, unless interrupted.
-        journal: has the trials that need not be run again, and gets those that are run.
-        jobs: processes that run trials at the same time.
+        bench: the inputs of its trials.
+        counts: number of trials of each cell on which each method runs, unless interrupted.
+        journal: has the trials that need not be run again, and receives those that are run.
+        jobs: number of processes that run trials in parallel.
     """
     journal = TrialJournal() if journal is None else journal
     with Progress(console=Console(stderr=True), transient=True) as progress, noted_interrupts() as interrupts:
@@ -132,7 +132,7 @@ def run_experiment(
 
 @contextlib.contextmanager
 def noted_interrupts() -> Iterator[list[int]]:
-    """The interrupts since it was entered; a second one ends the program as usual."""
+    """Collects the interrupts since it was entered; a second one ends the program as usual."""
     seen: list[int] = []
 
     def note(signal_number: int, _: FrameType | None) -> None:
@@ -148,7 +148,7 @@ def noted_interrupts() -> Iterator[list[int]]:
 
 
 def _run_all(bench: Bench, methods: Sequence[str], tasks: Iterator[Task], jobs: int) -> Iterator[tuple[Task, Numbers]]:
-    """The tasks and what came of them, in their order. A task is taken only when a process is free for it soon."""
+    """The tasks and their results, in order. A task is taken only when a process will soon be free for it."""
     if jobs == 1:
         bench.rehearse(methods)
         for task in tasks:
@@ -166,9 +166,9 @@ def _run_all(bench: Bench, methods: Sequence[str], tasks: Iterator[Task], jobs: 
 
 
 def _take(bench: Bench, methods: Sequence[str]) -> None:
-    """Makes the bench this process' own."""
+    """Stores the bench in this process."""
     global _taken
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # The first process notes it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # The main process handles it.
     _taken = bench
     bench.rehearse(methods)
 
@@ -181,7 +181,7 @@ _taken: Bench
 
 
 def _first_trials(bench: Bench, cell: Cell, method: str, count: int, journal: TrialJournal) -> list[Numbers]:
-    """Those of the first `count` trials of a method in a cell, up to the first that a method or cell has not run."""
+    """The trials of the first `count` of a method in a cell, up to the first one that a method or cell has not run."""
     keys = [[bench.key(Task(grasp, each, method)) for each in CELLS] for grasp in range(count)]
     complete = itertools.takewhile(lambda row: all(key in journal for key in row), keys)
     return [journal[row[CELLS.index(cell)]] for row in complete]

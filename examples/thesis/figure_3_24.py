@@ -1,17 +1,17 @@
-"""Figure 3.24 of the thesis: vision of a held object that an arm carries about, alone and corrected by touch.
+"""Figure 3.24 of the thesis: vision of a held object that an arm carries, alone and corrected by touch.
 
-python examples/thesis/figure_3_24.py --out out/figure_3_24
+    python examples/thesis/figure_3_24.py --out out/figure_3_24
 
-A hand holds the soda can, then the tea box, and the arm takes it to four places. A depth camera looks from the side and
-above, Drake's `RgbdSensor` with a Kinect's noise; a tracker finds the object in its images, and fits its model to the
-pixels that the hand leaves of it, ten times a second. All is done twice: with a tracker that leaves out the pixels of
-arm, hand and table, and with one that, as in [B16], does not know them from the object's ("the vision not being able to
-segment the object from the robot body"). The belief gets the tracker's poses, each with the covariance that the tracker
-states, and the fingertips' contacts a hundred times a second.
+A hand holds the soda can, then the tea box, and the arm moves it to four places. A depth camera, Drake's `RgbdSensor`
+with the noise of a Kinect, looks from the side and above. A tracker finds the object in its images, and fits the
+object's model ten times a second to the pixels that the hand does not occlude. This is done twice: with a tracker that
+excludes the pixels of arm, hand and table, and with one that, as in [B16], cannot distinguish them from the object's
+("the vision not being able to segment the object from the robot body"). The belief receives the tracker's poses, each
+with the covariance that the tracker states, and the fingertips' contacts a hundred times a second.
 
 The error is the distance of the object's base centre from the truth while the arm rests at a place, as [B16] measured
-it (section 3.3.2.3: 85.8 mm of vision, 26.6 mm corrected with the can; 80.2 mm and 20.0 mm with the tea box). A box
-that is turned by one of its symmetries is the same box.
+it (section 3.3.2.3: 85.8 mm of vision, 26.6 mm corrected with the can; 80.2 mm and 20.0 mm with the tea box). Poses of
+the box that differ by one of its symmetries count as equal.
 
 [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016.
 """
@@ -53,16 +53,16 @@ from tactopose_drake.systems import (
 Array = NDArray[np.float64]
 
 OBJECTS = {"soda_can": (85.8, 26.6), "tea_box": (80.2, 20.0)}  # mm, [B16]: vision, corrected
-TRACKERS = {"leaves out the hand": True, "takes the hand for the object": False}  # whether it knows the hand
-# Where the palm goes, in the world, m; the thumb stays up.
+TRACKERS = {"leaves out the hand": True, "takes the hand for the object": False}  # whether it excludes the hand
+# Positions of the palm in the world, m; the thumb stays up.
 PLACES = np.array([[0.75, -0.25, 0.35], [0.85, 0.05, 0.45], [0.75, 0.30, 0.40], [0.85, 0.00, 0.60]])
 CAMERA, LOOKS_AT = np.array([0.6, -0.6, 1.3]), np.array([0.85, 0.0, 0.5])  # m, in the world
-SETTLE = 0.3  # of the rest at each place, before the error counts, s
+SETTLE = 0.3  # time at the beginning of each rest during which the error is not counted, s
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Track:
-    """Base centres in the world while the object is carried, shape (n, 3) each, m; NaN where there is no pose."""
+    """Base centres in the world while the object is carried, shape (n, 3) each, m; NaN if there is no pose."""
 
     time: Array
     truth: Array
@@ -74,14 +74,14 @@ class Track:
     duration: float
 
     def errors(self, positions: Array) -> Array:
-        """Distances from the truth at the places, mm; where there is no pose it is left out."""
+        """Distances from the truth at the places, mm, without the instants that have no pose."""
         distance = 1e3 * np.linalg.norm(positions - self.truth, axis=1)[self.at_place]
         kept: Array = distance[np.isfinite(distance)]
         return kept
 
 
 def camera_pose() -> RigidTransform:
-    """X_WC: z towards what it looks at, y down."""
+    """X_WC: z points towards the target, y down."""
     forward = (LOOKS_AT - CAMERA) / np.linalg.norm(LOOKS_AT - CAMERA)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -89,15 +89,15 @@ def camera_pose() -> RigidTransform:
 
 
 def scene_instances(parts: ArmParts) -> list[ModelInstanceIndex]:
-    """What stands around, which the tracker knows: all that is neither arm nor hand nor object."""
+    """The instances that the tracker knows as scene: all models except arm, hand and object."""
     known = {parts.arm.model_instance, parts.hand.model_instance, parts.object_body.model_instance()}
     others = map(ModelInstanceIndex, range(2, parts.plant.num_model_instances()))
     return [instance for instance in others if instance not in known]
 
 
 def make_carrying_station(name: str, knows_hand: bool, seed: int, places: Array) -> tuple[ArmStation, Route]:
-    """The arm and hand, the tracker and the belief; the object is to be held."""
-    tracking = PoseTrackingParams(use_uncertainty=False)  # the hand errs in nothing, as the thesis has it
+    """A station with arm, hand, tracker and belief; the hand will hold the object."""
+    tracking = PoseTrackingParams(use_uncertainty=False)  # the hand has no errors, as in the thesis
     tracking.contacts.sigma_position, tracking.contacts.sigma_normal_deg = 0.0005, 3.0
     scenario = Scenario(object=name, seed=seed, tracking=tracking)
     model = scenario.object_model()
@@ -105,7 +105,7 @@ def make_carrying_station(name: str, knows_hand: bool, seed: int, places: Array)
     routes = []
 
     def add_decision(builder: DiagramBuilder, parts: ArmParts) -> OutputPort:
-        # Half the Kinect's resolution.
+        # Half the resolution of a Kinect.
         params = DepthTrackerParams(latency=0.1, camera=DepthCameraModel(width=320, height=240, focal_length=288.0))
         params.model.knows_hand = knows_hand
         tracker = DepthTracker(
@@ -173,7 +173,7 @@ def carry(name: str, *, knows_hand: bool = True, seed: int = 0, places: Array = 
 
 
 def _base(X_WO: RigidTransform | None, truth: RigidTransform, model: tp.ObjectModel) -> Array:
-    """The base centre, of whichever of the poses that look the same is nearest to the truth; NaN without a pose."""
+    """The base centre of the symmetric pose that is nearest to the truth; NaN without a pose."""
     if X_WO is None:
         return np.full(3, np.nan)
     alike = compose(X_WO.GetAsMatrix34()[None], model.symmetry_poses)
@@ -182,7 +182,7 @@ def _base(X_WO: RigidTransform | None, truth: RigidTransform, model: tp.ObjectMo
 
 
 def save_plot(tracks: dict[tuple[str, str], Track], path: Path) -> None:
-    """x and y of the base centre, as in the figure: a row for each object, a column for each tracker."""
+    """Plots x and y of the base centre as in the figure: a row for each object, a column for each tracker."""
     names = list(dict.fromkeys(name for name, _ in tracks))
     figure, axes = plt.subplots(
         len(names), len(TRACKERS), figsize=(12, 1 + 3.5 * len(names)), layout="constrained", squeeze=False
@@ -201,7 +201,7 @@ def save_plot(tracks: dict[tuple[str, str], Track], path: Path) -> None:
 
 
 def markdown(tracks: dict[tuple[str, str], Track], places: int, seed: int) -> str:
-    """The errors beside the thesis'."""
+    """The errors and the thesis' errors as Markdown."""
     lines = [
         f"# Figure 3.24, places: {places}, seed {seed}",
         "",
@@ -221,7 +221,7 @@ def markdown(tracks: dict[tuple[str, str], Track], places: int, seed: int) -> st
 
 
 def main() -> None:
-    """Carries both objects before both trackers, prints the errors, and saves the figure."""
+    """Carries both objects with both trackers, prints the errors, and saves the figure."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--objects", nargs="+", choices=OBJECTS, default=list(OBJECTS))
     parser.add_argument("--places", type=int, choices=range(1, len(PLACES) + 1), default=len(PLACES))

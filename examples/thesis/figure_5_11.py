@@ -1,12 +1,14 @@
-"""Figure 5.11 of the thesis again: the cost of a held bottle that is turned about the vertical.
+"""Figure 5.11 of the thesis repeated: the cost of a held bottle that is rotated about the vertical.
 
     python examples/thesis/figure_5_11.py --out out
 
-Prints where each cost is least beside what the thesis reads off its figure; writes the figure (figure_5_11.png). The
-grip is that of the lying bottle of table 5.3 (see `pad_grasps.py`), which is kept in the cache folder.
+Prints the rotation at which each cost is least, next to what the thesis reads from its figure, and writes the figure
+(figure_5_11.png). The grip is that of the lying bottle of table 5.3 (see `pad_grasps.py`), which is kept in the cache
+folder.
 
-The object is turned from its true pose by up to 57 deg either way about the palm's normal through the palm's middle,
-as the thesis does, and judged by algorithm 5.2 ("PCA"), algorithm 5.3 ("distance") and our likelihood of the cells.
+As in the thesis, the object is rotated from its true pose by up to 57 deg in both directions about the palm's normal
+through the palm's centre, and evaluated by algorithm 5.2 ("PCA"), algorithm 5.3 ("distance") and our likelihood of the
+cells.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 5.3.2.
 """
@@ -24,12 +26,12 @@ from tactopose_drake.core.poses import exp_so3, transform_points
 METHODS = (PCA, DISTANCE, OURS)
 TURNS_DEG = np.linspace(-57.0, 57.0, 229)
 SHOWN_DEG = (-57.0, -28.5, 0.0, 28.5, 57.0)
-THESIS_DEG = {PCA: 0.0, DISTANCE: 20.0}  # where the thesis' costs are least, about
+THESIS_DEG = {PCA: 0.0, DISTANCE: 20.0}  # approximate rotations at which the thesis' costs are least
 GRIP = "f) thermal bottle, lying"
 
 
 def turned_poses(grasp: PadGrasp, degrees: Array) -> Array:
-    """The true pose turned about P's z axis, shape (n, 3, 4)."""
+    """The true pose rotated about P's z axis, shape (n, 3, 4)."""
     turned: Array = exp_so3(np.radians(degrees)[:, None] * np.array([0.0, 0.0, 1.0])) @ grasp.X_PO
     return turned
 
@@ -41,7 +43,7 @@ def turned_costs(grasp: PadGrasp) -> dict[str, Array]:
 
 
 def verdicts(costs: dict[str, Array]) -> list[str]:
-    """Where each cost is least."""
+    """Sentences that state where each cost is least."""
     lines = []
     for method, cost in costs.items():
         thesis = f" (thesis: about {THESIS_DEG[method]:g} deg)" if method in THESIS_DEG else ""
@@ -50,7 +52,7 @@ def verdicts(costs: dict[str, Array]) -> list[str]:
 
 
 def plot(grasp: PadGrasp, costs: dict[str, Array], path: Path) -> None:
-    """The poses seen from above, and the costs in the same colours."""
+    """Plots the poses from above, and the costs in the same colours."""
     figure = Figure(figsize=(12, 9), layout="constrained")
     above, *below = figure.subplots(2, 2).ravel()
     colors = blue_to_red(len(TURNS_DEG))

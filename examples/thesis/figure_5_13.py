@@ -1,13 +1,14 @@
-"""Figure 5.13 of the thesis again: the pose of a gripped object by tactile arrays alone, without a guess.
+"""Figure 5.13 of the thesis repeated: the pose of a gripped object from tactile arrays alone, without a prior.
 
     python examples/thesis/figure_5_13.py --out out
 
-The thesis searches all poses around the hand for its grasp f). The search ends in two poses that touch explains; the
-distance from the cells to the surface costs "very similar" at both (0.0177 and 0.0170), the covariances tell them apart
-(0.254 and 0.103). Here the belief by the arrays of each of the six simulated grips is found without a guess. Prints,
-and writes as figure_5_13.md and .png, at which place of the hypotheses the true pose comes and what share of the belief
-it carries, and what both of the thesis' costs are there and at the most probable wrong pose. A pose is right within 10
-mm and 15 degrees of one that looks like the true one, but for what the touch leaves free.
+The thesis searches all poses around the hand for its grasp f). The search ends in two poses that explain the touch; the
+distance from the cells to the surface costs "very similar" at both (0.0177 and 0.0170), while the covariances
+distinguish them (0.254 and 0.103). Here, the belief from the arrays is computed without a prior for each of the six
+simulated grips. The script prints the rank of the true pose among the hypotheses, its share of the belief, and both of
+the thesis' costs at the true pose and at the most probable wrong pose, and writes this as figure_5_13.md and .png. A
+pose is right if it is within 10 mm and 15 degrees of the true one or of one of its symmetry images, apart from the
+directions that the touch leaves free.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 5.3.
 """
@@ -35,14 +36,13 @@ COSTS = DISTANCE, PCA
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-    """What the belief of a grip says.
+    """The belief of a grip, compared with the truth.
 
     Attributes:
-        status: of the estimate.
-        share: of the belief, of each hypothesis, the most probable first.
+        status: status of the estimate.
+        share: probability of each hypothesis, the most probable first.
         right: which of them are right.
-        costs: for each of `COSTS` at the most probable right pose and at the most probable wrong one; NaN where there
-            is none.
+        costs: each of `COSTS` at the most probable right pose and at the most probable wrong one; NaN if there is none.
     """
 
     status: str
@@ -52,14 +52,14 @@ class Found:
 
     @property
     def place(self) -> int | None:
-        """The place of the first right pose, from 1 on; None where no hypothesis is right."""
+        """The rank of the first right pose, from 1 on; None if no hypothesis is right."""
         return self.right.index(True) + 1 if any(self.right) else None
 
 
 def is_right(
     model: tp.ObjectModel, X_PO: NDArray[np.float64], free: NDArray[np.float64], truth: NDArray[np.float64]
 ) -> bool:
-    """Whether a pose (3, 4) is the true one but for free directions (f, 6)."""
+    """Whether a pose (3, 4) is the true one apart from free directions (f, 6)."""
     images = turn_toward(compose(truth[None], model.symmetry_poses), X_PO, model.symmetries)
     for off in increments_between(X_PO, images):
         u = determined_part(off, free, model.size) if len(free) else off
@@ -69,7 +69,7 @@ def is_right(
 
 
 def find(grasp: PadGrasp) -> Found:
-    """The belief by the arrays alone."""
+    """The belief from the arrays alone."""
     model = grasp.model
     estimate = tp.estimate_pose(model, tp.Contacts.empty(), patches=grasp.patches)
     poses = [hypothesis.X_PO.GetAsMatrix34() for hypothesis in estimate.hypotheses]
@@ -89,7 +89,7 @@ def find(grasp: PadGrasp) -> Found:
 
 
 def markdown(found: dict[str, Found]) -> str:
-    """The table, and whether the thesis' claim holds."""
+    """The table as Markdown, and whether the thesis' claim holds."""
     lines = [
         "# Figure 5.13: global poses by tactile arrays alone",
         "",
@@ -124,7 +124,7 @@ def markdown(found: dict[str, Found]) -> str:
 
 
 def plot(found: dict[str, Found], path: Path) -> None:
-    """The share of the belief of each hypothesis, the right ones in another colour."""
+    """Plots the share of each hypothesis, with the right ones in another colour."""
     figure = Figure(figsize=(9, 4), layout="constrained")
     axis = figure.add_subplot()
     for row, one in enumerate(found.values()):
@@ -141,7 +141,7 @@ def plot(found: dict[str, Found], path: Path) -> None:
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the table and the plot here.")
 def main(out: Path | None) -> None:
-    """Finds the poses that the arrays of six grips leave possible, without a guess."""
+    """Estimates, without a prior, the poses that agree with the arrays of six grips."""
     found = {name: find(load_pad_grasp(name, scenario)) for name, scenario in GRIPS.items()}
     text = markdown(found)
     Console().print(text, highlight=False, markup=False, soft_wrap=True)

@@ -1,16 +1,16 @@
-"""Figure 5.14 of the thesis again: a line fits a plane, if only the distance to the nearest points counts.
+"""Figure 5.14 of the thesis repeated: a line fits a plane if only the distance to the nearest points counts.
 
     python examples/thesis/figure_5_14.py --seed 0 --out out
 
-Prints the costs beside the thesis' numbers; writes the figure (figure_5_14.png).
+Prints the costs next to the thesis' numbers, and writes the figure (figure_5_14.png).
 
-The active cells of a pad are a line (an edge is touched) or an area (a face is). The object's points are a plane or a
-ridge. Each of the four pairings is fitted by ICP, from a start that is turned and shifted a little, and then judged by
-the mean squared distance from the cells to their nearest points ([B16] algorithm 5.3), which is what ICP minimises, and
-by the covariance of the points under the pad ([B16] algorithm 5.2).
+The active cells of a pad form a line (an edge is touched) or an area (a face is touched). The object's points form a
+plane or a ridge. Each of the four combinations is fitted by ICP from a slightly rotated and shifted initial pose, and
+then evaluated in two ways: by the mean squared distance from the cells to their nearest points ([B16] algorithm 5.3),
+which is what ICP minimises, and by the covariance of the points under the pad ([B16] algorithm 5.2).
 
-The thesis does not state its points, units or noise: its numbers, of the two planes, say which pairing costs less, and
-no more. Here cells and points are those of a pad 8 x 3 with a pitch of 2.5 mm, with noise of 0.2 mm.
+The thesis does not state its points, units or noise. Its numbers, for the two planes, only show which combination costs
+less. Here, cells and points are those of a pad of 8 x 3 cells with a pitch of 2.5 mm, with noise of 0.2 mm.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 5.4.
 """
@@ -38,9 +38,9 @@ Array = NDArray[np.float64]
 
 PITCH, ALPHA, DEPTH = 0.0025, 1e-7, 0.001  # of the pad: m, m/Pa, m
 THICKNESS = 0.002  # of its soft layer, m
-NOISE = 0.0002  # of each cell's depth and of each point, m
+NOISE = 0.0002  # standard deviation of each cell's depth and of each point, m
 SPACING = 0.001  # of the object's points, m
-OFF = np.array([0.1, -0.1, 0.1, 0.002, -0.002, 0.002])  # where ICP starts: rad, m
+OFF = np.array([0.1, -0.1, 0.1, 0.002, -0.002, 0.002])  # initial pose of ICP: rad, m
 CELLS, POINTS = ("line", "plane"), ("ridge", "plane")
 THESIS = {("line", "plane"): 0.0408, ("plane", "plane"): 0.0747}  # costs of ICP, in units that are not stated
 
@@ -50,10 +50,10 @@ class Fit:
     """Cells fitted to points.
 
     Attributes:
-        cells: that feel the object, where ICP has put them, shape (n, 3), m.
-        points: of the object, shape (m, 3), m.
-        distance: cost of algorithm 5.3 there, mm^2.
-        covariance: cost of algorithm 5.2 there, mm.
+        cells: positions, after ICP, of the cells that feel the object, shape (n, 3), m.
+        points: points of the object, shape (m, 3), m.
+        distance: cost of algorithm 5.3 at this pose, mm^2.
+        covariance: cost of algorithm 5.2 at this pose, mm.
     """
 
     cells: Array
@@ -63,7 +63,7 @@ class Fit:
 
 
 def touch(shape: str, generator: np.random.Generator) -> tp.Patch:
-    """A pad over z = 0 that feels a face, or, along the middle of its three columns, an edge."""
+    """A pad over z = 0 that feels a face, or an edge along the middle of its three columns."""
     cells = flat_pad(pitch=PITCH)
     pressed = np.abs(cells[:, 1]) < 0.5 * PITCH if shape == "line" else np.ones(len(cells), dtype=np.bool_)
     depth = np.where(pressed, DEPTH + NOISE * generator.normal(size=len(cells)), 0.0)
@@ -72,7 +72,7 @@ def touch(shape: str, generator: np.random.Generator) -> tp.Patch:
 
 
 def surface(shape: str, generator: np.random.Generator) -> Array:
-    """Points at z = 0, wider than the pad all round; of a ridge only those along its top."""
+    """Points at z = 0 that extend beyond the pad on all sides; for a ridge only those along its top."""
     x, y = np.arange(-0.02, 0.02, SPACING), np.arange(-0.02, 0.02, SPACING)
     points = np.array([[a, b, 0.0] for a in x for b in (y if shape == "plane" else np.linspace(-0.0005, 0.0005, 10))])
     points[:, 2] += NOISE * generator.normal(size=len(points))
@@ -80,7 +80,7 @@ def surface(shape: str, generator: np.random.Generator) -> Array:
 
 
 def icp(cells: Array, points: Array, X: Array, rounds: int = 100) -> Array:
-    """The pose (3, 4) of the points that lays them on the cells: to the nearest points, again and again."""
+    """The pose (3, 4) of the points that aligns them with the cells, by iterations to the nearest points."""
     tree = cKDTree(points)
     for _ in range(rounds):
         near = points[tree.query(transform_points(inverse(X), cells))[1]]
@@ -92,7 +92,7 @@ def icp(cells: Array, points: Array, X: Array, rounds: int = 100) -> Array:
 
 
 def fit(cells: str, points: str, seed: int) -> Fit:
-    """Fits one pairing."""
+    """Fits one combination."""
     generator = np.random.default_rng(seed)
     patch, cloud = touch(cells, generator), surface(points, generator)
     X = icp(patch.points[patch.active], cloud, retract(np.eye(3, 4), OFF))
@@ -113,7 +113,7 @@ Fits = dict[tuple[str, str], Fit]  # by cells, points
 
 
 def verdicts(fits: Fits) -> list[str]:
-    """Which of a line and a plane fits a plane better, by each cost."""
+    """Sentences that state, for each cost, whether a line or a plane fits a plane better."""
     lines = []
     for what, costs in (
         ("the thesis' ICP", THESIS),
@@ -127,7 +127,7 @@ def verdicts(fits: Fits) -> list[str]:
 
 
 def print_table(fits: Fits, console: Console) -> None:
-    """The costs for the terminal."""
+    """Prints the costs."""
     table = Table(title="Figure 5.14", box=box.SIMPLE_HEAD)
     for heading in ("cells", "points", "algorithm 5.3, mm^2", "thesis", "algorithm 5.2, mm"):
         table.add_column(heading)
@@ -141,7 +141,7 @@ def print_table(fits: Fits, console: Console) -> None:
 
 
 def plot(fits: Fits, path: Path) -> None:
-    """The four fits."""
+    """Plots the four fits."""
     figure = Figure(figsize=(11, 8), layout="constrained")
     for i, ((cells, points), found) in enumerate(fits.items()):
         axes = figure.add_subplot(2, 2, i + 1, projection="3d")
@@ -156,10 +156,10 @@ def plot(fits: Fits, path: Path) -> None:
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the noise.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the figure here.")
 def main(seed: int, out: Path | None) -> None:
-    """Regenerates figure 5.14 of the thesis, beside its numbers."""
+    """Regenerates figure 5.14 of the thesis, next to its numbers."""
     fits = {(cells, points): fit(cells, points, seed) for points in POINTS[::-1] for cells in CELLS}
     print_table(fits, Console())
     if out is not None:

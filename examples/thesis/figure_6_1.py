@@ -1,12 +1,12 @@
-"""Figure 6.1 of the thesis again: which of four objects does the hand hold?
+"""Figure 6.1 of the thesis repeated: identification of the held object among four.
 
     python examples/thesis/figure_6_1.py --grasps 10 --seed 0 --out out
 
 Each of four objects is held in simulated grasps by five fingers (see `grasp_library.py`), with 0.9 mm and 5 degrees of
-noise on the contacts (read as in `grasp_trials.py`). The pose of every object is estimated from the contacts alone. The
-thesis ranks the objects by l_i = (1 / G_i) / sum_k (1 / G_k), with G_i the lowest cost; we by the evidence, which
-counts how many poses explain the touch, and how well. One grasp is shown as in the figure: the best pose of each
-object, and the likelihoods. The table counts both measures over all grasps.
+noise on the contacts (interpreted as in `grasp_trials.py`). The pose of every object is estimated from the contacts
+alone. The thesis ranks the objects by l_i = (1 / G_i) / sum_k (1 / G_k), where G_i is the lowest cost. We rank them by
+the evidence, which takes into account how many poses explain the touch, and how well. One grasp is shown as in the
+figure, with the best pose of each object and the likelihoods. The table evaluates both measures over all grasps.
 
 In the thesis' grasp "the object is correctly identified (object 2), with the glass (object 4) resulting also in a low
 cost, due to its similar shape and size"; it gives no numbers for more grasps. Our object 2 is the mug.
@@ -43,7 +43,7 @@ NOISE = Noise(0.0009, math.radians(5.0))
 
 
 class Trial(NamedTuple):
-    """One grasp: the held object and what both measures say."""
+    """One grasp: the held object and the results of both measures."""
 
     held: str
     contacts: tp.Contacts
@@ -52,7 +52,7 @@ class Trial(NamedTuple):
 
 
 def make_contacts(p_PC: NDArray[np.float64], n_PC: NDArray[np.float64], seed: tuple[int, ...]) -> tp.Contacts:
-    """True contact points and normals with noise."""
+    """The true contact points and normals with noise."""
     unit = np.random.default_rng(seed).normal(size=(2, *p_PC.shape))
     return tp.Contacts(
         p_PC + NOISE.position * unit[0],
@@ -63,7 +63,7 @@ def make_contacts(p_PC: NDArray[np.float64], n_PC: NDArray[np.float64], seed: tu
 
 
 def run_trials(models: Sequence[tp.ObjectModel], grasps: int, seed: int) -> list[Trial]:
-    """All grasps of all objects."""
+    """Runs all grasps of all objects."""
     trials = []
     for i, model in enumerate(models):
         library = make_library(model.name, grasps)
@@ -76,13 +76,13 @@ def run_trials(models: Sequence[tp.ObjectModel], grasps: int, seed: int) -> list
 
 
 def lowest_cost(identity: tp.Identity) -> float:
-    """G_i: that of the object's best pose."""
+    """G_i: the cost of the object's best pose."""
     assert identity.estimate is not None
     return min(hypothesis.cost for hypothesis in identity.estimate.hypotheses)
 
 
 def grasp_table(trial: Trial) -> Table:
-    """What is said of each object in one grasp."""
+    """A table of both measures for each object in one grasp."""
     title = f"The {trial.held} is held"
     table = Table(title=title, box=box.SIMPLE_HEAD)
     table.add_column("object")
@@ -102,7 +102,7 @@ def grasp_table(trial: Trial) -> Table:
 
 
 def count_table(trials: Sequence[Trial]) -> Table:
-    """How often each measure names the held object, and how likely it says that it is."""
+    """A table of how often each measure identifies the held object, and of the likelihood that it states."""
     table = Table(title=f"{len(trials)} grasps", box=box.SIMPLE_HEAD)
     table.add_column("held object")
     for heading in ("named by lowest cost, %", "likelihood, %", "named by evidence, %", "likelihood, %"):
@@ -120,7 +120,7 @@ def count_table(trials: Sequence[Trial]) -> Table:
 
 
 def draw(path: Path, trial: Trial, models: Sequence[tp.ObjectModel]) -> None:
-    """The best pose of each object with the contacts, and the likelihoods by both measures."""
+    """Draws the best pose of each object with the contacts, and the likelihoods by both measures."""
     figure = Figure(figsize=(13.0, 6.4), dpi=100)
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
@@ -157,8 +157,8 @@ def draw(path: Path, trial: Trial, models: Sequence[tp.ObjectModel]) -> None:
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--grasps", type=click.IntRange(min=1), default=10, show_default=True, help="Of each object.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the noise.")
+@click.option("--grasps", type=click.IntRange(min=1), default=10, show_default=True, help="Grasps of each object.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the noise.")
 @click.option("--out", type=click.Path(path_type=Path), help="Draws the figure in this folder.")
 def main(grasps: int, seed: int, out: Path | None) -> None:
     """Regenerates figure 6.1 of the thesis, with numbers."""

@@ -1,11 +1,12 @@
-"""Figure 6.2 of the thesis again: a light bulb in the five-fingered hand, and the wrenches that the grasp resists.
+"""Figure 6.2 of the thesis repeated: a light bulb in the five-fingered hand, and the wrenches that the grasp resists.
 
     python examples/thesis/figure_6_2.py --out out
 
-The hand takes the bulb in the simulator, the fingertips' wrenches give the contacts, and with vision's guess the pose.
-Prints how good the grasp is at that pose, at the true one, and over all hypotheses; draws the hand with the contacts'
-forces and normals, and beside it the forces (green) and torques (red) that the grasp can exert (figure_6_2.html; on
-pictures figure_6_2.png and figure_6_2_wrenches.png). It takes some ten seconds.
+The hand grasps the bulb in the simulator. The fingertips' wrenches give the contacts, and together with a prior from
+vision the pose. The script prints the quality of the grasp at the estimated pose, at the true one, and over all
+hypotheses. It draws the hand with the contacts' forces and normals, and next to it the forces (green) and torques (red)
+that the grasp can exert (figure_6_2.html; as pictures figure_6_2.png and figure_6_2_wrenches.png). It takes about ten
+seconds.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 6.2.2.
 """
@@ -31,11 +32,15 @@ from tactopose_drake.visualization import draw_scene, draw_wrench_space, save_ht
 
 FRICTION = 0.6
 SCALE = 0.06  # length of 1 N in the scene, m
-BESIDE = {"force": np.array([0.0, 0.18, 0.06]), "torque": np.array([0.0, 0.18, -0.08])}  # of the grasp, upright, m
+# Positions next to the upright grasp, m.
+BESIDE = {
+    "force": np.array([0.0, 0.18, 0.06]),
+    "torque": np.array([0.0, 0.18, -0.08]),
+}
 
 
 def grasp_bulb(seed: int) -> DemoResult:
-    """The simulated grasp by a hand that errs in nothing, with what is estimated from it."""
+    """Simulates the grasp by a hand without errors, and estimates the pose from it."""
     scenario = load_scenario("shadow_like").without_errors()
     scenario.object, scenario.seed = "light_bulb", seed
     return run_demo(scenario)
@@ -55,7 +60,7 @@ def judge(result: DemoResult) -> dict[str, tp.GraspQuality]:
 
 
 def print_numbers(result: DemoResult, qualities: dict[str, tp.GraspQuality], console: Console) -> None:
-    """The qualities, and how sure the force closure is."""
+    """Prints the qualities, and the probability of force closure."""
     table = Table(title=f"The light bulb by {len(result.scene.contacts)} fingertips", box=box.SIMPLE_HEAD)
     for heading in ("pose, norm", "force closure", "radius, N", "volume, N^6", "weight carried, N per N"):
         table.add_column(heading)
@@ -77,7 +82,7 @@ def print_numbers(result: DemoResult, qualities: dict[str, tp.GraspQuality], con
 
 
 def draw(result: DemoResult, quality: tp.GraspQuality) -> Meshcat:
-    """The grasp, and beside it the wrench space's projections."""
+    """Draws the grasp, and next to it the projections of the wrench space."""
     meshcat = Meshcat(MeshcatParams(host="localhost"))
     draw_scene(meshcat, dataclasses.replace(result.scene, prior=None, friction=FRICTION))
     draw_wrench_space(meshcat, "/tactopose/wrenches", quality.space, scale=SCALE)
@@ -93,7 +98,7 @@ def draw(result: DemoResult, quality: tp.GraspQuality) -> Meshcat:
 
 
 def plot(quality: tp.GraspQuality, path: Path) -> None:
-    """The projections, with the ball of the radius."""
+    """Plots the projections, with the ball of the radius."""
     figure = Figure(figsize=(10, 5), layout="constrained")
     for column, (part, colour) in enumerate((("force", "#009e73"), ("torque", "#d55e00"))):
         axis = figure.add_subplot(1, 2, column + 1, projection="3d")
@@ -117,10 +122,10 @@ def plot(quality: tp.GraspQuality, path: Path) -> None:
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the grasp.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the grasp.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the scene and the plot here.")
 def main(seed: int, out: Path | None) -> None:
-    """Grasps a light bulb in the simulator and judges the grasp."""
+    """Grasps a light bulb in the simulator and evaluates the quality of the grasp."""
     result = grasp_bulb(seed)
     qualities = judge(result)
     print_numbers(result, qualities, Console())

@@ -1,11 +1,12 @@
-"""Figure 6.3 of the thesis again: a glass in the five-fingered hand, and where a finger would hold it better or worse.
+"""Figure 6.3 of the thesis repeated: a glass in the five-fingered hand, and better or worse places for a finger.
 
     python examples/thesis/figure_6_3.py --finger ring --out out
 
-The hand takes the glass in the simulator, and touch finds its pose. Each point of the glass is coloured by the quality
-that the grasp would have with the finger there, the others staying: red worse, grey as it is, blue better; dots mark
-what the finger reaches (figure_6_3.html; on pictures figure_6_3.png, and figure_6_3_unrolled.png with what the hand
-hides). Prints the quality as it is, and the best within reach. It takes some twenty seconds.
+The hand grasps the glass in the simulator, and its pose is estimated by touch. Each point of the glass is coloured by
+the quality that the grasp would have with the finger there and the others unchanged: red is worse, grey equal, blue
+better. Dots mark the points that the finger reaches (figure_6_3.html; as pictures figure_6_3.png, and
+figure_6_3_unrolled.png with what the hand hides). The script prints the current quality, and the best one within reach.
+It takes about twenty seconds.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 6.2.2.
 """
@@ -43,14 +44,14 @@ FRICTION = 0.6
 
 
 def grasp_glass(seed: int) -> DemoResult:
-    """The simulated grasp by a hand that errs in nothing, with what is estimated from it."""
+    """Simulates the grasp by a hand without errors, and estimates the pose from it."""
     scenario = load_scenario("shadow_like").without_errors()
     scenario.object, scenario.seed = "wine_glass", seed
     return run_demo(scenario)
 
 
 def touching_fingers(result: DemoResult) -> list[str]:
-    """Whose contacts they are."""
+    """The finger of each contact."""
     names: list[str] = result.grasp.station.diagram.GetOutputPort("fingers_in_contact").Eval(result.grasp.context)
     return names
 
@@ -66,7 +67,7 @@ def map_of(result: DemoResult, finger: str, points: int) -> ImprovementMap:
 
 
 def reach_of(result: DemoResult, finger: str, found: ImprovementMap) -> NDArray[np.bool_]:
-    """Which points of the glass a finger reaches past the others, shape (n,)."""
+    """Which points of the glass a finger can reach past the others, shape (n,)."""
     station = result.grasp.station
     context = station.plant.GetMyContextFromRoot(result.grasp.context)
     config = load_hand_config(station.scenario.hand)
@@ -102,7 +103,7 @@ def summary(finger: str, found: ImprovementMap, reachable: NDArray[np.bool_], se
 
 
 def draw(result: DemoResult, found: ImprovementMap, reachable: NDArray[np.bool_]) -> Meshcat:
-    """The hand with the coloured glass."""
+    """Draws the hand with the coloured glass."""
     meshcat = Meshcat(MeshcatParams(host="localhost"))
     draw_scene(meshcat, dataclasses.replace(result.scene, hypotheses=(), prior=None, truth=None))
     draw_improvement(meshcat, "/tactopose/map", result.scene.model, found, reachable)
@@ -112,7 +113,7 @@ def draw(result: DemoResult, found: ImprovementMap, reachable: NDArray[np.bool_]
 
 
 def plot(finger: str, found: ImprovementMap, reachable: NDArray[np.bool_], path: Path) -> None:
-    """The glass unrolled: the points by their angle about its axis and their height, outside and inside apart."""
+    """Plots the unrolled glass, the outside and inside separately: points by angle about the axis and by height."""
     figure = Figure(figsize=(10, 5), layout="constrained")
     x, y, z = 1e3 * found.p_OQ.T
     outside = found.n_OQ[:, 0] * x + found.n_OQ[:, 1] * y >= 0.0
@@ -130,12 +131,12 @@ def plot(finger: str, found: ImprovementMap, reachable: NDArray[np.bool_], path:
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--finger", default="ring", show_default=True, help="That moves.")
-@click.option("--points", type=click.IntRange(min=10), default=1000, show_default=True, help="Of the glass' surface.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the grasp.")
+@click.option("--finger", default="ring", show_default=True, help="The finger that moves.")
+@click.option("--points", type=click.IntRange(min=10), default=1000, show_default=True, help="Points on the glass.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the grasp.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the scene and the plot here.")
 def main(finger: str, points: int, seed: int, out: Path | None) -> None:
-    """Grasps a glass in the simulator and shows where a finger would hold it better."""
+    """Grasps a glass in the simulator and shows better places for a finger."""
     result = grasp_glass(seed)
     started = time.perf_counter()
     found = map_of(result, finger, points)
