@@ -1,16 +1,17 @@
-"""Where an object is by points that a real robot has touched, all of them and few.
+"""Pose estimates from points that a real robot has touched, from all of them and from a few.
 
     python examples/recorded_touches.py cleaner.off touches.off --sigma 0.005
 
-MESH is the object's, in metres. TOUCHES is a list of points as the data of [V16] are: a line OFF, a line with their
-number, and a line x y z for each, m, without normals. None are shipped. There is no guess of the pose.
+MESH is the object's, in metres. TOUCHES is a list of points in the format of the data of [V16]: a line OFF, a line with
+their number, and a line x y z for each, in m, without normals. No such data are included. There is no prior of the
+pose.
 
-First all points are used. The script prints the hypotheses, how far the points are from the surface at each, and how
-much larger their noise seems than what is told. Then it draws some of the points, again and again, and prints how often
-the best pose is near the pose by all points, within 20 mm and 15 degrees; how often the status is "ok", and how many of
-these answers are not near it; how many answers carry more than 95 %, and how many of these are wrong beyond 99.9 % of
-their own covariance; and how often the 95 % set holds the pose by all points. That pose stands in for the truth, which
-nobody knows. The last row is of all points in another order.
+First, all points are used. The script prints the hypotheses, the distances of the points from the surface at each, and
+the estimated scale of their noise relative to the declared one. Then it draws some of the points repeatedly, and prints
+how often the best pose is near the pose from all points, within 20 mm and 15 degrees; how often the status is "ok", and
+how many of these answers are not near it; how many answers have a probability above 95 %, and for how many of these the
+error is beyond the 99.9 % region of their own covariance; and how often the 95 % set contains the pose from all points.
+That pose stands in for the truth, which is unknown. The last row is for all points in another order.
 
 Source: [V16] G. Vezzani et al., Memory unscented particle filter for 6-DOF tactile localization, arXiv:1607.02757.
 """
@@ -39,7 +40,7 @@ def read_points(path: Path) -> Array:
     """The touched points, shape (n, 3), m.
 
     Raises:
-        SystemExit: if the file is none of points; the message says what it is.
+        SystemExit: if the file is not a list of points; the message states the required form.
     """
     lines = path.read_text(encoding="utf-8").split("\n")
     try:
@@ -49,19 +50,19 @@ def read_points(path: Path) -> Array:
         count, points = -1, np.empty((0, 3))
     if points.shape != (count, 3) or not np.isfinite(points).all():
         raise SystemExit(
-            f"{path}: is no list of points; allowed is a line OFF, one with their number n, and n of x y z."
+            f"{path}: must be a list of points: a line OFF, one with their number n, and n lines of x y z."
         )
     return points
 
 
 def distances(mesh: trimesh.Trimesh, X_PO: Array, points: Array) -> Array:
-    """Of the points (n, 3) in P from the surface, shape (n,), m; not by the estimator's own field."""
+    """Distances of points (n, 3) in P from the surface, shape (n,), m, computed without the estimator's own field."""
     p_O = transform_points(inverse(X_PO), points)
     return np.asarray(trimesh.proximity.closest_point_naive(mesh, p_O)[1])
 
 
 def error(model: tp.ObjectModel, hypothesis: tp.PoseHypothesis, X_PO: Array) -> tuple[Array, float]:
-    """How far the object's middle is off, m, and its rotation, deg; and the squared Mahalanobis distance."""
+    """Error of the object's centre, m, and of its rotation, deg, and the squared Mahalanobis distance."""
     X, information = hypothesis.X_PO.GetAsMatrix34(), np.linalg.inv(hypothesis.covariance)
     u = nearest_increments(model, X, information, X_PO[None])[0]
     middle = model.vertices.mean(axis=0)
@@ -70,7 +71,7 @@ def error(model: tp.ObjectModel, hypothesis: tp.PoseHypothesis, X_PO: Array) -> 
 
 
 def set_holds(model: tp.ObjectModel, estimate: tp.PoseEstimate, X_PO: Array) -> bool:
-    """Whether the 95 % set of the hypotheses, each with its own ellipsoid of 95 %, holds the pose."""
+    """Whether the 95 % set of the hypotheses, each with its own 95 % ellipsoid, contains the pose."""
     before = 0.0
     for hypothesis in estimate:
         if before >= SURE:
@@ -82,7 +83,7 @@ def set_holds(model: tp.ObjectModel, estimate: tp.PoseEstimate, X_PO: Array) -> 
 
 
 def print_all(mesh: trimesh.Trimesh, estimate: tp.PoseEstimate, points: Array) -> None:
-    """The hypotheses by all points."""
+    """Prints the hypotheses from all points."""
     print(f"{len(points)} points: {estimate.status}; their noise seems {estimate.noise_scale:.2f} times what is told")
     table = Table("probability", "rms distance, mm", "largest, mm", "points as told")
     for hypothesis in estimate.hypotheses[:4]:
@@ -96,7 +97,7 @@ def print_all(mesh: trimesh.Trimesh, estimate: tp.PoseEstimate, points: Array) -
 def row_of_some(
     model: tp.ObjectModel, points: Array, X_PO: Array, count: int, arguments: argparse.Namespace
 ) -> list[str]:
-    """The figures by so many of the points."""
+    """The results from this number of points."""
     near, ok, sure, held, milliseconds = [], [], [], [], []
     for seed in range(arguments.first_seed, arguments.first_seed + arguments.draws):
         chosen = np.random.default_rng(seed).choice(len(points), count, replace=False)
@@ -121,13 +122,13 @@ def row_of_some(
 
 
 def main() -> None:
-    """Prints the hypotheses by all points, and a table by some of them."""
+    """Prints the hypotheses from all points, and a table of those from some of them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("mesh", type=Path)
     parser.add_argument("touches", type=Path)
     parser.add_argument("--sigma", type=float, default=0.005, help="standard deviation of each coordinate, m")
-    parser.add_argument("--counts", type=int, nargs="*", default=[6, 8, 12, 20, 40], help="how many points are used")
-    parser.add_argument("--draws", type=int, default=100, help="of each count")
+    parser.add_argument("--counts", type=int, nargs="*", default=[6, 8, 12, 20, 40], help="numbers of points")
+    parser.add_argument("--draws", type=int, default=100, help="draws of each number of points")
     parser.add_argument("--first-seed", type=int, default=0)
     arguments = parser.parse_args()
     model, mesh = tp.ObjectModel.from_mesh(arguments.mesh), trimesh.load(arguments.mesh, force="mesh")

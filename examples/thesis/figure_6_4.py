@@ -1,15 +1,15 @@
-"""Figure 6.4 of the thesis again, and what it asks for: touching on where several poses explain a grasp.
+"""Figure 6.4 of the thesis repeated, with the exploration that it asks for if several poses explain a grasp.
 
     python examples/thesis/figure_6_4.py --grasps 100 --out out
 
-The thesis shows a grasp that two poses explain about as well, and says that only exploration could tell them apart,
-and that it must not cost the grasp its stability. Here is such a grasp, with the two poses (blue and green), the true
-one (pink), and the motion of a finger that tells most (figure_6_4.html; the poses beside each other in figure_6_4.png);
-and then a study over ambiguous grasps: how
-many touches it takes until one pose is left, when the next touch is chosen by its expected information, and when at
-random among the same motions (figure_6_4_touches.png, figure_6_4.md). `touch_study.py` says what counts as what.
+The thesis shows a grasp that two poses explain about equally well, and says that only exploration could distinguish
+them, and that exploration must not destabilise the grasp. The script shows such a grasp, with the two poses (blue and
+green), the true one (pink), and the finger motion with the most expected information (figure_6_4.html; the poses next
+to each other in figure_6_4.png). It then studies ambiguous grasps: it counts the touches until one pose is left, when
+the next touch is chosen by its expected information, and when it is chosen at random among the same motions
+(figure_6_4_touches.png, figure_6_4.md). `touch_study.py` defines the terms.
 
-A hundred grasps take some twelve minutes of one core.
+A hundred grasps take about twelve minutes of one core.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 6.3.
 """
@@ -57,13 +57,13 @@ from tactopose_drake.visualization import (
 BLUE, GREEN, PINK = Rgba(0.2, 0.35, 0.9, 0.45), Rgba(0.15, 0.7, 0.3, 0.45), Rgba(0.95, 0.45, 0.7, 0.9)
 ORANGE = Rgba(0.95, 0.6, 0.1, 1.0)
 
-ABOUT_AS_WELL = 0.25  # probability of the second pose of the grasp that is shown
+ABOUT_AS_WELL = 0.25  # minimum probability of the second pose of the grasp that is shown
 
 Runs = dict[str, dict[str, list[Exploration]]]  # by object, by chooser
 
 
 def study(grasps: int, first_seed: int) -> Runs:
-    """Explores so many ambiguous grasps, shared among the objects, by each chooser."""
+    """Explores a number of ambiguous grasps, divided among the objects, with each chooser."""
     runs: Runs = {}
     for index, name in enumerate(OBJECTS):
         count = (grasps + len(OBJECTS) - 1 - index) // len(OBJECTS)
@@ -78,12 +78,12 @@ def study(grasps: int, first_seed: int) -> Runs:
 
 
 def touches(explorations: list[Exploration]) -> np.ndarray:
-    """How many there were; the most that were tried where the pose was not unique by then."""
+    """The number of touches; the maximum that was tried if the pose was not unique by then."""
     return np.array([run.touches or MOST_TOUCHES for run in explorations], dtype=np.intp)
 
 
 def rows(runs: Runs) -> list[tuple[str, ...]]:
-    """For each object and all together: grasps, mean touches, how many ended unique, how many of these right."""
+    """For each object and all together: grasps, mean touches, how many ended unique, and how many of these right."""
     everything = {chooser: [run for name in runs for run in runs[name][chooser]] for chooser in CHOOSERS}
     lines = []
     for name, by_chooser in (runs | {"all": everything}).items():
@@ -120,7 +120,7 @@ def verdict(runs: Runs) -> str:
 
 
 def markdown(runs: Runs) -> str:
-    """The table and the verdict."""
+    """The table and the verdict as Markdown."""
     lines = [
         "# Figure 6.4: touches until the pose is unique",
         "",
@@ -132,7 +132,7 @@ def markdown(runs: Runs) -> str:
 
 
 def plot(runs: Runs, path: Path) -> None:
-    """How many grasps needed how many touches."""
+    """Plots a histogram of the number of touches."""
     figure = Figure(figsize=(7, 4), layout="constrained")
     axis = figure.add_subplot()
     for shift, (chooser, colour) in zip((-0.2, 0.2), zip(CHOOSERS, ("tab:blue", "tab:gray"), strict=True), strict=True):
@@ -146,7 +146,7 @@ def plot(runs: Runs, path: Path) -> None:
 
 
 def first_grasp() -> tuple[Grasp, tp.PoseEstimate]:
-    """The ambiguous grasp that is shown: the first of the first object that another pose explains about as well."""
+    """The ambiguous grasp that is shown: the first of the first object that a second pose explains about as well."""
     for grasp, estimate in ambiguous_grasps(OBJECTS[0]):
         weights = merged_modes(grasp.model, estimate.modes).weights
         if len(weights) > 1 and weights[1] >= ABOUT_AS_WELL:
@@ -155,7 +155,7 @@ def first_grasp() -> tuple[Grasp, tp.PoseEstimate]:
 
 
 def show(meshcat: Meshcat, grasp: Grasp, belief: GaussianMixture) -> str:
-    """Draws the two most probable poses, the true one and the motion that tells most; says what it tells."""
+    """Draws the two most probable poses, the true one and the most informative motion; returns a description."""
     for path, X, rgba in zip(("blue", "green"), belief.X_PO, (BLUE, GREEN), strict=False):
         add_object(meshcat, f"/{path}", grasp.model, "estimate", 0.45)
         meshcat.SetProperty(f"/{path}", "color", [rgba.r(), rgba.g(), rgba.b(), rgba.a()])
@@ -187,7 +187,7 @@ def show(meshcat: Meshcat, grasp: Grasp, belief: GaussianMixture) -> str:
 
 
 def save_poses(path: Path, grasp: Grasp, belief: GaussianMixture) -> None:
-    """A picture of the two most probable poses beside each other, with the true one's outline."""
+    """Saves a picture of the two most probable poses next to each other, with the outline of the true one."""
     first, second = (RigidTransform(X_PO) for X_PO in belief.X_PO[:2])
     scene = Scene(
         model=grasp.model,
@@ -203,10 +203,10 @@ def save_poses(path: Path, grasp: Grasp, belief: GaussianMixture) -> None:
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--grasps", type=click.IntRange(min=0), default=100, show_default=True, help="Ambiguous grasps in all.")
-@click.option("--first-seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the grasps.")
+@click.option("--first-seed", type=click.IntRange(min=0), default=0, show_default=True, help="First seed of grasps.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the table, the plot and the scene here.")
 def main(grasps: int, first_seed: int, out: Path | None) -> None:
-    """Shows an ambiguous grasp, and counts the touches that it takes to make such grasps unique."""
+    """Shows an ambiguous grasp, and counts the touches until the poses of such grasps are unique."""
     console, meshcat = Console(), Meshcat(MeshcatParams(host="localhost"))
     grasp, estimate = first_grasp()
     belief = merged_modes(grasp.model, estimate.modes)

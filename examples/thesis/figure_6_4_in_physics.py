@@ -1,12 +1,12 @@
-"""Figure 6.4 of the thesis in physics: a simulated hand feels on with free fingers until the held pose is known.
+"""Figure 6.4 of the thesis in simulated physics: a hand explores with free fingers until the held pose is known.
 
     python examples/thesis/figure_6_4_in_physics.py --grasps 30 --out out
 
-Three fingers take an object; where that leaves its pose ambiguous, the others feel for it one after the other, as the
-diagram decides by what a touch is expected to tell, and again by chance. `physical_touches.py` says what is simulated
-and what counts. Prints, and writes as figure_6_4_in_physics.md and .png, how many touches it took, how often the pose
-that it ended with is the true one, and how far the object moved in the hand meanwhile. What is in the journal in
-`--out` is not simulated again. A grasp takes one to three minutes of one core.
+Three fingers grasp an object. If that leaves its pose ambiguous, the other fingers explore one after the other, with
+motions that the diagram chooses by expected information, and in a second run at random. `physical_touches.py` states
+what is simulated and counted. The script prints, and writes as figure_6_4_in_physics.md and .png, the number of
+touches, how often the final pose is the true one, and how far the object moved in the hand meanwhile. Results in the
+journal in `--out` are not simulated again. A grasp takes one to three minutes of one core.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 6.3.
 """
@@ -44,7 +44,7 @@ Runs = dict[str, list[PhysicalExploration]]  # by rule
 
 
 def study(grasps: int, first_seed: int, journal: TrialJournal) -> Runs:
-    """Explores so many ambiguous grasps, the objects in turn, by each rule."""
+    """Explores a number of ambiguous grasps, with the objects in turn, by each rule."""
     runs: Runs = {rule: [] for rule in RULES}
     for seed, name in ((seed, name) for seed in itertools.count(first_seed) for name in OBJECTS):
         if len(runs["information"]) >= grasps:
@@ -62,13 +62,13 @@ def study(grasps: int, first_seed: int, journal: TrialJournal) -> Runs:
 
 @functools.cache
 def model_of(name: str) -> tp.ObjectModel:
-    """A shipped object."""
+    """The model of one of the package's objects."""
     return tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
 
 
 @functools.lru_cache(maxsize=1)
 def plan_of(name: str, seed: int) -> GraspPlan | None:
-    """How the hand takes it, whatever the rule; None where it finds no way to hold it by these three fingers."""
+    """The grasp plan, which is the same for both rules; None if these three fingers cannot hold the object."""
     try:
         return plan_scenario(scenario_of(name, seed, next(iter(RULES))), model_of(name))[0]
     except InvalidInputError:
@@ -76,7 +76,7 @@ def plan_of(name: str, seed: int) -> GraspPlan | None:
 
 
 def explore(name: str, seed: int, rule: str) -> PhysicalExploration:
-    """One grasp, explored by one rule."""
+    """Explores one grasp by one rule."""
     plan = plan_of(name, seed)
     if plan is None:
         return PhysicalExploration(OUTCOMES.index("no grasp"))
@@ -107,7 +107,7 @@ def rows(runs: Runs) -> list[tuple[str, ...]]:
 
 
 def markdown(runs: Runs) -> str:
-    """The table, and what it says of the thesis' words."""
+    """The table as Markdown, and what it says about the thesis' statement."""
     lines = [
         "# Figure 6.4 in physics: touches until one pose is left",
         "",
@@ -122,7 +122,7 @@ def markdown(runs: Runs) -> str:
 
 
 def plot(runs: Runs, path: Path) -> None:
-    """How much of the belief is about one pose before and after, and how many touches that took."""
+    """Plots the share of the belief about one pose before and after, and the number of touches."""
     figure = Figure(figsize=(9, 4), layout="constrained")
     left, right = figure.subplots(1, 2)
     width = 0.38
@@ -144,10 +144,10 @@ def plot(runs: Runs, path: Path) -> None:
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--grasps", type=click.IntRange(min=1), default=30, show_default=True, help="Ambiguous grasps in all.")
-@click.option("--first-seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the grasps.")
+@click.option("--first-seed", type=click.IntRange(min=0), default=0, show_default=True, help="First seed of grasps.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes table and plot here, and keeps the journal.")
 def main(grasps: int, first_seed: int, out: Path | None) -> None:
-    """Counts the touches that a simulated hand needs until the pose of what it holds is known."""
+    """Counts the touches that a simulated hand needs until the pose of the held object is known."""
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     runs = study(grasps, first_seed, TrialJournal(None if out is None else out / "figure_6_4_in_physics.jsonl"))

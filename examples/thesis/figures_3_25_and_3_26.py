@@ -1,14 +1,15 @@
-"""Figures 3.25 and 3.26 of the thesis again: what local searches make of a guess that is far off.
+"""Figures 3.25 and 3.26 of the thesis repeated: results of local searches from priors with large errors.
 
     python examples/thesis/figures_3_25_and_3_26.py --trials 200 --seed 0 --out out
 
-A bust is touched by five contacts (0.9 mm, 5 degrees); the guess is off by up to 100 mm and 60 degrees. Gradient
-descent (figure 3.25) and Levenberg-Marquardt (figure 3.26) start from it and end in the minimum next to it; the pair
-search looks wherever the guess allows. Prints how often each ends within 10 mm and 15 degrees of the truth and how
-often the errors fall, and writes that as Markdown (figures_3_25_and_3_26.md) with the plots of final over initial error
-(figures_3_25_and_3_26.png).
+A bust is touched at five contacts (0.9 mm, 5 degrees); the prior is off by up to 100 mm and 60 degrees. Gradient
+descent (figure 3.25) and Levenberg-Marquardt (figure 3.26) start from it and end in the nearest minimum, whereas the
+pair search covers all poses that are likely under the prior. The script prints how often each method ends within 10 mm
+and 15 degrees of the truth and how often the errors decrease, and writes that as Markdown (figures_3_25_and_3_26.md)
+with the plots of final against initial error (figures_3_25_and_3_26.png).
 
-The guess is given with the sigma of the displacements along each axis. The thesis gives no numbers for these figures.
+The prior has the standard deviation of the displacements along each axis. The thesis gives no numbers for these
+figures.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 3.3.3.
 """
@@ -38,14 +39,14 @@ CONTACTS = 5
 
 
 def displacement(generator: np.random.Generator) -> Array:
-    """An increment of uniform length, in a random direction."""
+    """An increment with uniformly distributed length in a random direction."""
     turn, shift = (direction / np.linalg.norm(direction) for direction in generator.normal(size=(2, 3)))
     lengths = generator.uniform(size=2) * [MOST_ROTATION, MOST_TRANSLATION]
     return np.concatenate([lengths[0] * turn, lengths[1] * shift])
 
 
 def run(trials: int, seed: int) -> tuple[Errors, dict[str, Errors]]:
-    """Errors of the guesses, and of each method's best poses."""
+    """The errors of the priors, and of each method's best poses."""
     model = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
     X_PO = np.eye(3, 4)
     guesses, found = [], {method: [] for method in METHODS}
@@ -53,7 +54,7 @@ def run(trials: int, seed: int) -> tuple[Errors, dict[str, Errors]]:
         generator = np.random.default_rng((seed, trial))
         contacts = touch_surface(model, X_PO, CONTACTS, generator)
         guess = retract(X_PO, displacement(generator))
-        # A uniform length has a third of its greatest square on average, shared by three axes.
+        # The mean square of a uniform length is a third of its maximum's square, divided among three axes.
         prior = tp.PosePrior(guess, sigma_translation=MOST_TRANSLATION / 3.0, sigma_rotation=MOST_ROTATION / 3.0)
         guesses.append(guess)
         for method, poses in found.items():
@@ -63,7 +64,7 @@ def run(trials: int, seed: int) -> tuple[Errors, dict[str, Errors]]:
 
 
 def markdown(initial: Errors, ended: dict[str, Errors], seed: int) -> str:
-    """The table."""
+    """The table as Markdown."""
     lines = [f"# Figures 3.25 and 3.26, {len(initial.translation)} trials, seed {seed}", ""]
     lines += ["| search | within 10 mm and 15°, % | translation falls, % | rotation falls, % |", "|---|---:|---:|---:|"]
     for method, errors in ended.items():
@@ -74,7 +75,7 @@ def markdown(initial: Errors, ended: dict[str, Errors], seed: int) -> str:
 
 
 def plot(initial: Errors, ended: dict[str, Errors], path: Path) -> None:
-    """Final over initial errors; below the line the error has fallen."""
+    """Plots final against initial errors; points below the line have a decreased error."""
     figure = Figure(figsize=(10.0, 6.0), layout="constrained")
     units = (("translation, mm", 1e3), ("rotation, °", math.degrees(1.0)))
     for column, (method, errors) in zip(
@@ -91,10 +92,10 @@ def plot(initial: Errors, ended: dict[str, Errors], path: Path) -> None:
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--trials", type=click.IntRange(min=1), default=200, show_default=True, help="Guesses.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of touches and guesses.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of touches and priors.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the Markdown and the plots here.")
 def main(trials: int, seed: int, out: Path | None) -> None:
-    """Figures 3.25 and 3.26 of the thesis again."""
+    """Figures 3.25 and 3.26 of the thesis repeated."""
     initial, ended = run(trials, seed)
     text = markdown(initial, ended, seed)
     print(text)

@@ -1,12 +1,12 @@
-"""Figures 4.7 and 4.11 of the thesis again: a pose corrected, and a pose found without a guess.
+"""Figures 4.7 and 4.11 of the thesis repeated: a pose that is corrected, and a pose found without a prior.
 
     python examples/thesis/figures_4_7_and_4_11.py --trial 0 --seed 0 --out out
 
 Draws one trial of each experiment of section 4.3.1, with five fingers and the thesis' noise (see `grasp_trials.py`):
-the bust from a displaced pose, and the wine glass from none, both with the hand's volume, which is drawn too. In figure
-4.11 "the initial location was placed deliberately far away from the robot hand"; ours is drawn as far, and the estimate
-is not told of it. Prints how far off the poses are, beside the thesis' means, and writes that as Markdown
-(figures_4_7_and_4_11.md) with the pictures (figure_4_7.png, figure_4_11.png).
+the bust from a displaced pose, and the wine glass without a prior. Both use the hand's volume, which is also drawn. In
+figure 4.11 "the initial location was placed deliberately far away from the robot hand"; here it is drawn at a similar
+distance, but not passed to the estimate. The script prints the errors of the poses, next to the thesis' means, and
+writes them as Markdown (figures_4_7_and_4_11.md) with the pictures (figure_4_7.png, figure_4_11.png).
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.3.1.
 """
@@ -26,18 +26,18 @@ from tactopose_drake.core.poses import make_poses, random_rotations
 from tactopose_drake.visualization import Scene, ShownHypothesis, save_picture, sphere_triangles
 
 FIGURES = {"4.7": CORRECTION, "4.11": GLOBAL}
-FAR = 0.2  # from the palm to the initial pose that has nothing to do with the true one, m
+FAR = 0.2  # distance of the palm from the initial pose that is unrelated to the true one, m
 
 
 def far_pose(generator: np.random.Generator) -> Array:
-    """Any pose (3, 4) whose origin is that far from the palm's."""
+    """A random pose (3, 4) whose origin has this distance from the palm's."""
     way = generator.normal(size=(1, 3))
     X_PO: Array = make_poses(random_rotations(generator, 1), FAR * way / np.linalg.norm(way))[0]
     return X_PO
 
 
 def draw(figure: str, experiment: Experiment, number: int, seed: int, path: Path) -> str:
-    """Draws a trial of an experiment, and says how it went."""
+    """Draws a trial of an experiment, and describes its result."""
     grasp = make_library(experiment.object, number + 1)[number]
     model = make_scenario(experiment.object).object_model()
     trial = make_trial(experiment.object, grasp, MAIN_CELL.fingers, MAIN_CELL.noise, (seed, number), experiment.guess)
@@ -70,10 +70,12 @@ def draw(figure: str, experiment: Experiment, number: int, seed: int, path: Path
 
 @click.command()
 @click.option("--trial", "number", type=click.IntRange(min=0), default=0, show_default=True, help="Which one is drawn.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of noise and displacements.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of noise and displacements."
+)
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True, help="Folder.")
 def main(number: int, seed: int, out: Path) -> None:
-    """Figures 4.7 and 4.11 of the thesis again."""
+    """Figures 4.7 and 4.11 of the thesis repeated."""
     out.mkdir(parents=True, exist_ok=True)
     lines = [f"# Figures 4.7 and 4.11, trial {number}, seed {seed}", ""]
     for figure, experiment in FIGURES.items():

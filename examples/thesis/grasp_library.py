@@ -1,15 +1,16 @@
-"""Simulated grasps to try pose estimation on: true contacts and object poses of the five-fingered hand.
+"""Simulated grasps for trials of pose estimation: true contacts and object poses of the five-fingered hand.
 
     python examples/thesis/grasp_library.py --count 100
 
 The thesis took its grasps from Gazebo; these are from the package's own simulation. For each seed the hand plans grasps
-by all five fingers, closes, and holds the object by itself; a grasp counts once each fingertip carries 1 N. Of the wine
-glass only grasps with the little finger on the stem are taken: in the thesis too "the small finger touches the glass
-stem, which was done in order to avoid that 'upside down' poses yield similar costs".
+by all five fingers, closes, and holds the object without support. A grasp is accepted if each fingertip carries 1 N.
+For the wine glass, only grasps with the little finger on the stem are accepted: in the thesis too "the small finger
+touches the glass stem, which was done in order to avoid that 'upside down' poses yield similar costs".
 
-A grasp takes about four seconds. Each is kept as a file of its own in the package's cache folder (or the one that is
-named), so that an interrupted run goes on where it stopped, and the next run only reads. The simulations run in a
-process of their own that is replaced now and then: a simulated diagram keeps some 100 MB of memory to its process' end.
+A grasp takes about four seconds. Each is stored as a separate file in the package's cache folder (or in a given
+folder), so that an interrupted run continues where it stopped, and the next run only reads. The simulations run in a
+separate process that is restarted from time to time, because a simulated diagram keeps about 100 MB of memory until the
+process ends.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.3.1.
 """
@@ -38,15 +39,15 @@ Array = NDArray[np.float64]
 
 OBJECTS = ("bust", "wine_glass")
 FINGERS = ("thumb", "first", "middle", "ring", "little")
-# Where the stem of the wine glass is: above its foot, and nearer to its axis than the bowl begins.
+# The stem of the wine glass is above its foot, and nearer to the axis than the bowl's lower end.
 STEM_ABOVE, STEM_RADIUS = 0.015, 0.010  # m
-# Seeds that one process simulates.
+# Number of seeds that one process simulates.
 SEEDS_A_PROCESS = 10
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SimulatedGrasp:
-    """What the simulator knows of one grasp, in the palm frame P.
+    """The true state of one simulated grasp, in the palm frame P.
 
     Attributes:
         X_PO: true pose of the object, shape (3, 4).
@@ -66,12 +67,12 @@ class SimulatedGrasp:
 
 
 def make_library(name: str, count: int, folder: Path | None = None) -> list[SimulatedGrasp]:
-    """The first `count` grasps of an object, by rising seed; simulates those that are not in the folder yet.
+    """The first `count` grasps of an object, by increasing seed; simulates those that are not in the folder yet.
 
     Args:
         name: one of the package's objects.
-        count: how many grasps.
-        folder: where the files are; None for the package's cache folder.
+        count: number of grasps.
+        folder: folder of the files; None for the package's cache folder.
     """
     grasps = _grasps(name, cache_folder() / "grasps" if folder is None else folder)
     described = track(grasps, f"grasps of the {name}", total=count, console=Console(stderr=True), transient=True)
@@ -79,7 +80,7 @@ def make_library(name: str, count: int, folder: Path | None = None) -> list[Simu
 
 
 def _grasps(name: str, folder: Path) -> Iterator[SimulatedGrasp]:
-    """The object's grasps, from the files or simulated."""
+    """The object's grasps, read from the files or simulated."""
     version = hashlib.blake2b(make_scenario(name).object_mesh().read_bytes(), digest_size=4).hexdigest()
     folder.mkdir(parents=True, exist_ok=True)
     spawn = multiprocessing.get_context("spawn")
@@ -94,9 +95,9 @@ def _grasps(name: str, folder: Path) -> Iterator[SimulatedGrasp]:
 
 
 def _save(path: Path, grasp: SimulatedGrasp | None) -> None:
-    """Writes a grasp, or an empty file for a seed without one, in one step: no reader sees half a file.
+    """Writes a grasp, or an empty file for a seed without one, atomically, so that no reader sees half a file.
 
-    Another process may be at the same grasp, and comes to the same.
+    Another process may write the same grasp, with the same result.
     """
     partial = path.with_suffix(f".{os.getpid()}.partial")
     with partial.open("wb") as file:
@@ -105,17 +106,17 @@ def _save(path: Path, grasp: SimulatedGrasp | None) -> None:
 
 
 def make_scenario(name: str, seed: int = 0) -> Scenario:
-    """A hand that errs in nothing takes an object by all five fingers; no pose is estimated."""
+    """The scenario of a hand without errors that grasps an object with all five fingers; no pose is estimated."""
     scenario = load_scenario("shadow_like").without_errors()
     scenario.object, scenario.seed = name, seed
     scenario.planner.least_fingers = len(FINGERS)
     scenario.check.least_fingers = len(FINGERS)
-    scenario.estimation.estimator.period = 2.0 * scenario.duration  # Once at the start, when nothing touches.
+    scenario.estimation.estimator.period = 2.0 * scenario.duration  # Once at the start, before any contact.
     return scenario
 
 
 def simulate(name: str, seed: int) -> SimulatedGrasp | None:
-    """The best grasp of a seed that holds and is wanted; None if none of its attempts does."""
+    """The best accepted grasp of a seed; None if none of its attempts is accepted."""
     scenario = make_scenario(name, seed)
     model = scenario.object_model()
     plans = plan_scenario(scenario, model)
@@ -130,7 +131,7 @@ def simulate(name: str, seed: int) -> SimulatedGrasp | None:
 
 
 def is_wanted(name: str, X_PO: Array, p_PC_little: Array) -> bool:
-    """Whether the little finger, which touches at a point (3,), m, does so where it should."""
+    """Whether the little finger touches where it should; its contact is at a point (3,), m."""
     if name != "wine_glass":
         return True
     x, y, z = (p_PC_little - X_PO[:, 3]) @ X_PO[:, :3]

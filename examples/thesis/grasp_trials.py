@@ -1,19 +1,20 @@
-"""Trials of section 4.3.1 of the thesis: simulated grasps with noise on the contacts, and how far estimates end.
+"""Trials of section 4.3.1 of the thesis: simulated grasps with noise on the contacts, and the errors of estimates.
 
-Noise: Gaussian, with a sigma along each axis of a contact point, and one of a small rotation of the normal about each
-axis. "Random Gaussian noise [...] with means of 0.9 mm and 5 deg" could also be the mean length of the error; ours is
-the harder reading: a sigma of 0.9 mm along each axis is a mean distance of 1.4 mm, 5 deg about each axis a mean angle
-of 6.3 deg.
+Noise: Gaussian, with one standard deviation along each axis of a contact point, and one of a small rotation of the
+normal about each axis. "Random Gaussian noise [...] with means of 0.9 mm and 5 deg" could also be the mean magnitude of
+the error. Ours is the harder interpretation: with a standard deviation of 0.9 mm along each axis, the mean distance is
+1.4 mm, and with 5 deg about each axis, the mean angle is 6.3 deg.
 
-Guess: for pose correction, a Gaussian displacement of the true pose whose mean distance and mean angle are those of
-the thesis, 33.2 mm and 16 deg. The estimate is told its sigma along each axis, as it is told those of the contacts.
+Prior: for pose correction, a Gaussian displacement of the true pose whose mean distance and mean angle are those of the
+thesis, 33.2 mm and 16 deg. The estimate is given its standard deviation along each axis, and those of the contacts.
 
-Fingers: trials with fewer fingers leave some of a grasp's five out, at random, but never the thumb, nor on the wine
-glass the little finger, which was put on the stem on purpose. A trial draws all its random numbers from its own seed,
-whatever the fingers and the noise: the cells of a table differ in these alone.
+Fingers: trials with fewer fingers leave out some of a grasp's five, chosen at random, but never the thumb, nor, on the
+wine glass, the little finger, which was placed on the stem on purpose. A trial draws all its random numbers from its
+own seed, independently of the fingers and the noise, so that the cells of a table differ in these alone.
 
-Error: distance between the origins of the object's frame, and the total angle, 2 acos(q_w); where the object is a solid
-of revolution, the least such angle over its spins ("the angle error discarded the error around the vertical axis").
+Error: the distance between the origins of the object's frame, and the total angle, 2 acos(q_w); if the object is a
+solid of revolution, the minimum of this angle over rotations about its axis ("the angle error discarded the error
+around the vertical axis").
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.3.1.
 """
@@ -30,11 +31,11 @@ from tactopose_drake.core.poses import exp_so3, increments_between, retract
 from tactopose_drake.core.shape import turn_toward
 
 ALWAYS_TOUCHING = {"bust": ("thumb",), "wine_glass": ("thumb", "little")}
-# The mean length of a vector of three normal numbers of variance 1.
+# Mean length of a vector of three normal random numbers of variance 1.
 MEAN_LENGTH = math.sqrt(8.0 / math.pi)
 GUESS_SIGMA_TRANSLATION = 0.0332 / MEAN_LENGTH  # m, along each axis
 GUESS_SIGMA_ROTATION = math.radians(16.0) / MEAN_LENGTH
-MOST_TRANSLATION, MOST_ROTATION = 0.01, math.radians(15.0)  # of a success
+MOST_TRANSLATION, MOST_ROTATION = 0.01, math.radians(15.0)  # maximum errors of a success
 
 
 class Noise(NamedTuple):
@@ -49,10 +50,10 @@ class Noise(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """What an estimate may be given, and the pose that it should find.
+    """The possible inputs of an estimate, and the true pose.
 
     Attributes:
-        contacts: the noisy touch.
+        contacts: the contacts with noise.
         prior: the displaced pose; None for global estimation.
         hand: the hand's volume.
         X_PO: the true pose, shape (3, 4).
@@ -79,14 +80,14 @@ class Errors(NamedTuple):
 def make_trial(
     name: str, grasp: SimulatedGrasp, fingers: int, noise: Noise, seed: tuple[int, int], guess: bool
 ) -> Trial:
-    """One trial.
+    """Makes one trial.
 
     Args:
-        name: of the object.
-        grasp: by all five fingers.
-        fingers: how many of them touch.
-        noise: of the contacts.
-        seed: of all random numbers.
+        name: name of the object.
+        grasp: grasp by all five fingers.
+        fingers: number of fingers that touch.
+        noise: noise of the contacts.
+        seed: seed of all random numbers.
         guess: whether there is a displaced pose to correct.
     """
     generator = np.random.default_rng(seed)
@@ -107,6 +108,6 @@ def make_trial(
 
 
 def pose_errors(model: tp.ObjectModel, X_PO: Array, X_PO_true: Array) -> Errors:
-    """How far poses (B, 3, 4) are from the true one (3, 4); a spin about the object's own axis is no error."""
+    """Errors of poses (B, 3, 4) from the true one (3, 4), without rotations about the axis of a solid of revolution."""
     increments = increments_between(X_PO_true, turn_toward(X_PO, X_PO_true, model.symmetries))
     return Errors(np.linalg.norm(increments[:, 3:], axis=1), np.linalg.norm(increments[:, :3], axis=1))

@@ -1,12 +1,12 @@
-"""What Spearman's rho over final poses would be of the best estimator that there can be.
+"""The rank correlation (Spearman's rho) over final poses of an optimal estimator.
 
-Near the true pose a touch is H, the information that it holds of the six increments. Its noise puts the least minimum
-of the exact likelihood off by b ~ N(0, H^-1), where H is regular, and a trial begins off by s. Of all estimators the
-mean of the posterior has the least mean squared error: x = (H + P)^-1 (H b + P s), with the prior information P of the
-trials' spread. Its cost is (x - b)^T H (x - b) / 2.
+Near the true pose, a touch is represented by H, its information about the six increments. Its noise displaces the
+minimum of the exact likelihood by b ~ N(0, H^-1), if H is regular, and a trial starts at a displacement s. Of all
+estimators, the posterior mean has the least mean squared error: x = (H + P)^-1 (H b + P s), with the prior information
+P of the trials' displacements. Its cost is (x - b)^T H (x - b) / 2.
 
-With H = L L^T and standard normal numbers y in place of L^T b neither needs an inverse of H: a direction that the touch
-does not determine stays as it was.
+With H = L L^T and standard normal numbers y in place of L^T b, neither needs an inverse of H; a direction that the
+touch does not determine remains unchanged.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ class IdealTrials(NamedTuple):
 
     Attributes:
         error: means over the trials, mm and deg, shape (draws, 2).
-        rho: over the trials' final poses, for both, shape (draws, 2).
+        rho: rank correlation over the trials' final poses, for both, shape (draws, 2).
     """
 
     error: Array
@@ -31,7 +31,7 @@ class IdealTrials(NamedTuple):
 
 
 def ideal_trials(grasp: PadGrasp, trials: int, draws: int, generator: np.random.Generator) -> IdealTrials:
-    """Corrects displaced poses as well as the grip's touch allows, with its noise drawn anew."""
+    """Corrects displaced poses as well as the grip's touch allows, with the touch's noise drawn anew."""
     H = grasp.objectives[OURS].normal_equations(grasp.X_PO[None]).hessian[0]
     eigenvalues, eigenvectors = np.linalg.eigh(H)
     L = eigenvectors * np.sqrt(eigenvalues.clip(0.0))

@@ -1,8 +1,8 @@
-"""The hand of `pad_grasps.py` when it is not as its files say: joints' zeros are off, and arrays sit elsewhere.
+"""The hand of `pad_grasps.py` with errors of its files: offsets of the joint encoders, and of the arrays' poses.
 
-A grip's pressures stay what they were; where the pads are, is what the estimation is told wrongly. Each time a hand is
-drawn anew: the zero of each encoder (the spread, and each finger's proximal joint, whose distal joint follows it), and
-for each array, the palm's too, a shift along and a turn about each axis.
+A grip's pressures are unchanged; the poses of the pads that are passed to the estimation are wrong. The errors of each
+hand are drawn independently: the offset of each encoder (of the spread, and of each finger's proximal joint, which the
+distal joint follows), and for each array, including the palm's, a translation along and a rotation about each axis.
 """
 
 import dataclasses
@@ -26,7 +26,7 @@ from tactopose_drake.hand import (
 
 
 class Level(NamedTuple):
-    """By how much a hand is off, one standard deviation: arrays along each axis, mm; joints and arrays' turns, deg."""
+    """Standard deviations of a hand's errors: arrays along each axis, mm; joints, and arrays about each axis, deg."""
 
     mm: float
     deg: float
@@ -36,7 +36,7 @@ class Level(NamedTuple):
 
 
 class InexactHand:
-    """Draws hands, and what is felt with them."""
+    """Draws hands, and the patches that they feel."""
 
     def __init__(self, name: str = "barrett_like") -> None:
         config = load_hand_config(name)
@@ -46,7 +46,9 @@ class InexactHand:
         self._layouts = {pad.name: load_tactile_pad(pad.array).layout for pad in config.pads}
 
     def feel(self, grasp: PadGrasp, level: Level, generator: np.random.Generator) -> tuple[Patch, ...]:
-        """The grasp's patches where a drawn hand believes them to be, with what its file would declare of that."""
+        """The grasp's patches at the poses where a drawn hand assumes them, with the uncertainty that its file
+        declares.
+        """
         errors = HandUncertainty(
             encoder_offset_deg=level.deg, mounting=1e-3 * level.mm, mounting_deg=level.deg, fingertip_radius=0.0
         )
@@ -75,11 +77,11 @@ class InexactHand:
         return tuple(patches)
 
     def _poses(self, q: Array) -> dict[str, Array]:
-        """Where the arrays are, each (3, 4); leaves the kinematics there."""
+        """The arrays' poses, each (3, 4); leaves the kinematics at these joint positions."""
         self._kinematics.move(q)
         return {pad: X.GetAsMatrix34() for pad, X in self._kinematics.poses(self._hand.pad_frames).items()}
 
 
 def untold(patches: tuple[Patch, ...]) -> tuple[Patch, ...]:
-    """The same, but that nothing is declared of the hand."""
+    """The same patches without the declared uncertainty of the hand."""
     return tuple(dataclasses.replace(patch, misplacement=None) for patch in patches)

@@ -1,6 +1,6 @@
-"""What chapter 5's objectives make of a hand that is off: corrections, rank correlations, and figure 5.11's turns.
+"""Evaluates chapter 5's objectives with an inexact hand: corrections, rank correlations, and figure 5.11's rotations.
 
-Every trial draws a hand of its own, and a displaced pose as table 5.3's; all objectives get both.
+Every trial draws a hand, and a displaced pose as for table 5.3; all objectives are given the same.
 """
 
 import dataclasses
@@ -17,16 +17,16 @@ from tactopose_drake.core.poses import increments_between, retract
 
 TOLD = "ours, told"
 METHODS = (PCA, DISTANCE, OURS, TOLD)
-WAY = 40  # poses between the true one and displaced ones, over which a trial's rank correlations are
+WAY = 40  # number of poses between the true one and displaced ones, for a trial's rank correlations
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LevelTrials:
-    """What one objective does with hands that are off by one level.
+    """The results of one objective with hands whose errors are of one level.
 
     Attributes:
-        error: of the final poses, mm and deg, shape (grips, trials, 2).
-        rho: of cost and error on the way to the true pose, shape (grips, trials, 2).
+        error: errors of the final poses, mm and deg, shape (grips, trials, 2).
+        rho: rank correlation of cost and error on the way to the true pose, shape (grips, trials, 2).
     """
 
     error: Array
@@ -40,14 +40,14 @@ class LevelTrials:
 
 
 def feel_both(grasp: PadGrasp, hand: InexactHand, level: Level, generator: np.random.Generator) -> dict[str, PadGrasp]:
-    """The grasp as a drawn hand feels it, for each method: the last is told by how much such hands are off."""
+    """The grasp as a drawn hand feels it, for each method; the last one is given the hands' standard deviations."""
     told = hand.feel(grasp, level, generator)
     without = grasp.felt(untold(told))
     return {PCA: without, DISTANCE: without, OURS: without, TOLD: grasp.felt(told)}
 
 
 def objective_of(method: str) -> str:
-    """The objective's name; what is told is the patches' matter."""
+    """The name of a method's objective; what it is told of the hand is in the patches."""
     return OURS if method == TOLD else method
 
 
@@ -73,7 +73,7 @@ def run_level(grasps: dict[str, PadGrasp], level: Level, trials: int, seed: tupl
 
 
 def least_turns(grasp: PadGrasp, level: Level, hands: int, seed: tuple[int, ...]) -> dict[str, Array]:
-    """For each method, the turns of figure 5.11 at which drawn hands' costs are least, shape (hands,), deg."""
+    """For each method, the rotations of figure 5.11 at which drawn hands' costs are least, shape (hands,), deg."""
     hand, X_PO = InexactHand(), turned_poses(grasp, TURNS_DEG)
     turns: dict[str, list[float]] = {method: [] for method in METHODS}
     for i in range(hands):

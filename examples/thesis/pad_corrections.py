@@ -1,4 +1,4 @@
-"""Corrects displaced poses of the grips of `pad_grasps.py`, and measures how far off they end.
+"""Corrects displaced poses of the grips of `pad_grasps.py`, and computes the errors of the results.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 5.3.
 """
@@ -30,7 +30,8 @@ from tactopose_drake.core.searches import LevenbergMarquardt, PriorSpace, patch_
 from tactopose_drake.estimation import Direct
 
 METHODS = (PCA, DISTANCE, OURS)
-# Our objective by other searches: only descended from where a trial starts, and ours descended without its prior.
+# Our objective with other searches: descent from the initial pose alone, and our search with a final descent
+# without the prior.
 DESCENDED, SETTLED = "descent alone", "ours, then to the minimum"
 SEARCHES = (DESCENDED, OURS, SETTLED)
 DIRECT = Direct(max_evaluations=5000, refined=10)
@@ -41,10 +42,10 @@ class Trials:
     """One objective's trials on one grasp.
 
     Attributes:
-        cost: of the final poses, shape (n,).
-        error: of the final poses, mm and deg, shape (n, 2).
-        way_cost, way_error: the same of poses on the way from the true one to the displaced ones.
-        seconds: processor time of a trial, mean.
+        cost: costs of the final poses, shape (n,).
+        error: errors of the final poses, mm and deg, shape (n, 2).
+        way_cost, way_error: the same for poses on the way from the true one to the displaced ones.
+        seconds: mean CPU time of a trial.
     """
 
     cost: Array
@@ -97,7 +98,7 @@ def run_trials(grasp: PadGrasp, trials: int, seed: tuple[int, int], label: str) 
     console = Console(stderr=True)
     results = {}
     for method in dict.fromkeys(METHODS + SEARCHES):
-        correct(grasp, method, starts[0], np.random.default_rng(0))  # Compiles, and makes what a model keeps.
+        correct(grasp, method, starts[0], np.random.default_rng(0))  # Compiles, and computes what a model keeps.
         begin = time.process_time()
         described = track(starts, f"{label}: {method}", console=console, transient=True)
         X_PO = np.array([correct(grasp, method, start, generator) for start in described])

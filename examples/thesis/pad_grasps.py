@@ -1,11 +1,11 @@
 """Six grips of the hand with tactile pads, for tables 5.2 and 5.3 of the thesis, and the objectives compared on them.
 
-The thesis grasped four objects in six ways with a real Barrett Hand; here Drake simulates such a hand. As in the
-thesis' first experiment, the pads lie where the shape has something to tell: an end, an edge, or a handle. The last
-grip is the thesis' horizontal bottle, which has nothing but a cylinder under the pads: no touch tells how far it has
-slid along its axis.
+The thesis grasped four objects in six ways with a real Barrett Hand; here, Drake simulates such a hand. As in the
+thesis' first experiment, the pads touch informative parts of the shape: an end, an edge, or a handle. The last grip is
+the thesis' horizontal bottle, where the pads touch only a cylinder, so that no touch determines its translation along
+its axis.
 
-Each grip is kept as a file, named by what it was simulated from, so that the next run only reads.
+Each grip is kept as a file, named by a hash of the simulation's inputs, so that the next run only reads it.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 5.3.
 """
@@ -37,8 +37,8 @@ Array = NDArray[np.float64]
 
 PAD_TOP = 0.0775  # height of the palm's pad, z in P, m
 LAYER = 0.003  # thickness of the pads' soft layer, m
-MOST_TURN, MOST_SHIFT = math.radians(20.0), 0.010  # displacement about and along each axis, either way
-# The standard deviations of those uniform numbers.
+MOST_TURN, MOST_SHIFT = math.radians(20.0), 0.010  # maximum displacement about and along each axis
+# Standard deviations of these uniform displacements.
 SIGMA_TURN, SIGMA_SHIFT = MOST_TURN / math.sqrt(3.0), MOST_SHIFT / math.sqrt(3.0)
 UNITS = np.repeat([MOST_TURN, MOST_SHIFT], 3)
 PCA, DISTANCE, OURS = "algorithm 5.2", "algorithm 5.3", "ours"
@@ -51,12 +51,12 @@ def make_grip(name: str, p_PO: tuple[float, float, float], rotation: Rotation, s
     controller = dataclasses.replace(scenario.grip.controller, fixed={"finger_1_spread_joint": spread})
     scenario.object = name
     scenario.grip = Grip(X_PO={name: Transform(translation=list(p_PO), rotation=rotation)}, controller=controller)
-    scenario.estimation.estimator.period = 2.0 * scenario.duration  # Once at the start, when nothing touches.
+    scenario.estimation.estimator.period = 2.0 * scenario.duration  # Once at the start, before any contact.
     return scenario
 
 
 UPRIGHT, LYING = Rotation(), Rotation(value=Rotation.Rpy(deg=[0.0, 90.0, 0.0]))
-# On its side, the handle up, turned about the mug's axis by 25 degrees towards a finger.
+# On its side, with the handle up, rotated about the mug's axis by 25 degrees towards a finger.
 HANDLE_UP = Rotation(value=Rotation.Rpy(deg=[-90.0, -65.0, 90.0]))
 GRIPS = {
     "a) tea box, upright, an edge under a finger": make_grip("tea_box", (-0.016, 0.0, PAD_TOP - 0.0005), UPRIGHT),
@@ -70,14 +70,14 @@ GRIPS = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PadGrasp:
-    """What the pads feel of an object, and where it is.
+    """The pads' readings of an object, and its pose.
 
     Attributes:
-        model: the object; its frame O is in the middle of its bounding box, its axes are those of its file.
-        patches: in P, in the order of the hand's pads.
+        model: the object; its frame O is at the centre of its bounding box, with the axes of its file.
+        patches: patches in P, in the order of the hand's pads.
         X_PO: true pose of the object, shape (3, 4).
         q: positions of the hand's joints, in the order of its own plant, rad.
-        objectives: what is compared, by name.
+        objectives: the objectives that are compared, by name.
     """
 
     model: tp.ObjectModel
@@ -87,7 +87,7 @@ class PadGrasp:
     objectives: dict[str, LeastSquaresObjective]
 
     def felt(self, patches: tuple[Patch, ...]) -> "PadGrasp":
-        """The same grasp, of which the pads say something else."""
+        """The same grasp with other patches."""
         return dataclasses.replace(self, patches=patches, objectives=make_objectives(self.model, patches))
 
 
@@ -96,7 +96,7 @@ class GripLostError(TactoposeError):
 
 
 def make_objectives(model: tp.ObjectModel, patches: tuple[Patch, ...]) -> dict[str, LeastSquaresObjective]:
-    """What is compared, by name."""
+    """The objectives that are compared, by name."""
     cloud = _point_grid(model)
     return {
         PCA: CovarianceMatching(cloud, patches, thickness=LAYER),
@@ -111,7 +111,7 @@ def _point_grid(model: tp.ObjectModel) -> PointGrid:
 
 
 def load_pad_grasp(name: str, scenario: Scenario) -> PadGrasp:
-    """Reads a grip from the package's cache folder; simulates it, and writes it there, where it is not there yet.
+    """Reads a grip from the package's cache folder; simulates it and writes it there if it is missing.
 
     Raises:
         GripLostError: if the hand does not hold the object.
@@ -149,9 +149,9 @@ def load_pad_grasp(name: str, scenario: Scenario) -> PadGrasp:
 
 
 def _save(path: Path, name: str, scenario: Scenario) -> None:
-    """Simulates a grip and writes it in one step: no reader sees half a file.
+    """Simulates a grip and writes it atomically, so that no reader sees half a file.
 
-    Another process may be at the same grip, and comes to the same.
+    Another process may write the same grip, with the same result.
     """
     result = simulate_grasp(scenario)
     if not result.stable:
@@ -172,12 +172,14 @@ def _save(path: Path, name: str, scenario: Scenario) -> None:
 
 
 def displaced_poses(X_PO: Array, count: int, generator: np.random.Generator) -> Array:
-    """Poses (count, 3, 4) turned and shifted from X_PO (3, 4), evenly, by up to the most about and along each axis."""
+    """Poses (count, 3, 4), rotated and translated from X_PO (3, 4) uniformly up to the maximum about and along each
+    axis.
+    """
     return retract(np.repeat(X_PO[None], count, axis=0), generator.uniform(-1.0, 1.0, (count, 6)) * UNITS)
 
 
 class DisplacedSpace:
-    """The poses that the true one may be, seen from a displaced one: a box."""
+    """The box of possible true poses around a displaced one."""
 
     def __init__(self, X_PO: Array) -> None:
         self._X_PO = X_PO
@@ -194,7 +196,7 @@ class DisplacedSpace:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """About and along each axis, rad and m."""
+        """Half the box's size about and along each axis, rad and m."""
         return MOST_TURN, MOST_SHIFT
 
     def sample(self, generator: np.random.Generator, count: int) -> Array:

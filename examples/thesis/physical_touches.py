@@ -1,9 +1,9 @@
-"""Grasps by three fingers in the simulator whose pose is ambiguous, and the two others that feel for more.
+"""Ambiguous grasps by three fingers in the simulator, and exploration by the two other fingers.
 
-Everything is simulated: the closing hand, the object that the fingers hold, the motion of the finger that explores, its
-touch, and what that shifts. The pose is estimated from the simulated wrenches and joints, and from one view of a camera
-that the hand mostly hides. The diagram decides by itself what to touch (`AddTouchExploration`), and ends where 95 % of
-the belief lie within 10 mm and 15 degrees of one pose.
+Everything is simulated: the closing hand, the object that the fingers hold, the motion of the exploring finger, its
+contact, and the motion of the object that it causes. The pose is estimated from the simulated wrenches and joints, and
+from one view of a camera that the hand mostly occludes. The diagram itself chooses the touches (`AddTouchExploration`),
+and stops when 95 % of the belief is within 10 mm and 15 degrees of one pose.
 """
 
 import dataclasses
@@ -16,13 +16,13 @@ from tactopose_drake.core.exploration import Tolerance, merged_modes, nearest_tw
 from tactopose_drake.station import Scenario, Station
 from tactopose_drake.systems import TouchExplorationParams
 
-# Neighbours, so that each of the others has room to one side.
+# Neighbouring fingers, so that each of the others has room to one side.
 HOLDING = (("thumb", "first", "middle"), ("thumb", "middle", "ring"), ("thumb", "ring", "little"))
 AMBIGUOUS, UNIQUE = 0.8, 0.95
 MOST_TOUCHES = 12
-LONGEST_GRASP, LONGEST = 3.5, 45.0  # s, until the hand holds and until the exploration ends
-SLIPPED = 0.004  # m in the palm, from when the exploration began, beyond which the object did not rest in the hand
-RESTING = 0.002  # m/s in the palm, up to which the object rests in the hand when the exploration begins
+LONGEST_GRASP, LONGEST = 3.5, 45.0  # maximum times until the hand holds, and until the exploration ends, s
+SLIPPED = 0.004  # m in the palm since the exploration began, beyond which the object counts as having slipped
+RESTING = 0.002  # maximum velocity in the palm, m/s, at which the object counts as at rest when the exploration begins
 TOLERANCE = Tolerance()
 
 
@@ -31,17 +31,17 @@ OUTCOMES = ("no grasp", "not ambiguous", "unique", "not unique", "the object sli
 
 @dataclasses.dataclass(frozen=True)
 class PhysicalExploration:
-    """How one exploration in the simulator went; all numbers, for a journal.
+    """The result of one exploration in the simulator, as numbers for a journal.
 
     Attributes:
-        outcome: which of `OUTCOMES`.
-        touches: how many motions there were.
-        right: 1 where the pose it ended with is the true one, else 0.
-        share_before: of the belief about one pose, before the first touch.
-        share_after: at the end.
+        outcome: index in `OUTCOMES`.
+        touches: number of motions.
+        right: 1 if the final pose is the true one, else 0.
+        share_before: share of the belief about one pose before the first touch.
+        share_after: the same at the end.
         moved: how far the object has moved in the palm meanwhile, m.
-        simulated: time, s.
-        processor: time, s.
+        simulated: simulated time, s.
+        processor: CPU time, s.
     """
 
     outcome: float
@@ -55,7 +55,7 @@ class PhysicalExploration:
 
 
 def scenario_of(name: str, seed: int, rule: str) -> Scenario:
-    """A hand that errs in nothing, and explores."""
+    """The scenario of a hand without errors that explores."""
     scenario = Scenario(object=name, seed=seed, duration=LONGEST).without_errors()
     scenario.planner.least_fingers = 3
     scenario.planner.fingers = list(HOLDING[np.random.default_rng((seed, 11)).integers(len(HOLDING))])
@@ -71,7 +71,7 @@ def scenario_of(name: str, seed: int, rule: str) -> Scenario:
 
 
 def explore_in_physics(station: Station) -> PhysicalExploration:
-    """Closes the hand, and explores until one pose is left, or time or touches are over."""
+    """Closes the hand, and explores until one pose is left, or the time or the touches are used up."""
     started = time.process_time()
     simulator = Simulator(station.diagram)
     context = simulator.get_mutable_context()

@@ -1,7 +1,7 @@
 """The experiments of section 4.3.1: four methods on the same trials of each cell, a number of fingers and a noise.
 
-Two are `tp.estimate_pose` as it is called by default: from the contacts alone, and with the hand's volume. Two are the
-thesis' search: of our likelihood (`method="monte_carlo"`), and of the thesis' own cost (`published_search.py`).
+Two methods are `tp.estimate_pose` with its defaults: from the contacts alone, and with the hand's volume. Two are the
+thesis' search: with our likelihood (`method="monte_carlo"`), and with the thesis' own cost (`published_search.py`).
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.3.1.
 """
@@ -20,7 +20,7 @@ from published_search import search_as_published
 
 import tactopose_drake as tp
 
-# The thesis names the second and the third; its axis ticks are not in its text, so the steps are ours.
+# The thesis states the second and the third; its axis ticks are not in its text, so the other levels are ours.
 LEVELS = tuple(Noise(1e-3 * mm, math.radians(deg)) for mm, deg in ((0.45, 2.5), (0.9, 5), (1.8, 10), (2.7, 15)))
 FINGER_COUNTS = (3, 4, 5)
 
@@ -43,19 +43,19 @@ MAIN_CELL = Cell(5, LEVELS[1])  # where the thesis gives numbers
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """One of the two experiments, and what the thesis says of it.
+    """One of the two experiments, with the results of the thesis.
 
     Attributes:
-        name: of the files.
-        title: of the table.
+        name: name of the files.
+        title: title of the table.
         object: the object that is held.
         guess: whether there is a displaced pose to correct.
         mean_translation, mean_rotation: the thesis' mean errors in the main cell, m and rad.
-        seconds: the thesis' mean time there.
-        success: the thesis' least share of successes by at least `success_fingers` fingers in noise up to the main
-            cell's.
-        success_fingers: see there.
-        trials: how many the thesis made, over all of its cells.
+        seconds: the thesis' mean time in the main cell.
+        success: the thesis' minimum share of successes with at least `success_fingers` fingers and noise up to that of
+            the main cell.
+        success_fingers: the number of fingers to which `success` refers.
+        trials: the number of the thesis' trials over all of its cells.
     """
 
     name: str
@@ -100,12 +100,12 @@ GLOBAL = Experiment(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Runs:
-    """How one method did on the first n trials of a cell.
+    """The results of one method on the first n trials of a cell.
 
     Attributes:
-        errors: of the most probable poses, shape (n,) each.
+        errors: errors of the most probable poses, shape (n,) each.
         found: whether a pose within the limits was among the hypotheses, shape (n,).
-        mass: the hypotheses' probability of such a pose, shape (n,); NaN where they have none.
+        mass: the hypotheses' probability of such a pose, shape (n,); NaN if they have no probabilities.
         seconds: CPU time, shape (n,).
     """
 
@@ -115,7 +115,7 @@ class Runs:
     seconds: Array
 
     def first(self, count: int) -> "Runs":
-        """Those of the first `count` trials."""
+        """The results of the first `count` trials."""
         errors = Errors(self.errors.translation[:count], self.errors.rotation[:count])
         return Runs(errors, self.found[:count], self.mass[:count], self.seconds[:count])
 
@@ -128,9 +128,9 @@ class Results:
     """All runs of an experiment.
 
     Attributes:
-        experiment: which one.
-        initial: errors of the displaced poses, shape (n,) each; empty where there are none.
-        runs: by cell and method.
+        experiment: the experiment.
+        initial: errors of the displaced poses, shape (n,) each; empty if there are none.
+        runs: the runs by cell and method.
     """
 
     experiment: Experiment
@@ -139,7 +139,7 @@ class Results:
 
 
 def find_poses(model: tp.ObjectModel, trial: Trial, method: str) -> tuple[Array, Array]:
-    """Poses (B, 3, 4), best first, and their probabilities (B,), NaN where the method gives none."""
+    """Poses (B, 3, 4), best first, and their probabilities (B,), NaN if the method gives none."""
     if method == PUBLISHED:
         X_PO = search_as_published(model, trial)
         return X_PO, np.full(len(X_PO), np.nan)
@@ -155,7 +155,7 @@ def find_poses(model: tp.ObjectModel, trial: Trial, method: str) -> tuple[Array,
 
 
 def run_trial(model: tp.ObjectModel, trial: Trial, method: str) -> tuple[float, ...]:
-    """Errors of the best pose, m and rad, whether a good one was found, with which probability, and the CPU time, s."""
+    """Errors of the best pose, m and rad, whether a good one was found, its probability, and the CPU time, s."""
     started = time.process_time()
     X_PO, probability = find_poses(model, trial, method)
     seconds = time.process_time() - started

@@ -21,7 +21,7 @@ SUCCESS_RATES = {"correction": "figure_4_10", "global": "figure_4_13"}
 
 
 def save_figures(results: Results, folder: Path) -> None:
-    """Mean errors and success rates; where there is a guess, also the histograms and initial against final error."""
+    """Plots mean errors and success rates; with a displaced pose, also histograms, and initial against final errors."""
     name = results.experiment.name
     _print(_mean_errors(results), folder / f"{MEAN_ERRORS[name]}.png")
     _print(_success_rates(results), folder / f"{SUCCESS_RATES[name]}.png")
@@ -35,12 +35,12 @@ def _methods(results: Results) -> list[str]:
 
 
 def _units(errors: Errors) -> tuple[Array, Array]:
-    """Millimetres and degrees."""
+    """Converts to millimetres and degrees."""
     return 1e3 * errors.translation, np.degrees(errors.rotation)
 
 
 def _mean_errors(results: Results) -> Figure:
-    """[B16] figures 4.9 and 4.12."""
+    """Plots [B16] figures 4.9 and 4.12."""
     figure, grid = _panels(results, rows=2)
     for line, part, label in zip(grid, (0, 1), PARTS, strict=True):
         _bars(line, results, lambda runs, part=part: float(_units(runs.errors)[part].mean()))
@@ -49,7 +49,7 @@ def _mean_errors(results: Results) -> Figure:
 
 
 def _success_rates(results: Results) -> Figure:
-    """[B16] figures 4.10 and 4.13."""
+    """Plots [B16] figures 4.10 and 4.13."""
     figure, grid = _panels(results, rows=1)
     _bars(grid[0], results, lambda runs: 100.0 * float(runs.errors.success.mean()))
     grid[0, 0].set(ylabel="trials under 1 cm and 15°, %", ylim=(0, 100))
@@ -64,7 +64,7 @@ def _panels(results: Results, rows: int) -> tuple[Figure, NDArray[np.object_]]:
 
 
 def _bars(line: NDArray[np.object_], results: Results, height: Callable[[Runs], float]) -> None:
-    """On each method's axes a group of bars for each noise, a colour for each number of fingers."""
+    """Draws on each method's axes a group of bars for each noise, with a colour for each number of fingers."""
     width = 0.85 / len(FINGER_COUNTS)
     for axes, method in zip(line, _methods(results), strict=True):
         for i, fingers in enumerate(FINGER_COUNTS):
@@ -76,9 +76,9 @@ def _bars(line: NDArray[np.object_], results: Results, height: Callable[[Runs], 
 
 
 def _histograms(results: Results) -> Figure:
-    """[B16] figure 4.8: initial errors above, final ones below, with five fingers and the thesis' noise.
+    """Plots [B16] figure 4.8: initial errors above, final ones below, with five fingers and the thesis' noise.
 
-    A last bin that ends at the largest initial error also holds the final errors beyond it.
+    The last bin, which ends at the largest initial error, also contains the final errors beyond it.
     """
     methods = _methods(results)
     rows = [("initial", results.initial)]
@@ -93,7 +93,7 @@ def _histograms(results: Results) -> Figure:
 
 
 def _initial_against_final(results: Results) -> Figure:
-    """[B16] figure 4.20, which is of the same correction: below the line the error has fallen."""
+    """Plots [B16] figure 4.20, which is for the same correction; points below the line have a decreased error."""
     methods = _methods(results)
     figure = Figure(figsize=(5 * len(methods), 9), layout="constrained")
     grid = figure.subplots(2, len(methods), sharex="row", sharey="row", squeeze=False)

@@ -1,13 +1,13 @@
-"""The global search of chapter 4 of the thesis with the cost that the thesis gives it, and without a prior's cost.
+"""The global search of chapter 4 of the thesis with the thesis' cost, and without the cost of a prior.
 
-`method="monte_carlo"` of `tp.estimate_pose` is the same search, of our likelihood on the signed distance grid. Here it
-minimises eq. 4.1: each contact counts by the distance to a point of the object and the angle to the normal there, at
-the point where their sum is least among the nearest ones, which a k-d tree finds. Without a guess the poses that it
-ends with are checked for collisions with the hand.
+`method="monte_carlo"` of `tp.estimate_pose` is the same search with our likelihood on the signed distance grid. Here it
+minimises eq. 4.1: each contact's cost is its distance from a point of the object plus the weighted angle to the normal
+there, at that of the nearest points, found by a k-d tree, at which this sum is least. Without a prior, the final poses
+are checked for collisions with the hand.
 
-The thesis does not print w_n for this chapter; of 5, 10, 20 and 40 (lengths in cm, as in chapter 3) 5 did best here.
-The design without a guess is tuned to this cost too. The points are the centres of the mesh's triangles, some ten
-thousand.
+The thesis does not state w_n for this chapter; of 5, 10, 20 and 40 (lengths in cm, as in chapter 3), 5 gave the best
+results here. The design without a prior is tuned to this cost, too. The points are the centres of the mesh's triangles,
+about ten thousand.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.2.
 """
@@ -24,9 +24,9 @@ from tactopose_drake.core.objectives import NearestPointContact
 from tactopose_drake.core.searches import MonteCarlo, MonteCarloDesign, PoseSpace, PriorSpace, TouchSpace
 
 NORMAL_WEIGHT = 0.05  # w_n, m
-# Points that a contact is compared with: within about 3 mm, so that both sides of the glass' wall are among them.
+# Points that a contact is compared with: within about 3 mm, so that both sides of the glass' wall are included.
 NEIGHBOURS = 20
-# The fingertips are soft, and the poses blurred: a sphere of the hand may reach so deep into the object, m.
+# Fingertips are soft, and the final poses inexact: a sphere of the hand may penetrate the object to this depth, m.
 OVERLAP = 0.005
 
 
@@ -39,7 +39,7 @@ def point_cloud(model: tp.ObjectModel) -> tuple[Array, Array]:
 
 
 class PublishedProblem(NamedTuple):
-    """The thesis' search, what it minimises, and where."""
+    """The thesis' search, its objective, and its space of poses."""
 
     search: MonteCarlo
     objective: NearestPointContact
@@ -47,7 +47,7 @@ class PublishedProblem(NamedTuple):
 
 
 def published_problem(model: tp.ObjectModel, trial: Trial) -> PublishedProblem:
-    """What the thesis would do with a trial."""
+    """The thesis' method for a trial."""
 
     def is_possible(X_PO: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         gap = model.grid.distance((trial.hand.p_PH - X_PO[:, None, :, 3]) @ X_PO[:, :, :3]) - trial.hand.radius
@@ -56,11 +56,11 @@ def published_problem(model: tp.ObjectModel, trial: Trial) -> PublishedProblem:
 
     contacts, prior = trial.contacts, trial.prior
     search = MonteCarlo(
-        # Costs that are not squared tell good poses from bad ones less sharply: a lower power, and fewer particles do.
+        # Costs that are not squared distinguish poses less sharply: a lower power and fewer particles are sufficient.
         anywhere=MonteCarloDesign(
             particles=100_000, population=5000, power=100.0, noise=0.3, cooling=2.0, confidence=50.0
         ),
-        scale=len(contacts) * (0.01 + NORMAL_WEIGHT) / 100.0,  # [B16] eq. 4.13, which counts in cm
+        scale=len(contacts) * (0.01 + NORMAL_WEIGHT) / 100.0,  # [B16] eq. 4.13, which is in cm
         is_possible=is_possible if prior is None else None,
     )
     objective = NearestPointContact(*point_cloud(model), contacts, NORMAL_WEIGHT, NEIGHBOURS)
@@ -68,6 +68,6 @@ def published_problem(model: tp.ObjectModel, trial: Trial) -> PublishedProblem:
 
 
 def search_as_published(model: tp.ObjectModel, trial: Trial, seed: int = 0) -> Array:
-    """The poses (B, 3, 4) that the search ends with, best first."""
+    """The final poses (B, 3, 4) of the search, best first."""
     search, objective, space = published_problem(model, trial)
     return search.minimize(objective, space, np.random.default_rng(seed)).X_PO

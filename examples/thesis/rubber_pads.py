@@ -1,21 +1,22 @@
-"""Tactile pads of rubber, whose pressure is not the depth of what is pressed into them: table 5.1, and poses by them.
+"""Tactile pads of rubber, whose pressure is not proportional to the indentation: table 5.1, and poses from such pads.
 
     python examples/thesis/rubber_pads.py --trials 10 --seed 0 --out out
 
-Prints the tables and what they say; writes them as Markdown (rubber_pads.md) with a figure (rubber_pads.png). The
-grips are simulated once for each kind of pad and kept in the cache folder.
+Prints the tables and a summary; writes them as Markdown (rubber_pads.md) with a figure (rubber_pads.png). The grips are
+simulated once for each kind of pad and kept in the cache folder.
 
-The pads of the other scripts are beds of springs: pressure is depth, and table 5.1 is nearly a matter of geometry. The
-thesis' pads are silicone on pressure cells. Here the layer keeps its volume ("confined": Poisson's ratio 0.499, so that
-it passes a contact's pressure on as a dome, [CV20]), and then the cells are those of published arrays, too ("rubber"):
-their sensitivity falls to a quarter at 100 kPa, as that of soft capacitive cells does within their range ([S20],
-table 2: from 0.55 to 0.15 per kPa), and they lag by 10 % of the highest pressure, which is an assumption; Ecoflex is
-known to lose much of what a cycle takes ([L20]), but of no array on it was the loss found in numbers. "Back" is rubber
-that was pressed to the deepest of the presses before.
+The pads of the other scripts are beds of springs: pressure is proportional to indentation, and table 5.1 is mostly
+geometry. The thesis' pads are silicone on pressure cells. Here, the layer is nearly incompressible ("confined":
+Poisson's ratio 0.499, so that it spreads a contact's pressure as a dome, [CV20]). In addition, the cells are those of
+published arrays ("rubber"): their sensitivity falls to a quarter at 100 kPa, as that of soft capacitive cells does
+within their range ([S20], table 2: from 0.55 to 0.15 per kPa), and they have a hysteresis of 10 % of the highest
+pressure, which is an assumption: Ecoflex is known to dissipate much of the energy of a cycle ([L20]), but no published
+figure of this loss was found for an array with it. "Back" is rubber that was pressed to the deepest of the presses
+before.
 
-Alpha is fitted to each kind of pad by the presses themselves, as the thesis does; then it is taken 20 % too small and
-too large. Corrections are those of table 5.3, on its grips, with readings of pads of each kind; the hand's force does
-not depend on how the pad passes it on. Their alpha is that of presses on a pad of the same layer and cells.
+Alpha is fitted to each kind of pad by the presses themselves, as in the thesis; then it is taken 20 % too small and too
+large. Corrections are those of table 5.3, on its grips, with readings of pads of each kind; the hand's force does not
+depend on the pad's behaviour. Their alpha is that of presses on a pad with the same layer and cells.
 
 Sources: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, sections 5.2.2 and 5.3.
 [CV20] T. Chandler, D. Vella, Validity of Winkler's mattress model for thin elastomeric layers, Proc. R. Soc. A 476,
@@ -54,14 +55,14 @@ Array = NDArray[np.float64]
 
 POISSON = 0.499
 SPRINGS, CONFINED, RUBBER, BACK = "springs", "confined", "rubber", "rubber, back"
-FACTORS = (0.8, 1.0, 1.2)  # of the fitted alpha
+FACTORS = (0.8, 1.0, 1.2)  # factors of the fitted alpha
 METHODS = (PCA, DISTANCE, OURS)
 GRIP_MODULUS, GRIP_THICKNESS, GRIP_CELL = 150e3, 0.003, 0.005  # of the Barrett-like hand's pads; Pa, m
 COLORS = {PCA: "tab:orange", DISTANCE: "tab:green", OURS: "tab:blue"}
 
 
 def rubber_of(kind: str, thickness: float) -> RubberLayer:
-    """A layer and cells of one kind."""
+    """The layer and the cells of one kind."""
     confinement = thickness * math.sqrt(2.0 * (1.0 - POISSON) / (3.0 * (1.0 - 2.0 * POISSON)))
     if kind == SPRINGS:
         return RubberLayer()
@@ -87,8 +88,8 @@ class TiltTable(NamedTuple):
     """Table 5.1 on pads of each kind: errors of the tilts, deg.
 
     Attributes:
-        alpha: that fits best, over that of the springs.
-        errors: at each of `FACTORS` of it, absolute, shape (factors, presses).
+        alpha: the fitted alpha, relative to that of the springs.
+        errors: absolute errors at each of `FACTORS` of alpha, shape (factors, presses).
     """
 
     alpha: float
@@ -96,12 +97,12 @@ class TiltTable(NamedTuple):
 
 
 def tilt_tables() -> tuple[dict[str, TiltTable], dict[str, list[Press]], TactileLayout]:
-    """The table, and the presses that it is of."""
+    """The table, and the presses that it is computed from."""
     springs = find_alpha(modulus=MODULUS, thickness=THICKNESS)
     tables, presses = {}, {}
     for kind in (SPRINGS, CONFINED, RUBBER, BACK):
         presses[kind] = pressed(springs, kind, THICKNESS)
-        # What was on the way back is judged by the alpha of the way in, which is how one calibrates.
+        # Presses on the way back are evaluated with the alpha of the way in, as in a calibration.
         fitted = fit_alpha(springs.layout, presses[RUBBER if kind == BACK else kind], springs.alpha).alpha
         errors = [np.abs(tilt_errors(springs.layout, presses[kind], factor * fitted)) for factor in FACTORS]
         tables[kind] = TiltTable(fitted / springs.alpha, np.degrees(errors))
@@ -109,7 +110,7 @@ def tilt_tables() -> tuple[dict[str, TiltTable], dict[str, list[Press]], Tactile
 
 
 def write_hand(kind: str) -> Path:
-    """The Barrett-like hand's description with pads of one kind, in the cache folder."""
+    """Writes the Barrett-like hand's description with pads of one kind to the cache folder."""
     folder = cache_folder() / "rubber_hands" / kind
     folder.mkdir(parents=True, exist_ok=True)
     rubber = rubber_of(kind, GRIP_THICKNESS)
@@ -127,7 +128,7 @@ def write_hand(kind: str) -> Path:
 
 
 def load_grasps(kind: str) -> dict[str, PadGrasp]:
-    """Table 5.3's grips, felt by pads of one kind, with the alpha that presses on such a pad give."""
+    """Table 5.3's grips, felt by pads of one kind, with the alpha from presses on such a pad."""
     springs = find_alpha(modulus=GRIP_MODULUS, thickness=GRIP_THICKNESS, cell=GRIP_CELL)
     factor = fit_alpha(springs.layout, pressed(springs, kind, GRIP_THICKNESS), springs.alpha).alpha / springs.alpha
     grasps = {}
@@ -138,7 +139,7 @@ def load_grasps(kind: str) -> dict[str, PadGrasp]:
 
 
 def with_alpha(grasp: PadGrasp, factor: float) -> PadGrasp:
-    """The grasp, its pads described by an alpha that is so many times theirs."""
+    """The grasp with pads whose described alpha is a multiple of theirs."""
     return grasp.felt(
         tuple(
             describe_patch(
@@ -175,7 +176,7 @@ def correct_all(trials: int, seed: int) -> Corrections:
 
 
 def verdicts(tilts: dict[str, TiltTable], corrections: Corrections) -> list[str]:
-    """What the tables say."""
+    """The results in sentences."""
     right = FACTORS.index(1.0)
     lines = []
     for kind, table in tilts.items():
@@ -200,7 +201,7 @@ def verdicts(tilts: dict[str, TiltTable], corrections: Corrections) -> list[str]
 
 
 def markdown(tilts: dict[str, TiltTable], corrections: Corrections, trials: int, seed: int) -> str:
-    """The tables and the verdicts."""
+    """The tables and the verdicts as Markdown."""
     headings = [f"alpha {100 * (factor - 1):+.0f} %" if factor != 1.0 else "alpha fitted" for factor in FACTORS]
     lines = [f"# Pads of rubber, {trials} corrections of each of {len(GRIPS)} grips, seed {seed}", ""]
     lines += ["Table 5.1: error of the tilt, deg; mean, largest.", ""]
@@ -218,7 +219,7 @@ def markdown(tilts: dict[str, TiltTable], corrections: Corrections, trials: int,
 
 
 def plot_profile(axes: Axes, presses: dict[str, list[Press]], layout: TactileLayout) -> None:
-    """A flat thing pressed at 5 degrees: what each kind of pad shows along its middle, scaled to the same force."""
+    """Plots a flat shape pressed at 5 degrees: each kind of pad's pressures along its centre line, at equal force."""
     chosen = next(i for i, press in enumerate(presses[SPRINGS]) if press.shape == "flat, wide" and press.tilt > 0.08)
     for kind, some in presses.items():
         pressure = some[chosen].pressure
@@ -235,7 +236,7 @@ def plot(
     corrections: Corrections,
     path: Path,
 ) -> None:
-    """What the pads show, the tilts' errors, and the poses' errors."""
+    """Plots the pads' pressures, the tilts' errors, and the poses' errors."""
     figure = Figure(figsize=(14, 9), layout="constrained")
     (profile, tilt), below = figure.subplots(2, 2)
     plot_profile(profile, presses, layout)
@@ -258,10 +259,10 @@ def plot(
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--trials", type=click.IntRange(min=1), default=10, show_default=True, help="Corrections of each grip.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the displacements.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the displacements.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the tables and the figure here.")
 def main(trials: int, seed: int, out: Path | None) -> None:
-    """Tactile pads of rubber: table 5.1 of the thesis, and poses by them."""
+    """Tactile pads of rubber: table 5.1 of the thesis, and poses from such pads."""
     tilts, presses, layout = tilt_tables()
     corrections = correct_all(trials, seed)
     text = markdown(tilts, corrections, trials, seed)

@@ -1,12 +1,12 @@
-"""Figures 4.5 and 4.19 of the thesis again: how the global search gets on, and the landscape that it searches.
+"""Figures 4.5 and 4.19 of the thesis repeated: the progress of the global search, and the costs that it evaluates.
 
     python examples/thesis/search_progress.py --seed 0 --out out
 
-Corrects the pose of the bust from five synthetic contacts (0.9 mm, 5 degrees) as the thesis does: its search on its own
-cost, eq. 4.1. Prints where it ends beside the thesis' numbers and writes them as Markdown (search_progress.md) with
-both figures: the cost of each particle with the average of the last 200 and the least so far (figure_4_5.png), and each
-particle's cost over each of its seven numbers, with the least cost for each value as a line (figure_4_19.png).
-Distances count in m; the thesis does not say in what its costs do, so that the costs themselves do not compare.
+Corrects the pose of the bust from five synthetic contacts (0.9 mm, 5 degrees) by the thesis' search with its own cost,
+eq. 4.1. Prints the result next to the thesis' numbers and writes it as Markdown (search_progress.md) with both figures:
+the cost of each particle with the average of the last 200 and the minimum so far (figure_4_5.png), and each particle's
+cost against each of its seven parameters, with the least cost for each value as a line (figure_4_19.png). Distances are
+in m; the thesis does not state the unit of distance in its costs, so that the costs themselves cannot be compared.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, sections 4.2.6 and 4.3.3.
 """
@@ -29,15 +29,15 @@ from tactopose_drake.resources import model_path
 CONTACTS = 5
 SIGMA_POSITION, SIGMA_NORMAL = 0.0009, np.radians(5.0)
 AVERAGED = 200  # particles in the running average. [B16] figure 4.5
-BINS = 60  # of each parameter, for the line of least cost
+BINS = 60  # bins of each parameter, for the line of least cost
 PARAMETERS = ("q_w", "q_x", "q_y", "q_z", "t_x, mm", "t_y, mm", "t_z, mm")
-BLUE, RED, GREEN = "#0072b2", "#d55e00", "#009e73"  # that are told apart without one kind of cone
+BLUE, RED, GREEN = "#0072b2", "#d55e00", "#009e73"  # distinguishable with colour blindness
 # [B16] sections 4.2.6 and 4.3.3.
 THESIS_PARTICLES = 15_000
 
 
 def make_trial(model: tp.ObjectModel, seed: int) -> Trial:
-    """A touch anywhere on the object, and a guess as far off as the thesis'."""
+    """A random touch of the object, and a prior with the thesis' distribution."""
     generator = np.random.default_rng(seed)
     X_PO = np.eye(3, 4)
     contacts = touch_surface(model, X_PO, CONTACTS, generator, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
@@ -49,7 +49,7 @@ def make_trial(model: tp.ObjectModel, seed: int) -> Trial:
 
 
 def progress_figure(cost: Array) -> Figure:
-    """[B16] figure 4.5."""
+    """Plots [B16] figure 4.5."""
     figure = Figure(figsize=(7.0, 3.6), layout="constrained")
     axes = figure.subplots()
     count = np.arange(1, len(cost) + 1)
@@ -63,7 +63,7 @@ def progress_figure(cost: Array) -> Figure:
 
 
 def least_costs(values: Array, cost: Array) -> tuple[Array, Array]:
-    """The middles of the bins that hold a value, and the least cost in each."""
+    """The centres of the bins that contain a value, and the least cost in each."""
     edges = np.linspace(values.min(), values.max(), BINS + 1)
     place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, BINS - 1)
     least = np.full(BINS, np.inf)
@@ -73,7 +73,7 @@ def least_costs(values: Array, cost: Array) -> tuple[Array, Array]:
 
 
 def landscape_figure(particles: Array, cost: Array) -> Figure:
-    """[B16] figure 4.19: seven parameters beside each other, the cost in the same scale."""
+    """Plots [B16] figure 4.19: seven parameters next to each other, with the same scale of the cost."""
     figure = Figure(figsize=(12.0, 3.2), layout="constrained")
     scaled = particles * np.repeat([1.0, 1e3], [4, 3])
     for axes, name, values in zip(figure.subplots(1, 7, sharey=True), PARAMETERS, scaled.T, strict=True):
@@ -86,10 +86,10 @@ def landscape_figure(particles: Array, cost: Array) -> Figure:
 
 
 @click.command()
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of touch, guess and search.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of touch and search.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the Markdown and the plots here.")
 def main(seed: int, out: Path | None) -> None:
-    """Figures 4.5 and 4.19 of the thesis again."""
+    """Figures 4.5 and 4.19 of the thesis repeated."""
     model = tp.ObjectModel.from_mesh(model_path("objects", "bust.obj"))
     trial = make_trial(model, seed)
     problem = published_problem(model, trial)

@@ -1,20 +1,22 @@
-"""The experiments of section 4.3.1 of the thesis again: a pose corrected, and one found without a guess.
+"""The experiments of section 4.3.1 of the thesis repeated: a pose that is corrected, and one found without a prior.
 
     python examples/thesis/section_4_3_1.py --trials 100 --thesis-trials 20 2 --seed 0 --out out
     python examples/thesis/section_4_3_1.py --trials 100 --thesis-trials 100 100 --jobs 2 --journal trials.jsonl
 
-Prints a table for each experiment beside the thesis' numbers, and writes it as Markdown (section_4_3_1.md) with the
-plots of figures 4.8 to 4.10, 4.12, 4.13 and 4.20. All methods (`pose_experiments.py`) see the same trials, one after
-the other. The thesis' searches are slow: they see the first trials of each cell, as many as `--thesis-trials` says of
-its own cost and `--likelihood-trials` of our likelihood, for the correction and for the global estimation, and ours are
-compared with them on those. A hundred trials of each cell take about half a minute for ours, a quarter of an hour for
-the thesis' corrections, and four hours of processor time for its global searches of its own cost. So several processes
-(`--jobs`) may share them; an interrupt (Ctrl-C) ends the thesis' searches after the grasp that they are at, and the
-tables say how many there were; and a run with the same `--journal` goes on where the last one ended. The journal knows
-nothing of the code: delete it when a method has changed. All times are of the processor, and of one process.
+Prints a table for each experiment next to the thesis' numbers, and writes it as Markdown (section_4_3_1.md) with the
+plots of figures 4.8 to 4.10, 4.12, 4.13 and 4.20. All methods (`pose_experiments.py`) are applied to the same trials,
+one after the other. The thesis' searches are slow and therefore run only on the first trials of each cell:
+`--thesis-trials` gives their numbers, for the correction and for the global estimation, for the search with the thesis'
+cost, and `--likelihood-trials` for the search with our likelihood. On these trials, ours are compared with them.
 
-The grasps are simulated once and kept (`grasp_library.py`; about ten minutes for a hundred of each object). How a
-trial is made from a grasp, and what its errors mean, is in `grasp_trials.py`.
+A hundred trials of each cell take about half a minute for ours, a quarter of an hour for the thesis' corrections, and
+four hours of CPU time for its global searches with its own cost. The trials can be divided among several processes
+(`--jobs`). After an interrupt (Ctrl-C), the thesis' searches stop after the current grasp, and the tables state the
+number of trials. A run with the same `--journal` continues where the last one ended. The journal does not notice
+changes of the code: delete it when a method has changed. All times are CPU times of one process.
+
+The grasps are simulated once and kept (`grasp_library.py`; about ten minutes for a hundred of each object).
+`grasp_trials.py` describes how a trial is made from a grasp, and how its errors are defined.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.3.1.
 """
@@ -50,7 +52,7 @@ from trial_journal import TrialJournal
 from tactopose_drake.errors import InvalidInputError
 
 COLUMNS = ("trials", "success, %", "found, %", "said, %", "mm", "deg", "ms")
-DIGITS = (0, 0, 0, 0, 1, 1, 1)  # fewer where the number has three before the point
+DIGITS = (0, 0, 0, 0, 1, 1, 1)  # fewer for numbers of three digits or more
 LEGEND = (
     "pair_search: tp.estimate_pose as it is called by default; with hand: told the hand's volume, too; monte_carlo: "
     "the thesis' search of our likelihood; as published: the thesis' search of its own cost. Success: the best pose is "
@@ -61,14 +63,14 @@ LEGEND = (
 
 
 def numbers(runs: Runs) -> tuple[float, ...]:
-    """Those of `COLUMNS`."""
+    """The numbers of `COLUMNS`."""
     shares = (100.0 * float(np.mean(values)) for values in (runs.errors.success, runs.found, runs.mass))
     translation, rotation = (float(values.mean()) for values in runs.errors)
     return (len(runs), *shares, 1e3 * translation, math.degrees(rotation), 1e3 * float(np.median(runs.seconds)))
 
 
 def texts(runs: Runs) -> list[str]:
-    """The numbers of `COLUMNS`; empty where there is none."""
+    """The numbers of `COLUMNS` as text; empty for NaN."""
     pairs = zip(numbers(runs), DIGITS, strict=True)
     return ["" if math.isnan(number) else f"{number:.{digits if number < 100 else 0}f}" for number, digits in pairs]
 
@@ -84,7 +86,7 @@ def rows(results: Results) -> list[tuple[str, ...]]:
 
 
 def verdicts(results: Results) -> list[str]:
-    """Against the thesis' numbers, and against its search on the same trials."""
+    """Compares ours with the thesis' numbers, and with the thesis' search on the same trials."""
     published = results.experiment
     claimed = [cell for cell in CELLS if cell.fingers >= published.success_fingers and cell.noise <= MAIN_CELL.noise]
     lines = []
@@ -109,7 +111,7 @@ def verdicts(results: Results) -> list[str]:
 
 
 def comparison(results: Results, own: str, other: str) -> str:
-    """One of ours and one of the thesis' on the same trials of each cell."""
+    """Compares one of our methods with one of the thesis' on the same trials of each cell."""
     lost, ratios, total = [], [], [0, 0]
     for cell in CELLS:
         theirs = results.runs[cell, other]
@@ -128,7 +130,7 @@ def comparison(results: Results, own: str, other: str) -> str:
 
 
 def print_table(results: Results, console: Console) -> None:
-    """The table for the terminal."""
+    """Prints the table."""
     table = Table(title=results.experiment.title, box=box.SIMPLE_HEAD, padding=0, pad_edge=False)
     for heading in ("fingers", "noise", "method", *COLUMNS):
         alignment: Literal["left", "right"] = "left" if heading == "method" else "right"
@@ -169,19 +171,19 @@ def save(all_results: Sequence[Results], seed: int, folder: Path) -> None:
     type=(click.IntRange(min=0), click.IntRange(min=0)),
     default=(20, 2),
     show_default=True,
-    help="How many of them the thesis' search of its own cost sees: corrections, global estimates.",
+    help="Trials of the thesis' search with its own cost: corrections, global estimates.",
 )
 @click.option(
     "--likelihood-trials",
     type=(click.IntRange(min=0), click.IntRange(min=0)),
     default=(20, 2),
     show_default=True,
-    help="The same for the thesis' search of our likelihood.",
+    help="The same for the thesis' search with our likelihood.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of noise and displacements.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the Markdown tables and the plots here.")
 @click.option("--grasps", type=click.Path(path_type=Path), help="Keeps the grasps here, not in the cache folder.")
-@click.option("--journal", type=click.Path(path_type=Path, dir_okay=False), help="Keeps what came of each trial here.")
+@click.option("--journal", type=click.Path(path_type=Path, dir_okay=False), help="Keeps the result of each trial here.")
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes that run trials.")
 def main(
     trials: int,
@@ -193,7 +195,7 @@ def main(
     journal: Path | None,
     jobs: int,
 ) -> None:
-    """Regenerates the experiments of section 4.3.1 of the thesis, beside its numbers."""
+    """Regenerates the experiments of section 4.3.1 of the thesis, next to its numbers."""
     try:
         kept = TrialJournal(journal)
     except InvalidInputError as error:

@@ -1,18 +1,19 @@
-"""How often any estimate could be right in section 4.3.1 of the thesis: what the touch allows, by the belief itself.
+"""An upper bound of the success rate in section 4.3.1 of the thesis, computed from the belief itself.
 
     python examples/thesis/section_4_3_1_bound.py --trials 100 --seed 0 --out out
 
 Prints a table; writes it as Markdown (section_4_3_1_bound.md) with a figure (section_4_3_1_bound.png). The trials are
 those of `section_4_3_1.py`: its grasps are simulated once and kept.
 
-The thesis says that a corrected pose is right, within 10 mm and 15 degrees, in over 80 % of the trials as long as four
-fingers touch and the noise is below 1.8 mm and 10 degrees. Where ours are not, is it the search, or the touch? A belief
-that is honest answers that: whatever answer one gives, the probability that it is right is the belief's mass within the
-limits of it. The answer with the most of that mass is right as often as any can be, and how often that is, is the mean
-of the mass over the trials: a bound for every estimate that knows the same touch, noise and guess. That the best
-answer is in fact right about as often as the belief promises shows that the belief may be believed.
+The thesis states that a corrected pose is right, within 10 mm and 15 degrees, in over 80 % of the trials if at least
+four fingers touch and the noise is below 1.8 mm and 10 degrees. If our estimates are not, is the search the cause, or
+the touch? A calibrated belief answers that: for any answer, the probability that it is right is the belief's
+probability within the limits around it. The answer that maximises this probability is right as often as any answer can
+be, and its expected success rate is the mean of this probability over the trials. This is a bound for every estimate
+from the same touch, noise and prior. The belief is credible if this best answer is actually right about as often as the
+belief promises.
 
-The belief is that of `tp.estimate_pose` where touches are as told (`outlier_probability=0`), drawn from its hypotheses.
+The belief is that of `tp.estimate_pose` without false contacts (`outlier_probability=0`), drawn from its hypotheses.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 4.3.1.
 """
@@ -33,17 +34,17 @@ from rich.progress import track
 import tactopose_drake as tp
 from tactopose_drake.core.poses import retract
 
-SAMPLES, CANDIDATES = 800, 60  # of a belief, and how many of them are tried as answers
+SAMPLES, CANDIDATES = 800, 60  # samples of a belief, and how many of them are tried as answers
 EXPERIMENTS = {experiment.name: experiment for experiment in (CORRECTION, GLOBAL)}
 
 
 class Outcome(NamedTuple):
-    """One trial, or means over some.
+    """One trial, or means over several.
 
     Attributes:
         most_probable: whether the most probable hypothesis of the default call is right.
-        best_answer: whether the answer with the most mass within the limits is.
-        promised: that mass.
+        best_answer: whether the answer with the largest probability within the limits is right.
+        promised: that probability.
     """
 
     most_probable: float
@@ -52,7 +53,7 @@ class Outcome(NamedTuple):
 
 
 def draw(estimate: tp.PoseEstimate, count: int, generator: np.random.Generator) -> Array:
-    """Poses of the belief, shape (count, 3, 4)."""
+    """Poses drawn from the belief, shape (count, 3, 4)."""
     probability = np.array([hypothesis.probability for hypothesis in estimate.hypotheses])
     which = generator.choice(len(probability), count, p=probability / probability.sum())
     roots = np.array([np.linalg.cholesky(h.covariance + 1e-14 * np.eye(6)) for h in estimate.hypotheses])
@@ -68,7 +69,7 @@ def best_answer(model: tp.ObjectModel, X_PO: Array, candidates: Array) -> tuple[
 
 
 def judge(model: tp.ObjectModel, trial: Trial, generator: np.random.Generator) -> Outcome:
-    """One trial; the share is counted on other poses than the answer was chosen by."""
+    """Evaluates one trial; the share is counted on samples that are independent of those that chose the answer."""
     default = tp.estimate_pose(model, trial.contacts, prior=trial.prior)
     taken = tp.estimate_pose(model, trial.contacts, prior=trial.prior, outlier_probability=0.0)
     X_PO = draw(taken, 2 * SAMPLES, generator)
@@ -81,7 +82,7 @@ def judge(model: tp.ObjectModel, trial: Trial, generator: np.random.Generator) -
 
 
 def run(experiment: Experiment, trials: int, seed: int) -> dict[Cell, Outcome]:
-    """Means of every cell."""
+    """The means of every cell."""
     bench = Bench(
         experiment,
         make_scenario(experiment.object).object_model(),
@@ -96,9 +97,9 @@ def run(experiment: Experiment, trials: int, seed: int) -> dict[Cell, Outcome]:
 
 
 def verdicts(results: dict[str, dict[Cell, Outcome]]) -> list[str]:
-    """What the thesis says, and whether touch allows it."""
+    """Sentences that compare the thesis' claims with the bound."""
     lines = []
-    claims = {CORRECTION.name: LEVELS[2], GLOBAL.name: MAIN_CELL.noise}  # the noise that the thesis names
+    claims = {CORRECTION.name: LEVELS[2], GLOBAL.name: MAIN_CELL.noise}  # the noise that the thesis states
     for name, cells in results.items():
         experiment, noise = EXPERIMENTS[name], claims[name]
         for fingers in (count for count in FINGER_COUNTS if count >= experiment.success_fingers):
@@ -119,7 +120,7 @@ def verdicts(results: dict[str, dict[Cell, Outcome]]) -> list[str]:
 
 
 def markdown(results: dict[str, dict[Cell, Outcome]], trials: int, seed: int) -> str:
-    """The table and the verdicts."""
+    """The table and the verdicts as Markdown."""
     lines = [f"# What the touch allows in section 4.3.1, {trials} trials a cell, seed {seed}", ""]
     lines += ["Share of trials within 10 mm and 15 degrees, %.", ""]
     lines += ["| experiment | fingers | noise | most probable | best answer | any estimate, at most |"]
@@ -132,7 +133,7 @@ def markdown(results: dict[str, dict[Cell, Outcome]], trials: int, seed: int) ->
 
 
 def plot(results: dict[str, dict[Cell, Outcome]], path: Path) -> None:
-    """For each experiment the shares against the noise, a colour for each number of fingers."""
+    """Plots the shares against the noise for each experiment, with a colour for each number of fingers."""
     figure = Figure(figsize=(6.5 * len(results), 5), layout="constrained")
     for axes, (name, cells) in zip(figure.subplots(1, len(results), squeeze=False)[0], results.items(), strict=True):
         for fingers, color in zip(FINGER_COUNTS, ("tab:red", "tab:orange", "tab:blue"), strict=True):
@@ -150,10 +151,10 @@ def plot(results: dict[str, dict[Cell, Outcome]], path: Path) -> None:
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--trials", type=click.IntRange(min=1), default=100, show_default=True, help="Trials of each cell.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of noise and displacements.")
-@click.option("--only", type=click.Choice(list(EXPERIMENTS)), help="Of the two experiments, only this one.")
+@click.option("--only", type=click.Choice(list(EXPERIMENTS)), help="Runs only this one of the two experiments.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the table and the figure here.")
 def main(trials: int, seed: int, only: str | None, out: Path | None) -> None:
-    """How often any estimate could be right in section 4.3.1 of the thesis."""
+    """An upper bound of the success rate in section 4.3.1 of the thesis."""
     chosen = [experiment for name, experiment in EXPERIMENTS.items() if only in (None, name)]
     results = {experiment.name: run(experiment, trials, seed) for experiment in chosen}
     text = markdown(results, trials, seed)

@@ -1,13 +1,13 @@
-"""Section 6.2.1 of the thesis, further: touching on until it is known which object is in the hand.
+"""Section 6.2.1 of the thesis extended: exploration until the held object is identified.
 
     python examples/thesis/section_6_2_1.py --grasps 30 --out out
 
-One of five household objects is held by three or four planned fingertips and felt with noise; there is no guess of its
-pose. Where no object carries 80 % of the likelihood, one finger after the other feels for more, as in `touch_study.py`:
-by what the touch is expected to tell of the object's name, or at random among the motions that are allowed and meet the
-most probable object at its most probable pose; until one object carries 95 %. Prints, and writes as section_6_2_1.md
-and .png, how many touches it took and how often the name was right; what is in the journal in `--out` is not explored
-again. Thirty grasps take some ten minutes of one core.
+One of five household objects is held by three or four planned fingertips that feel it with noise, without a prior of
+its pose. If no object has 80 % of the likelihood, one finger after the other explores, as in `touch_study.py`, until
+one object has 95 %. Each motion is chosen by its expected information about the object's identity, or at random among
+the allowed motions that touch the most probable object at its most probable pose. The script prints, and writes as
+section_6_2_1.md and .png, the number of touches and how often the identified object was the true one. Grasps in the
+journal in `--out` are not explored again. Thirty grasps take about ten minutes of one core.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, sections 6.2.1 and 6.3.
 """
@@ -33,13 +33,13 @@ from tactopose_drake.resources import model_path
 OBJECTS = ("bust", "mug", "spray_bottle", "thermal_bottle", "wine_glass")
 AMBIGUOUS, NAMED = 0.8, 0.95
 MOST_TOUCHES = 20
-LEAST_PROBABILITY = 0.01  # objects of less are not asked what they foresee
+LEAST_PROBABILITY = 0.01  # objects of less probability are left out of the expected information
 RULES = ("by information", "at random")
 
 
 @dataclasses.dataclass(frozen=True)
 class Naming:
-    """How one exploration went: touches until one object carries enough, or None, and whether it is the true one."""
+    """One exploration: touches until one object is probable enough, or None, and whether it is the true one."""
 
     touches: int | None
     right: bool
@@ -49,7 +49,7 @@ Models = dict[str, tp.ObjectModel]
 
 
 def candidates(models: Models, grasp: Grasp, contacts: tp.Contacts, free: Array) -> list[Candidate]:
-    """The objects by falling probability, each with its poses, by all that was felt."""
+    """The objects by decreasing probability, each with its poses, from all evidence."""
     estimates = [
         tp.estimate_pose(model, contacts, hand=grasp.hand, untouched=felt_nothing(free), max_hypotheses=24)
         for model in models.values()
@@ -61,7 +61,7 @@ def candidates(models: Models, grasp: Grasp, contacts: tp.Contacts, free: Array)
 
 
 def unnamed_grasps(models: Models, first_seed: int) -> Iterator[tuple[Grasp, list[Candidate]]]:
-    """Grasps that leave the name open, one a plan at the most, the objects in turn."""
+    """Grasps that leave the identity open, at most one a plan, with the objects in turn."""
     for seed in itertools.count(first_seed):
         for index, model in enumerate(models.values()):
             generator = np.random.default_rng((seed, index, 21))
@@ -76,7 +76,7 @@ def unnamed_grasps(models: Models, first_seed: int) -> Iterator[tuple[Grasp, lis
 
 
 def explore(models: Models, grasp: Grasp, found: list[Candidate], rule: str, seed: int) -> Naming:
-    """Touches until one object is left. Motions and noise are those of the seed, whatever the rule."""
+    """Touches until one object is left. Motions and noise depend on the seed alone, not on the rule."""
     generator, noise = np.random.default_rng((seed, 1)), np.random.default_rng((seed, 2))
     choice = np.random.default_rng((seed, 3))
     contacts, free, touches = grasp.contacts, grasp.resting, 0
@@ -108,12 +108,12 @@ Runs = dict[str, list[Naming]]
 
 
 def touches_of(namings: list[Naming]) -> Array:
-    """How many there were; the most where no object was left by then."""
+    """The number of touches; the maximum if more than one object was left by then."""
     return np.array([MOST_TOUCHES if run.touches is None else run.touches for run in namings], dtype=np.float64)
 
 
 def markdown(runs: Runs) -> str:
-    """The table and the verdict."""
+    """The table and the verdict as Markdown."""
     lines = ["# Section 6.2.1: touches until the object has its name", ""]
     lines += ["| next touch | grasps | mean touches | named | of these right |", "|---|---:|---:|---:|---:|"]
     for rule, namings in runs.items():
@@ -134,7 +134,7 @@ def markdown(runs: Runs) -> str:
 
 
 def plot(runs: Runs, path: Path) -> None:
-    """How many grasps needed how many touches."""
+    """Plots a histogram of the number of touches."""
     figure = Figure(figsize=(7, 4), layout="constrained")
     axis = figure.add_subplot()
     for shift, (rule, colour) in zip((-0.2, 0.2), zip(RULES, ("tab:blue", "tab:gray"), strict=True), strict=True):
@@ -146,11 +146,11 @@ def plot(runs: Runs, path: Path) -> None:
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--grasps", type=click.IntRange(min=1), default=30, show_default=True, help="That leave the name open.")
-@click.option("--first-seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the grasps.")
+@click.option("--grasps", type=click.IntRange(min=1), default=30, show_default=True, help="Grasps to explore.")
+@click.option("--first-seed", type=click.IntRange(min=0), default=0, show_default=True, help="First seed of grasps.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the table and the plot here.")
 def main(grasps: int, first_seed: int, out: Path | None) -> None:
-    """Counts the touches that it takes to name an object that a grasp leaves unnamed."""
+    """Counts the touches until an object is identified that a grasp alone does not identify."""
     models = {name: tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj")) for name in OBJECTS}
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)

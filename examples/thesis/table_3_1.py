@@ -1,16 +1,16 @@
-"""Table 3.1 of the thesis again: two local searches on a cube and a cylinder, beside `tp.estimate_pose`.
+"""Table 3.1 of the thesis repeated: two local searches on a cube and a cylinder, next to `tp.estimate_pose`.
 
     python examples/thesis/table_3_1.py --trials 100 --seed 0 --out out
 
-Prints the table beside the thesis' numbers, and writes it as Markdown (table_3_1.md) together with the scatter plots of
-figures 3.12 to 3.19 (figures_3_12_to_3_19.png). With 100 trials it takes about a minute. The trials are those of
+Prints the table next to the thesis' numbers, and writes it as Markdown (table_3_1.md) together with the scatter plots
+of figures 3.12 to 3.19 (figures_3_12_to_3_19.png). With 100 trials it takes about a minute. The trials are those of
 `cube_and_cylinder.py`, the methods those of `chapter_3_methods.py`.
 
-`tp.estimate_pose` is called as by default; its prior is the displaced pose with the spread of the displacements, where
-the searches of the thesis start. Its row without normals is the counterpart of w_n = 0.
+`tp.estimate_pose` is called with its defaults; its prior is the displaced pose, at which the searches of the thesis
+start, with the standard deviation of the displacements. Its row without normals corresponds to w_n = 0.
 
-No touch tells how far the cylinder has spun about its axis, so its MAE keeps at least the spin of the displacement:
-about 5 deg here, whatever the method.
+No touch determines the cylinder's rotation about its axis. Therefore its MAE, whatever the method, is at least the
+displacement's rotation about this axis, here about 5 deg.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, chapter 3.
 """
@@ -41,7 +41,7 @@ ERRORS = slice(1, 5)
 
 INITIAL: Row = ("Initial", "")
 ROWS = (INITIAL, *THESIS_ROWS, *OUR_ROWS)
-# [B16] table 3.1; of its two 'Initial' blocks the first (the second differs by 0.07 cm and 0.15 deg at most).
+# [B16] table 3.1; the first of its two 'Initial' blocks (the second differs by at most 0.07 cm and 0.15 deg).
 THESIS: dict[tuple[Row, str], tuple[float, ...]] = {
     (INITIAL, "cube"): (math.nan, 0.696, 16.715, 1.534, 9.015, math.nan),
     (INITIAL, "cylinder"): (math.nan, 0.265, 8.515, 0.772, 9.148, math.nan),
@@ -82,26 +82,26 @@ Results = dict[str, dict[Row, Array]]
 
 
 def own_cells(results: Results, row: Row, shape: str) -> list[str]:
-    """A row's means as text."""
+    """The means of a row as text."""
     means = results[shape][row].mean(axis=0)
     return ["–" if math.isnan(mean) else f"{mean:.{digits}f}" for mean, digits in zip(means, DIGITS, strict=True)]
 
 
 def thesis_cells(row: Row, shape: str) -> list[str]:
-    """The thesis' numbers of a row in brackets, where it has any."""
+    """The thesis' numbers of a row in brackets, if there are any."""
     numbers = THESIS.get((row, shape), (math.nan,) * len(COLUMNS))
     return ["" if math.isnan(x) else f"({x:.{digits}f})" for x, digits in zip(numbers, DIGITS, strict=True)]
 
 
 def verdicts(results: Results) -> list[str]:
-    """Ours against the thesis' methods: like for like, then normals against everything."""
+    """Compares ours with the thesis' methods, first without and with normals alike, then with normals against all."""
     at_zero = tuple(row for row in THESIS_ROWS if row[1] == "w_n = 0")
     against = ((OUR_ROWS[0], at_zero), (OUR_ROWS[1], THESIS_ROWS))
     return [verdict(results, ours, rows, published) for published in (False, True) for ours, rows in against]
 
 
 def verdict(results: Results, ours: Row, rows: tuple[Row, ...], published: bool) -> str:
-    """How many cells of the given rows one of ours is below, and the others."""
+    """Counts the cells of the given rows in which one of ours is less, and names the others."""
     lost = []
     for shape, values in results.items():
         own = values[ours].mean(axis=0)
@@ -116,7 +116,7 @@ def verdict(results: Results, ours: Row, rows: tuple[Row, ...], published: bool)
 
 
 def print_table(results: Results, console: Console) -> None:
-    """The table for the terminal."""
+    """Prints the table."""
     table = Table(title="Table 3.1 (in brackets: the thesis)", box=box.SIMPLE_HEAD, padding=0)
     table.add_column("method", no_wrap=True)
     table.add_column("shape")
@@ -154,7 +154,7 @@ def markdown(results: Results, seed: int) -> str:
 
 
 def plot(results: dict[Row, Array], path: Path) -> None:
-    """Initial against final error of the cube, as in figures 3.12 to 3.19, and the same for our row."""
+    """Plots initial against final error of the cube, as in figures 3.12 to 3.19, and the same for our row."""
     rows = (THESIS_ROWS[1], THESIS_ROWS[3], OUR_ROWS[1])
     numbers = (range(12, 16), range(16, 20), ("",) * 4)
     figure = Figure(figsize=(14, 10), layout="constrained")
@@ -173,10 +173,10 @@ def plot(results: dict[Row, Array], path: Path) -> None:
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--trials", type=click.IntRange(min=1), default=100, show_default=True, help="Trials for each shape.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of contacts, displacements.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the trials.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the Markdown table and the plots here.")
 def main(trials: int, seed: int, out: Path | None) -> None:
-    """Regenerates table 3.1 of the thesis, beside its numbers."""
+    """Regenerates table 3.1 of the thesis, next to its numbers."""
     results = {name: run_trials(shape, trials, seed, name) for name, shape in make_shapes().items()}
     print_table(results, Console())
     if out is not None:

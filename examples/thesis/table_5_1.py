@@ -1,18 +1,18 @@
-"""Table 5.1 of the thesis again: how well the principal components of a pad's pressures show a shape's tilt.
+"""Table 5.1 of the thesis repeated: how well the principal components of a pad's pressures show a shape's tilt.
 
     python examples/thesis/table_5_1.py --out out
 
-Prints the scale alpha that `find_alpha` finds for a pad, and the table beside the thesis' numbers; writes it as
-Markdown (table_5_1.md) together with figures 5.3 to 5.5 (figures_5_3_to_5_5.png). It takes some seconds.
+Prints the scale alpha that `find_alpha` finds for a pad, and the table next to the thesis' numbers; writes it as
+Markdown (table_5_1.md) together with figures 5.3 to 5.5 (figures_5_3_to_5_5.png). It takes a few seconds.
 
-The thesis pressed with finite elements of a hyperelastic rubber; here Drake's hydroelastic contact presses, on a layer
-of that rubber's modulus. The thesis gives no sizes: the pad here is 40 x 15 mm with cells of 1 mm and 6 mm thick, the
-cylinder is as thick as a bottle, the thin flat and the legs of the L are 8 mm wide. Each entry is over three depths and
-four places of the shape's edges between the cells; alpha is the same for all.
+The thesis simulated the presses with finite elements of a hyperelastic rubber; here, Drake's hydroelastic contact is
+used, with a layer of that rubber's modulus. The thesis states no sizes: the pad here is 40 x 15 mm with cells of 1 mm,
+and 6 mm thick, the cylinder is as thick as a bottle, the thin flat shape and the legs of the L are 8 mm wide. Each
+entry is over three depths and four positions of the shape's edges relative to the cells; alpha is the same for all.
 
-One more row is not in the thesis, nor is alpha fitted to it: a cylinder whose contact is narrower than the pad, and
-narrows towards the shallow end. So the patch that it leaves is flatter than its axis. Its own surface within the
-contact is so too, which is what a patch is compared with when it is matched to a model (section 5.2.4).
+One additional row is not in the thesis, and alpha is not fitted to it: a cylinder whose contact is narrower than the
+pad, and narrows towards the shallow end. Therefore its patch is flatter than its axis. The same is true of the
+cylinder's surface within the contact, which is what a patch is compared with in matching to a model (section 5.2.4).
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 5.2.2.
 """
@@ -76,7 +76,7 @@ def press_thin_cylinder(fit: AlphaFit) -> tuple[list[Press], Array]:
 
 
 def own_tilt(fit: AlphaFit, press: Press) -> float:
-    """The tilt of the thin cylinder's own surface where it is below the pad, by its principal components, deg."""
+    """The tilt of the thin cylinder's own surface below the pad, by its principal components, deg."""
     x, y = fit.layout.p_TC[:, 0], fit.layout.p_TC[:, 1]
     bulge = (THIN_RADIUS - np.sqrt(THIN_RADIUS**2 - y**2)) / math.cos(press.tilt)
     z = math.tan(press.tilt) * (fit.layout.corners[..., 0].max() - x) - press.depth + bulge
@@ -86,7 +86,7 @@ def own_tilt(fit: AlphaFit, press: Press) -> float:
 
 
 def verdicts(fit: AlphaFit, errors: Errors) -> list[str]:
-    """What the table says."""
+    """The results in sentences."""
     every = np.concatenate([values.ravel() for values in errors.values()])
     held = every.max() <= LIMIT_DEG and every.mean() <= MEAN_LIMIT_DEG
     thesis = np.array(list(THESIS.values()))
@@ -104,7 +104,7 @@ def verdicts(fit: AlphaFit, errors: Errors) -> list[str]:
 
 
 def rows(fit: AlphaFit, errors: Errors) -> list[tuple[str, ...]]:
-    """The table's cells as text: mean and largest error, in brackets the thesis' number."""
+    """The table's cells as text: mean and largest error, with the thesis' number in brackets."""
     thin = {THIN: press_thin_cylinder(fit)[1]}
     lines = []
     for shape, values in (errors | thin).items():
@@ -129,7 +129,7 @@ def markdown(fit: AlphaFit, errors: Errors) -> str:
 
 
 def print_table(fit: AlphaFit, errors: Errors, console: Console) -> None:
-    """The table for the terminal."""
+    """Prints the table."""
     table = Table(title="Table 5.1, deg: mean, largest (thesis)", box=box.SIMPLE_HEAD)
     for heading in ("shape", *(f"{tilt:g} deg" for tilt in TILTS_DEG)):
         table.add_column(heading, justify="left" if heading == "shape" else "right")
@@ -141,13 +141,13 @@ def print_table(fit: AlphaFit, errors: Errors, console: Console) -> None:
 
 
 def find_press(fit: AlphaFit, shape: str, tilt_deg: float, depth: int) -> Press:
-    """The press of a shape at a tilt and one of the depths, its edges where the cells' are."""
+    """The press of a shape at a tilt and one of the depths, with its edges aligned with the cells'."""
     first = list(THESIS).index(shape) * len(TILTS_DEG) + TILTS_DEG.index(tilt_deg)
     return fit.presses[(first * len(DEPTH_SHARES) + depth) * len(OFFSETS)]
 
 
 def plot_profile(axis: Axes, fit: AlphaFit, press: Press, alpha: float, color: str) -> None:
-    """The pressures' profile from the side, and the principal component in the plane of the tilt. mm."""
+    """Plots the profile of the pressures from the side, and the principal component in the plane of the tilt, in mm."""
     patch = patch_of(fit.layout, press, alpha)
     axis.plot(*(1e3 * patch.points[patch.active][:, [0, 2]].T), ".", color=color, markersize=3)
     third = patch.eigenvectors[:, 2]
@@ -158,14 +158,14 @@ def plot_profile(axis: Axes, fit: AlphaFit, press: Press, alpha: float, color: s
 
 
 def plot_shape(axis: Axes, fit: AlphaFit, press: Press) -> None:
-    """The underside of the shape, black. mm."""
+    """Plots the underside of the shape in black, in mm."""
     end = fit.layout.corners[..., 0].max()
     x = np.array([end - press.depth / math.tan(press.tilt) - 0.004, end])
     axis.plot(1e3 * x, 1e3 * (math.tan(press.tilt) * (end - x) - press.depth), "k", linewidth=0.8)
 
 
 def plot(fit: AlphaFit, path: Path) -> None:
-    """Figures 5.3 (the effect of alpha on a cylinder's patch), 5.4 (in profile) and 5.5 (different depths)."""
+    """Plots figures 5.3 (effect of alpha on a cylinder's patch), 5.4 (its profile) and 5.5 (different depths)."""
     figure = Figure(figsize=(15, 9), layout="constrained")
     round_press, flat_press = find_press(fit, "cylinder", 5.0, 2), find_press(fit, "flat, wide", 5.0, 2)
     for column, factor in enumerate((0.2, 1.0, 5.0)):
@@ -198,7 +198,7 @@ def plot(fit: AlphaFit, path: Path) -> None:
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the Markdown table and the plots here.")
 def main(out: Path | None) -> None:
-    """Regenerates table 5.1 of the thesis, beside its numbers."""
+    """Regenerates table 5.1 of the thesis, next to its numbers."""
     fit = find_alpha(modulus=MODULUS, thickness=THICKNESS)
     errors = errors_by_shape(fit)
     print_table(fit, errors, Console())

@@ -1,17 +1,18 @@
-"""Table 5.2 of the thesis again: searches compared on its two objectives for tactile pads, with the same input.
+"""Table 5.2 of the thesis repeated: searches compared on its two objectives for tactile pads, with equal input.
 
     python examples/thesis/table_5_2.py --trials 20 --seed 0 --out out
 
-Prints the table beside the thesis' numbers; writes it as Markdown (table_5_2.md). The input is that of table 5.3: six
-simulated grips (see `pad_grasps.py`), kept in the cache folder, and displaced poses to correct. Nearly all of the
-time is that of the thesis' searches.
+Prints the table next to the thesis' numbers; writes it as Markdown (table_5_2.md). The input is that of table 5.3: six
+simulated grips (see `pad_grasps.py`), kept in the cache folder, and displaced poses to correct. The thesis' searches
+take nearly all of the time.
 
-The thesis' three searches may look at the same number of poses, that of its Monte Carlo method; each ends with a
-refinement of its best. Ours proposes few poses from pairs of patches; populations that start at the best of them find
-their way by costs alone, because both objectives bend and jump. All are given the limits of the displacement and
-nothing else. Costs are the objectives' own: sums over the pads, of algorithm 5.2 in m, of 5.3 in m^2.
-The thesis does not state its units, its trials, or whether its averages are of corrections, of global searches or of
-both; here they are of corrections. So compare the rows' order, not the numbers.
+The thesis' three searches may evaluate the same number of poses, that of its Monte Carlo method, and each ends with a
+refinement of its best poses. Ours proposes a few poses from pairs of patches, and then refines populations around the
+best of them by their costs alone, without gradients, because both objectives have kinks and jumps. All searches are
+given the limits of the displacement and nothing else. Costs are the objectives' own: sums over the pads, of algorithm
+5.2 in m, of 5.3 in m^2. The thesis does not state its units, its trials, or whether its averages are over corrections,
+over global searches or over both; here they are over corrections. Therefore only the order of the rows can be compared,
+not the numbers.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 5.2.5.
 """
@@ -31,9 +32,9 @@ from rich.table import Table
 from tactopose_drake.core.searches import MonteCarlo, Search, SimulatedAnnealing, corner_search
 from tactopose_drake.estimation import Direct
 
-POSES = MonteCarlo(scale=1.0).correction.particles  # that a search of the thesis looks at
-REFINED = 10  # of DIRECT's and annealing's
-# Costs at which the Monte Carlo method is confident enough to stop, m and m^2: less than most grips' least.
+POSES = MonteCarlo(scale=1.0).correction.particles  # number of poses that a search of the thesis evaluates
+REFINED = 10  # number of poses that DIRECT and annealing refine
+# Costs below which the Monte Carlo method stops, m and m^2: less than the minimum of most grips.
 SCALES = {PCA: 0.01, DISTANCE: 1e-6}
 OURS = "ours"
 # [B16] table 5.2: average cost, average duration, s.
@@ -45,7 +46,7 @@ SEARCHES = (*THESIS[PCA], OURS)
 
 
 class Outcome(NamedTuple):
-    """Means over trials: the least cost that was found, and processor time, s."""
+    """Means over trials: the least cost that was found, and CPU time, s."""
 
     cost: float
     seconds: float
@@ -69,7 +70,7 @@ def run_trials(grasp: PadGrasp, trials: int, seed: tuple[int, int], label: str) 
     for key in [(objective, name) for objective in THESIS for name in SEARCHES]:
         search, objective = make_search(key[1], key[0], grasp), grasp.objectives[key[0]]
         generator = np.random.default_rng(seed)
-        # Compiles, and makes what a model keeps.
+        # Compiles, and computes what a model keeps.
         search.minimize(objective, DisplacedSpace(starts[0]), generator, should_stop=lambda: True)
         begin, cost = time.process_time(), 0.0
         described = f"{label}: {key[1]}, {key[0]}"
@@ -83,13 +84,13 @@ Results = dict[str, dict[tuple[str, str], Outcome]]  # by grip
 
 
 def averages(results: Results) -> dict[tuple[str, str], Outcome]:
-    """Means over the grips."""
+    """The means over the grips."""
     keys = next(iter(results.values()))
     return {key: Outcome(*np.mean([outcomes[key] for outcomes in results.values()], axis=0)) for key in keys}
 
 
 def rows(results: Results) -> list[tuple[str, ...]]:
-    """The table's cells as text, in brackets the thesis' numbers."""
+    """The table's cells as text, with the thesis' numbers in brackets."""
     means = averages(results)
     lines = []
     for objective, printed in THESIS.items():
@@ -101,7 +102,7 @@ def rows(results: Results) -> list[tuple[str, ...]]:
 
 
 def verdicts(results: Results) -> list[str]:
-    """Which search reaches the least average cost, and which is quickest."""
+    """Sentences that state which search reaches the least average cost, and which is quickest."""
     means = averages(results)
     lines = []
     for objective in THESIS:
@@ -130,7 +131,7 @@ def markdown(results: Results, trials: int, seed: int) -> str:
 
 
 def print_table(results: Results, console: Console) -> None:
-    """The table for the terminal."""
+    """Prints the table."""
     table = Table(title="Table 5.2 (in brackets: the thesis)", box=box.SIMPLE_HEAD, padding=0)
     for heading in ("objective", "", *SEARCHES):
         table.add_column(heading, justify="right" if heading in SEARCHES else "left")
@@ -143,10 +144,10 @@ def print_table(results: Results, console: Console) -> None:
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--trials", type=click.IntRange(min=1), default=20, show_default=True, help="Trials of each grip.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the displacements.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the displacements.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the Markdown table here.")
 def main(trials: int, seed: int, out: Path | None) -> None:
-    """Regenerates table 5.2 of the thesis, beside its numbers."""
+    """Regenerates table 5.2 of the thesis, next to its numbers."""
     grasps = {name: load_pad_grasp(name, grip) for name, grip in GRIPS.items()}
     results = {name: run_trials(grasp, trials, (seed, i), name) for i, (name, grasp) in enumerate(grasps.items())}
     print_table(results, Console())

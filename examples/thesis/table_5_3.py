@@ -1,32 +1,34 @@
-"""Table 5.3 of the thesis again: poses of held objects from tactile pads, corrected by three objectives.
+"""Table 5.3 of the thesis repeated: poses of held objects from tactile pads, corrected by three objectives.
 
     python examples/thesis/table_5_3.py --trials 100 --seed 0 --out out
 
-Prints the table beside the thesis' numbers; writes it as Markdown (table_5_3.md) with figure 5.12 (figure_5_12.png).
-The grips (see `pad_grasps.py`) are kept in the cache folder, so only the first run simulates
-them: half a minute. 100 trials take about five minutes.
+Prints the table next to the thesis' numbers; writes it as Markdown (table_5_3.md) with figure 5.12 (figure_5_12.png).
+The grips (see `pad_grasps.py`) are kept in the cache folder, so that only the first run simulates them, which takes
+half a minute. 100 trials take about five minutes.
 
-A trial turns and shifts the true pose, evenly by up to 20 deg about and 10 mm along each axis, either way, and corrects
-it, by
+A trial rotates and translates the true pose uniformly by up to 20 deg about and 10 mm along each axis, in both
+directions, and corrects it by
 
 - algorithm 5.2 of the thesis (its proposal, "PCA") and algorithm 5.3 (its benchmark, "distance"), each minimised by
   DIRECT as in the thesis, in a box of that size around the displaced pose;
-- ours, the likelihood of every cell's pressure, minimised by our search for patches. It knows the displacements' spread
-  as a Gaussian prior of the same variance, where DIRECT knows their limits.
+- ours, the likelihood of every cell's pressure, minimised by our search for patches. Its prior is a Gaussian with the
+  variance of the displacements, whereas DIRECT is given their limits.
 
-Errors: of the place of the object's middle, and the angle; where the object is a solid of revolution, the least angle
-over its spins, which its symmetry leaves free. Other motions that a grip leaves undetermined are counted: so is how
-far the bottle of grip f) has slid along its axis.
+Errors are those of the position of the object's centre, and of the angle; for a solid of revolution, the minimum of the
+angle over rotations about its axis, which its symmetry leaves free. Other motions that a grip does not determine are
+counted, such as the translation of the bottle of grip f) along its axis.
 
-Spearman's rho is between cost and error, twice. Once over the trials' final poses, as in the thesis. There it tells of
-search and objective together: where a search ends in the same minimum in every trial, all costs are the same but for
-what the minimum leaves open, and rho ranks that. A second table shows it: our objective minimised by three searches, of
-which the better ones have the smaller errors and the smaller rho. Once "on the way": over the true pose displaced by a
-random share, from none to all, of the trials' displacements. No search takes part, so this is the objective's own
-quality, which the thesis argues by rho; and those poses are off by about as much as the thesis' final poses are. The
-cost is the objective's, without the prior.
+Spearman's rho is computed between cost and error in two ways. The first is over the trials' final poses, as in the
+thesis. There it depends on both search and objective: if a search ends in the same minimum in every trial, all costs
+are equal apart from what the minimum leaves undetermined, and rho ranks only that. A second table shows this: our
+objective minimised by three searches, of which the better ones have the smaller errors and the smaller rho. The second
+way is "on the way": over the true pose displaced by a random share, from none to all, of the trials' displacements. It
+does not depend on a search, and so measures the quality of the objective itself, which is what the thesis uses rho for;
+and the errors of those poses are about as large as those of the thesis' final poses. The cost is the objective's,
+without the prior.
 
-The thesis' grasps are of other objects and hold others of their features: its a) to f) are beside ours by the letter.
+The thesis' grasps are of other objects and touch other features of them: its a) to f) are listed next to ours by
+letter.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 5.3.
 """
@@ -44,14 +46,14 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-MEAN_LIMIT = (4.0, 5.0)  # mm, deg, asked of ours
+MEAN_LIMIT = (4.0, 5.0)  # mm, deg, required of ours
 THESIS_MEAN = (7.6, 10.4)  # mm, deg, [B16] table 6.1
-GRASPS_ASKED = 5  # in which ours is to have a rho above the thesis'
+GRASPS_ASKED = 5  # number of grasps in which our rho is required to be above the thesis'
 
 COLUMNS = ("mean, mm", "mean, deg", "at least cost, mm", "at least cost, deg", "rho, mm", "rho, deg")
 WAY_COLUMNS = ("rho on the way, mm", "rho on the way, deg")
-DRAWS = 100  # of the noise, for the ideal estimator
-SAME_COST = 0.1  # trials of ours whose final costs differ from the least by less than this end in the same minimum
+DRAWS = 100  # draws of the noise, for the ideal estimator
+SAME_COST = 0.1  # trials whose final costs differ from the least by less than this end in the same minimum
 DIGITS = (1, 1, 1, 1, 2, 2, 2, 2)
 SEARCH_COLUMNS = (
     "in the least minimum, %",
@@ -86,7 +88,7 @@ def above_thesis(rho: Array, grips: Iterable[str]) -> Array:
 
 
 def share_in_least_minimum(results: Results, search: str) -> float:
-    """Of the trials of each grip, the mean share that ends within `SAME_COST` of the least cost."""
+    """The mean, over the grips, of the share of trials that end within `SAME_COST` of the least cost."""
     costs = [trials[search].cost for trials in results.values()]
     return float(np.mean([np.mean(cost < cost.min() + SAME_COST) for cost in costs]))
 
@@ -104,7 +106,7 @@ def search_rows(results: Results) -> list[tuple[str, ...]]:
 
 
 def verdicts(results: Results) -> list[str]:
-    """What the table says."""
+    """The results in sentences."""
     numbers = {method: np.array([trials[method].numbers() for trials in results.values()]) for method in METHODS}
     means = {method: values[:, :2].mean(axis=0) for method, values in numbers.items()}
     held = bool(np.all(means[OURS] <= MEAN_LIMIT))
@@ -140,7 +142,7 @@ def verdicts(results: Results) -> list[str]:
 
 
 def ideal_verdict(ideal: Ideal) -> str:
-    """What the best estimator would do."""
+    """The result of the ideal estimator in a sentence."""
     errors, rho = (
         np.stack([getattr(trials, name) for trials in ideal.values()], axis=1) for name in IdealTrials._fields
     )
@@ -155,7 +157,7 @@ def ideal_verdict(ideal: Ideal) -> str:
 
 
 def rows(results: Results) -> list[tuple[str, ...]]:
-    """The table's cells as text, in brackets the thesis' numbers."""
+    """The table's cells as text, with the thesis' numbers in brackets."""
     lines = []
     for name, trials in results.items():
         for method in METHODS:
@@ -188,7 +190,7 @@ def markdown(results: Results, ideal: Ideal, seed: int) -> str:
 
 
 def print_table(results: Results, ideal: Ideal, console: Console) -> None:
-    """The table for the terminal."""
+    """Prints the table."""
     table = Table(title="Table 5.3 (in brackets: the thesis)", box=box.SIMPLE_HEAD, padding=0)
     table.add_column("grip, objective", no_wrap=True)
     for heading in (*COLUMNS, *WAY_COLUMNS):
@@ -209,7 +211,7 @@ def print_table(results: Results, ideal: Ideal, console: Console) -> None:
 
 
 def plot(trials: dict[str, Trials], path: Path) -> None:
-    """Figure 5.12 of one grip: in the upper row the final poses as in the thesis, in the lower poses on the way."""
+    """Plots figure 5.12 for one grip: final poses as in the thesis in the upper row, poses on the way in the lower."""
     figure = Figure(figsize=(14, 8), layout="constrained")
     for column, (above, below) in enumerate(figure.subplots(2, len(METHODS)).T):
         method = METHODS[column]
@@ -227,10 +229,10 @@ def plot(trials: dict[str, Trials], path: Path) -> None:
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--trials", type=click.IntRange(min=3), default=100, show_default=True, help="Trials of each grip.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the displacements.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the displacements.")
 @click.option("--out", type=click.Path(path_type=Path), help="Writes the table and the plots here.")
 def main(trials: int, seed: int, out: Path | None) -> None:
-    """Regenerates table 5.3 of the thesis, beside its numbers."""
+    """Regenerates table 5.3 of the thesis, next to its numbers."""
     grasps = {name: load_pad_grasp(name, grip) for name, grip in GRIPS.items()}
     results = {name: run_trials(grasp, trials, (seed, i), name) for i, (name, grasp) in enumerate(grasps.items())}
     noise = np.random.default_rng(seed)

@@ -1,14 +1,15 @@
-"""Touching until the pose is unique: grasps that leave it ambiguous, and fingers that feel for more.
+"""Exploration until the pose is unique: ambiguous grasps, and fingers that touch the object again.
 
-A grasp of three or four planned fingertips is felt with noise, and the pose estimated from it and a guess, as far off
-as a camera's. It counts as ambiguous when every likely pose is determined by the touch, but no more than 80 % of the
-belief lie within 10 mm and 15 degrees of one pose and its symmetric twins. Then one finger after the other moves until
-it meets the object: a finger that takes no part, or one that may leave because the others keep force closure. What it
-felt, or that it felt nothing on its way, is added to the evidence, and the pose estimated again, until 95 % of the
-belief lie within the tolerance. A single hypothesis that is wider than that does not pass for one pose.
+A grasp of three or four planned fingertips is felt with noise, and the pose is estimated from it and a prior with the
+errors of a camera. The grasp counts as ambiguous if the touch determines every likely pose, but at most 80 % of the
+belief is within 10 mm and 15 degrees of one pose and its symmetry images. Then one finger after the other moves until
+it touches the object: a finger that does not hold the object, or one that may let go because the others keep force
+closure. Its contact, or the free space that it moved through, is added to the evidence, and the pose is estimated
+again, until 95 % of the belief is within the tolerance. A single hypothesis whose covariance is wider than the
+tolerance does not count as one pose.
 
-Which finger moves and how is chosen by the expected information, or at random among the same motions that are allowed.
-The object is taken to rest in the hand meanwhile, and that fingers may meet each other is left aside.
+The finger and its motion are chosen by the expected information, or at random among the same allowed motions. The
+object is assumed to rest in the hand meanwhile, and collisions between fingers are ignored.
 
 Source: [B16] J. Bimbo, Touch Based Object Pose Estimation For Robotic Grasping, thesis, 2016, section 6.3.
 """
@@ -41,33 +42,33 @@ from tactopose_drake.resources import model_path
 Array = NDArray[np.float64]
 
 OBJECTS = ("bust", "screwdriver", "spray_bottle")
-# Times that one planned grasp is felt, by other fingers and with other noise, until one is ambiguous.
+# Tries of one planned grasp, with other fingers and other noise, until one is ambiguous.
 FEELS = 8
 FRICTION = 0.8
 SIGMA_POSITION, SIGMA_NORMAL = 0.0009, np.radians(5.0)
 GUESS_TRANSLATION, GUESS_ROTATION = 0.033, np.radians(16.0)  # standard deviations along and about each axis
-MOVES = 200  # of each finger
-PLACES = 40  # along each
+MOVES = 200  # number of motions of each finger
+PLACES = 40  # number of places along each motion
 AMBIGUOUS, UNIQUE = 0.8, 0.95
 MOST_TOUCHES = 60
-# Modes of less probability are not asked what they foresee.
+# Modes of less probability are left out of the expected information.
 LEAST_PROBABILITY = 0.01
 TOLERANCE = Tolerance(translation=0.010, rotation=np.radians(15.0))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Grasp:
-    """A grasp that was felt.
+    """A grasp with its measured contacts.
 
     Attributes:
         model: the object.
         X_PO: its true pose, shape (3, 4).
-        contacts: as measured.
-        fingers: their names.
-        start: where each finger of the hand starts to move from: lifted off, or at rest, rad.
+        contacts: the measured contacts.
+        fingers: names of the fingers that touch.
+        start: joint positions from which each finger of the hand starts to move: lifted off, or at rest, rad.
         hand: the volume of the palm and of the fingers that hold.
-        resting: spheres (n, 4) that fill the fingers that take no part, centres and radii, m; they touch nothing.
-        prior: the guess.
+        resting: spheres (n, 4) that fill the other fingers, which touch nothing; centres and radii, m.
+        prior: the prior of the pose.
     """
 
     model: tp.ObjectModel
@@ -82,12 +83,12 @@ class Grasp:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Exploration:
-    """How one exploration went.
+    """The result of one exploration.
 
     Attributes:
-        touches: how many there were; None if the pose was not unique after the most that were tried.
-        right: whether the pose that it ended with is the true one.
-        share: of the belief about one pose, before and after each touch.
+        touches: number of touches; None if the pose was not unique after the maximum number.
+        right: whether the final pose is the true one.
+        share: share of the belief about one pose, before and after each touch.
     """
 
     touches: int | None
@@ -97,12 +98,12 @@ class Exploration:
 
 @functools.cache
 def hand_reach() -> HandReach:
-    """Of the five-fingered hand."""
+    """The reach of the five-fingered hand."""
     return make_hand_reach(load_hand_config("shadow_like"), ReachParams())
 
 
 def ambiguous_grasps(name: str, first_seed: int = 0) -> Iterator[tuple[Grasp, tp.PoseEstimate]]:
-    """Ambiguous grasps of an object, one a plan at the most, and what was estimated from them, seed by seed."""
+    """Ambiguous grasps of an object, at most one a plan, and the estimates from them, seed by seed."""
     model = tp.ObjectModel.from_mesh(model_path("objects", f"{name}.obj"))
     for seed in itertools.count(first_seed):
         generator = np.random.default_rng((seed, 7))
@@ -125,9 +126,9 @@ def is_ambiguous(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> bool:
 
 
 def feel(model: tp.ObjectModel, plan: GraspPlan, generator: np.random.Generator) -> Grasp | None:
-    """Three or four of the plan's fingers, the thumb among them, measured.
+    """Three or four of the plan's fingers, the thumb among them, with measured contacts.
 
-    None if they do not hold the object, or another finger would rest in it.
+    None if they do not hold the object, or another finger at rest would penetrate it.
     """
     names = [name for name in plan.fingers if name != "thumb"]
     if "thumb" not in plan.fingers or len(names) < 2:
@@ -165,34 +166,34 @@ def spheres_of(finger: str, q: Array) -> Array:
 
 
 def measure(p_PC: Array, n_PC: Array, generator: np.random.Generator) -> tp.Contacts:
-    """Contacts with noise."""
+    """The contacts with noise."""
     turn = exp_so3(SIGMA_NORMAL * generator.normal(size=n_PC.shape))
     p_measured = p_PC + SIGMA_POSITION * generator.normal(size=p_PC.shape)
     return tp.Contacts(p_measured, np.einsum("kij,kj->ki", turn, n_PC))
 
 
 def estimate_again(grasp: Grasp, contacts: tp.Contacts, free: Array) -> tp.PoseEstimate:
-    """The pose by all that was felt, and where spheres (n, 4) felt nothing."""
+    """The pose estimated from all contacts, and from the spheres (n, 4) that felt nothing."""
     return tp.estimate_pose(grasp.model, contacts, prior=grasp.prior, hand=grasp.hand, untouched=felt_nothing(free))
 
 
 def felt_nothing(free: Array) -> tp.HandGeometry | None:
-    """Spheres (n, 4) in which the object is not."""
+    """Spheres (n, 4) in which the object is not; None if there are none."""
     return tp.HandGeometry(free[:, :3], free[:, 3]) if len(free) else None
 
 
 def same_pose(model: tp.ObjectModel, X_PO: Array, X_reference: Array) -> NDArray[np.bool_]:
-    """Which poses (n, 3, 4) are one and the same as another (3, 4), up to the object's symmetries."""
+    """Which poses (n, 3, 4) are equal to another one (3, 4) within the tolerance, up to the object's symmetries."""
     return nearest_twins(model, X_PO, X_reference, TOLERANCE).same
 
 
 def share_of(model: tp.ObjectModel, estimate: tp.PoseEstimate) -> float:
-    """How much of the belief lies within the tolerance of one pose."""
+    """The share of the belief within the tolerance of one pose."""
     return resolved_share(model, estimate.modes, TOLERANCE)
 
 
 def sample_moves(grasp: Grasp, generator: np.random.Generator) -> dict[str, GuardedMoves]:
-    """Motions of each finger from where it is to anywhere within its joints' limits."""
+    """Motions of each finger from its start to random goals within its joints' limits."""
     moves = {}
     for name, finger in hand_reach().fingers.items():
         chain = finger.geometry.chain
@@ -208,7 +209,7 @@ Chooser = Callable[[Grasp, GaussianMixture, dict[str, GuardedMoves], np.random.G
 def choose_best(
     grasp: Grasp, belief: GaussianMixture, moves: dict[str, GuardedMoves], generator: np.random.Generator
 ) -> Choice | None:
-    """By the expected information."""
+    """Chooses by the expected information."""
     found = choose_touch(grasp.model, Hold(grasp.contacts, grasp.fingers, FRICTION), belief, moves)
     return None if found is None else (found.finger, found.move)
 
@@ -216,7 +217,7 @@ def choose_best(
 def choose_at_random(
     grasp: Grasp, belief: GaussianMixture, moves: dict[str, GuardedMoves], generator: np.random.Generator
 ) -> Choice | None:
-    """One of the allowed motions that meet the object at the most probable pose."""
+    """Chooses one of the allowed motions that touch the object at the most probable pose."""
     hold = Hold(grasp.contacts, grasp.fingers, FRICTION)
     found = choose_by_chance(grasp.model, hold, belief, moves, generator)
     return None if found is None else (found.finger, found.move)
@@ -226,7 +227,7 @@ CHOOSERS: dict[str, Chooser] = {"by information": choose_best, "at random": choo
 
 
 def explore(grasp: Grasp, estimate: tp.PoseEstimate, chooser: Chooser, seed: int) -> Exploration:
-    """Touches until the pose is unique. Motions and noise are those of the seed, whoever chooses."""
+    """Touches until the pose is unique. Motions and noise depend on the seed alone, not on the chooser."""
     generator, noise = np.random.default_rng((seed, 1)), np.random.default_rng((seed, 2))
     choice_generator = np.random.default_rng((seed, 3))
     contacts, free = grasp.contacts, grasp.resting
@@ -248,7 +249,7 @@ def explore(grasp: Grasp, estimate: tp.PoseEstimate, chooser: Chooser, seed: int
 def touch(
     grasp: Grasp, move: GuardedMoves, contacts: tp.Contacts, free: Array, noise: np.random.Generator
 ) -> tuple[tp.Contacts, Array]:
-    """Makes a motion: a contact more, or where the fingertip has been without one, spheres (n, 4)."""
+    """Makes a motion; returns the contacts with a new one, or the free spheres (n, 4) with those that it passed."""
     felt = move.feel(grasp.model, grasp.X_PO[None])
     if not felt.is_hit[0, 0]:
         swept = move.tip[0, ::3]

@@ -1,7 +1,7 @@
-"""Keeps the numbers of trials in a file as they come, so that a study of hours goes on where it was ended.
+"""Stores the numbers of trials in a file as they are computed, so that an interrupted study of hours can continue.
 
-Each line is a JSON object: the names and values that say which trial it is, and under "numbers" what came of it. A line
-that a killed program left half written is dropped; everything else that is no such line is an error.
+Each line is a JSON object: the names and values that identify the trial, and its results under "numbers". An incomplete
+last line, as an ended process leaves it, is dropped; any other line that does not have this form is an error.
 """
 
 import json
@@ -16,16 +16,16 @@ Numbers = tuple[float, ...]
 
 
 class TrialJournal:
-    """The numbers of trials, by what says which trial it is."""
+    """The numbers of trials, by the names and values that identify a trial."""
 
     def __init__(self, path: Path | None = None) -> None:
-        """Reads what is there already.
+        """Reads the existing file.
 
         Args:
-            path: the file; it is made with the first trial. None keeps the numbers in memory alone.
+            path: the file; it is created with the first trial. None keeps the numbers in memory only.
 
         Raises:
-            InvalidInputError: a line that no journal has.
+            InvalidInputError: if a line is not a trial.
         """
         self._path = path
         self._numbers: dict[tuple[tuple[str, str | int], ...], Numbers] = {}
@@ -42,7 +42,7 @@ class TrialJournal:
         return self._numbers[_tuple(key)]
 
     def add(self, key: Key, numbers: Numbers) -> None:
-        """Keeps the numbers of one more trial; NaN is null in the file."""
+        """Stores the numbers of one more trial; NaN is null in the file."""
         self._numbers[_tuple(key)] = numbers
         if self._path is not None:
             finite = [None if math.isnan(number) else number for number in numbers]
@@ -60,9 +60,7 @@ class TrialJournal:
                 numbers = tuple(math.nan if value is None else float(value) for value in key.pop("numbers"))
                 self._numbers[_tuple(key)] = numbers
             except (ValueError, TypeError, AttributeError, KeyError) as error:
-                raise InvalidInputError(
-                    f"{path}:{number}: is no trial; allowed are lines as this program writes them."
-                ) from error
+                raise InvalidInputError(f"{path}:{number}: must be a trial as this program writes it.") from error
 
 
 def _tuple(key: Key) -> tuple[tuple[str, str | int], ...]:

@@ -48,5 +48,5 @@ def test_the_pose_by_all_points_is_found_by_some(
 def test_what_is_no_list_of_points_is_said(text: str, tmp_path: Path) -> None:
     path = tmp_path / "touches.off"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(SystemExit, match="is no list of points"):
+    with pytest.raises(SystemExit, match="must be a list of points: a line OFF"):
         load_script("recorded_touches.py").read_points(path)
