@@ -1,4 +1,4 @@
-"""Links, joints and solids as SDF text: what the generators of hands and arms share."""
+"""Links, joints and solids as SDF text, shared by the generators of hands and arms."""
 
 from dataclasses import dataclass, field
 from math import radians
@@ -14,10 +14,10 @@ FRICTION = 0.9  # rubber on a dry, hard object
 
 @dataclass(kw_only=True)
 class Solid:
-    """A primitive in its link's frame; capsules and cylinders stand along z from `center`.
+    """A primitive in its link's frame; capsules and cylinders extend along z from `center`.
 
-    A mesh is a pair of files without their endings: .obj to look at, .vtk (tetrahedra) to touch; its size is that of
-    the box about it, for the inertia.
+    A mesh is a pair of files without their suffixes: .obj for the visual geometry, .vtk (tetrahedra) for contact; its
+    size is that of its bounding box, for the inertia.
     """
 
     kind: str  # capsule, cylinder, box, sphere, mesh
@@ -52,7 +52,7 @@ class Link:
     """A link, and the joint that moves it."""
 
     name: str
-    mass: float  # kg, spread evenly over the first solid
+    mass: float  # kg, distributed uniformly over the first solid
     solids: list[Solid]
     parent: str = ""
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, in the parent
@@ -61,12 +61,12 @@ class Link:
     axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
     limits_deg: tuple[float, float] = (0.0, 0.0)
     effort: float = 2.0  # N m
-    speed: float = 0.0  # largest, rad/s; 0: not limited
+    speed: float = 0.0  # maximum, rad/s; 0: not limited
     damping: float = 0.03  # N m s/rad
-    rotor_inertia: float = 2.0e-4  # kg m^2, as it acts on the joint
-    mimic: str = ""  # the joint that moves this one along; then it has no actuator
-    ratio: float = 1.0  # of this joint's position to that of the other
-    extra: list[str] = field(default_factory=list)  # frames and joints that hang on this link
+    rotor_inertia: float = 2.0e-4  # kg m^2, reflected to the joint
+    mimic: str = ""  # the joint that this one follows; then it has no actuator
+    ratio: float = 1.0  # ratio of this joint's position to that of the other
+    extra: list[str] = field(default_factory=list)  # frames and joints attached to this link
 
 
 def numbers(*values: float) -> str:
@@ -116,7 +116,7 @@ def link_text(link: Link, *, modulus: float = LINK_MODULUS, resolution: float = 
 
 def joint_text(link: Link) -> str:
     lower, upper = (radians(angle) for angle in link.limits_deg)
-    # An effort limit of zero tells Drake that a joint has no actuator.
+    # For Drake, an effort limit of zero means that a joint has no actuator.
     effort = 0.0 if link.mimic else link.effort
     mimic = f'<drake:mimic joint="{link.mimic}" multiplier="{numbers(link.ratio)}" offset="0"/>' if link.mimic else ""
     rotor = "" if link.mimic else f"<drake:rotor_inertia>{numbers(link.rotor_inertia)}</drake:rotor_inertia>"
@@ -130,9 +130,9 @@ def joint_text(link: Link) -> str:
 
 
 def model_text(name: str, links: list[Link], more_links: list[str], group: str = "hand") -> str:
-    """The file of a model: links in order, each with what hangs on it; `more_links` names those among the latter.
+    """The file of a model: links in order, each with its attachments; `more_links` names the links among these.
 
-    No two links of the `group` touch each other.
+    Contacts between links of the `group` are excluded.
     """
     parts = []
     for link in links:

@@ -1,7 +1,7 @@
-"""Makes the shipped objects: `python models/objects/generate.py [names...] [--out DIR]`.
+"""Generates the shipped objects: `python models/objects/generate.py [names...] [--out DIR]`.
 
-Writes NAME.obj and NAME.sdf for each name (all objects by default) into DIR (this folder by default). The same bytes
-come out at each run with the same versions of numpy, scikit-image, trimesh and manifold3d (constraints.txt).
+Writes NAME.obj and NAME.sdf for each name (all objects by default) into DIR (this folder by default). Each run
+gives the same bytes with the same versions of numpy, scikit-image, trimesh and manifold3d (constraints.txt).
 """
 
 import argparse
@@ -12,7 +12,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
-from object_shapes.catalogue import CATALOGUE  # noqa: E402 (found beside this script)
+from object_shapes.catalogue import CATALOGUE  # noqa: E402 (next to this script)
 from object_shapes.files import as_shipped, obj_text, sdf_text, write  # noqa: E402
 
 
@@ -29,8 +29,8 @@ def generate(name: str, folder: Path) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(description="Makes the shipped objects' OBJ and SDF files.")
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(CATALOGUE)}; all by default")
+    parser = argparse.ArgumentParser(description="Generates the shipped objects' OBJ and SDF files.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(CATALOGUE)}; all by default")
     parser.add_argument("--out", type=Path, default=HERE, metavar="DIR", help="folder to write into")
     options = parser.parse_args(arguments)
     unknown = [name for name in options.names if name not in CATALOGUE]

@@ -1,6 +1,6 @@
-"""Writes what stands around an arm: table.sdf, and hole_box.sdf, a hollow box with a round hole in its lid.
+"""Writes the scene of an arm: table.sdf, and hole_box.sdf, a hollow box with a round hole in its lid.
 
-Run `python models/scenes/generate.py` after changing a figure. The table's top is z = 0 of its frame. The box stands on
+Run `python models/scenes/generate.py` after changing a number. The table's top is z = 0 of its frame. The box stands on
 z = 0 of its frame, the hole's axis is z; both are made of boxes.
 """
 
@@ -8,25 +8,25 @@ import math
 import sys
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[1] / "hands"))  # what all generators share lies beside the hands
+sys.path.append(str(Path(__file__).parents[1] / "hands"))  # the generators' shared module is next to the hands
 
 import sdf_parts as sdf
 from sdf_parts import Link, Solid
 
-RADIUS = 0.015  # of the hole, m: of the circle within its sides
+RADIUS = 0.015  # radius of the hole, m: that of the inscribed circle of its sides
 SIDES = 16
-WIDTH = 0.12  # of the box, m
+WIDTH = 0.12  # width of the box, m
 HEIGHT = 0.10  # m
 WALL = 0.006  # m
 TABLE = (1.8, 1.8, 0.04)  # m
 WOOD, LID = "0.72 0.56 0.38 1", "0.80 0.66 0.48 1"
-# Half the side of the square about the hole that is left to the ring; a little less than the ring reaches everywhere.
+# Half the side of the square around the hole that the ring fills; slightly less than the ring covers everywhere.
 WINDOW = 0.030
 
 
 def box_solids() -> list[Solid]:
     z_lid, z_wall, height = HEIGHT - WALL / 2, HEIGHT / 2, HEIGHT - 2 * WALL
-    rim = (WIDTH / 2 - WINDOW, (WIDTH / 2 + WINDOW) / 2)  # width of a plate beside the window, and its middle
+    rim = (WIDTH / 2 - WINDOW, (WIDTH / 2 + WINDOW) / 2)  # width of a plate next to the window, and its centre
     solids = [Solid(kind="box", size=(WIDTH, WIDTH, WALL), center=(0, 0, WALL / 2), color=WOOD)]
     for sign in (-1, 1):
         wall = sign * (WIDTH - WALL) / 2

@@ -1,15 +1,15 @@
-"""Writes seven_axis.sdf: an arm of seven turning joints, wide enough in its reach and strong enough for a hand.
+"""Writes seven_axis.sdf: an arm of seven revolute joints with enough reach and strength to carry a hand.
 
-Run `python models/arms/seven_axis/generate.py` after changing a figure; the output depends on this file and on
-../../hands/sdf_parts.py. All joint positions zero: the arm stands straight up, every link's z axis upwards. The joints
-turn about z and y by turns: shoulder (1 to 3), elbow (4), wrist (5 to 7).
+Run `python models/arms/seven_axis/generate.py` after changing a number; the output depends on this file and on
+../../hands/sdf_parts.py. At joint positions zero, the arm is vertical, with every link's z axis upwards. The joints
+rotate about z and y alternately: shoulder (1 to 3), elbow (4), wrist (5 to 7).
 """
 
 import math
 import sys
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[2] / "hands"))  # what all generators share lies beside the hands
+sys.path.append(str(Path(__file__).parents[2] / "hands"))  # the generators' shared module is next to the hands
 
 import sdf_parts as sdf
 from sdf_parts import DARK, GREY, Link, Solid, pose
@@ -19,7 +19,7 @@ UPPER_ARM = 0.42  # from the shoulder's centre to the elbow's, m
 FOREARM = 0.40  # from the elbow's to the wrist's, m
 FLANGE = 0.12  # from the wrist's to the flange, m
 LIGHT = "0.88 0.89 0.90 1"
-# Each joint: half its range, deg; effort, N m; speed, rad/s; rotor inertia as it acts on the joint, kg m^2.
+# Each joint: half its range, deg; effort, N m; speed, rad/s; reflected rotor inertia, kg m^2.
 JOINTS = (
     (170.0, 300.0, 1.5, 0.8),
     (120.0, 300.0, 1.5, 0.8),
@@ -32,12 +32,12 @@ JOINTS = (
 
 
 def tube(radius: float, length: float, *, color: str = LIGHT) -> Solid:
-    """A round bone that stands on the link's origin."""
+    """A cylindrical link that starts at the link's origin."""
     return Solid(kind="capsule", size=(radius, length), center=(0, 0, length / 2), color=color)
 
 
 def hub(radius: float, width: float) -> Solid:
-    """The housing of a joint that turns about y."""
+    """The housing of a joint that rotates about y."""
     return Solid(kind="cylinder", size=(radius, width), rpy=(math.pi / 2, 0, 0), color=DARK)
 
 
@@ -46,7 +46,7 @@ def arm_links() -> list[Link]:
     turret = Solid(kind="cylinder", size=(0.09, 0.16), center=(0, 0, 0.08), color=LIGHT)
     plate = Solid(kind="cylinder", size=(0.04, 0.02), center=(0, 0, FLANGE - 0.01), color=GREY)
     bodies: list[tuple[str, float, list[Solid], float]] = [
-        # name, mass in kg, solids, height of its joint above that of the link before
+        # name, mass in kg, solids, height of its joint above that of the previous link
         ("turret", 5.0, [turret], 0.16),
         ("shoulder", 4.5, [hub(0.085, 0.17), tube(0.065, 0.16)], SHOULDER - 0.16),
         ("upper_arm", 3.5, [tube(0.065, UPPER_ARM - 0.24)], 0.20),

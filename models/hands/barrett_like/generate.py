@@ -1,9 +1,9 @@
-"""Writes barrett_like.sdf and finger_pad.{vtk,obj}: a three-finger hand with the published figures of the BH8-280.
+"""Writes barrett_like.sdf and finger_pad.{vtk,obj}: a three-finger hand with the published dimensions of the BH8-280.
 
-Run `python models/hands/barrett_like/generate.py` after changing a figure; the output depends on this file, its
-neighbour soft_prism.py, sdf_parts.py beside its folder, and the cells in models/sensors/bh280_finger.yaml.
-Frames: the palm's z points out of the palm, finger 3 stands at -y, fingers 1 and 2 at +y when not spread. A finger's x
-points along it, its z along its joints' axis, -y to its palm side. The sources of the figures are in README.md.
+Run `python models/hands/barrett_like/generate.py` after changing a number; the output depends on this file, its
+neighbour soft_prism.py, sdf_parts.py next to its folder, and the cells in models/sensors/bh280_finger.yaml.
+Frames: the palm's z points out of the palm, finger 3 is at -y, fingers 1 and 2 at +y when not spread. A finger's x
+points along it, its z along its joints' axis, -y to its palm side. The sources of the numbers are in README.md.
 """
 
 import itertools
@@ -22,7 +22,7 @@ from soft_prism import obj_text, soft_prism, vtk_text
 
 from tactopose_drake.hand import load_tactile_pad
 
-# Barrett's names. A_W: from the palm's middle to the axes of the spread; A_1: from there to the proximal joint;
+# Barrett's names. A_W: from the palm's centre to the axes of the spread; A_1: from there to the proximal joint;
 # A_2: from there to the distal joint; Phi_2, Phi_3: angles of the links at zero joint positions.
 A_W, A_1, A_2 = 0.025, 0.050, 0.070  # m
 PHI_2, PHI_3 = math.radians(2.46), math.radians(42.0)
@@ -34,7 +34,7 @@ SKIN = 0.003  # m, thickness of the soft layer
 SKIN_MODULUS = 1.5e5  # Pa: 50 kPa for each millimetre
 PAD_HALF_WIDTH = 0.0095  # m
 PALM_PAD = (0.084, 0.050)  # m
-# A fingertip's cross-section where no cell covers it, m: how far the rows' planes go on (x at the root, y at the tip),
+# A fingertip's cross-section outside the cells, m: how far the rows' planes extend (x at the root, y at the tip),
 # and the back, from the tip to the root.
 PAD_ROOT, PAD_TIP = 0.016, 0.0015
 PAD_BACK = ((0.0545, 0.0050), (0.0510, 0.0065), (PAD_ROOT, 0.0065))
@@ -48,7 +48,7 @@ def pad_outline() -> NDArray[np.float64]:
     layout = load_tactile_pad("bh280_finger").layout
     middle, normal = layout.p_TC[1::3, :2], layout.n_T[1::3, :2]
     planes = [(n, n @ p) for p, n in zip(middle, normal, strict=True)]
-    del planes[1]  # The second row lies in the first one's plane.
+    del planes[1]  # The second row is in the first one's plane.
     corners = [np.array([PAD_ROOT, middle[0, 1]])]
     for (n, c), (m, d) in itertools.pairwise(planes):
         corners.append(np.linalg.solve([n, m], [c, d]))
@@ -58,7 +58,7 @@ def pad_outline() -> NDArray[np.float64]:
 
 
 def pad_files() -> dict[str, str]:
-    """The fingertip's mesh files by name, about the middle of the box that holds them."""
+    """The fingertip's mesh files by name, relative to the centre of their bounding box."""
     outline = pad_outline()
     vertices, tetrahedra = soft_prism(outline, PAD_HALF_WIDTH, SKIN)
     vertices = vertices - [*pad_box()[0], 0.0]
@@ -66,14 +66,14 @@ def pad_files() -> dict[str, str]:
 
 
 def pad_box() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Middle and size of the box that holds the fingertip's cross-section, m."""
+    """Centre and size of the bounding box of the fingertip's cross-section, m."""
     outline = pad_outline()
     low, high = outline.min(axis=0), outline.max(axis=0)
     return (low + high) / 2, high - low
 
 
 def pad(name: str, parent: str, mass: float, solid: Solid) -> list[str]:
-    """A soft pad, welded on a link whose frame it shares."""
+    """A soft pad, welded to a link whose frame it shares."""
     link = Link(name=name, mass=mass, solids=[solid], parent=parent)
     return [link_text(link, modulus=SKIN_MODULUS), weld(f"{name}_weld", parent, name)]
 
@@ -81,7 +81,7 @@ def pad(name: str, parent: str, mass: float, solid: Solid) -> list[str]:
 def finger_links(
     name: str, base: str, position: tuple[float, float, float], rpy: tuple[float, float, float]
 ) -> list[Link]:
-    """Proximal and distal link; the distal one is moved along."""
+    """Proximal and distal link; the distal one is coupled."""
     center = (0.5 * A_2 * math.cos(PHI_2), -0.5 * A_2 * math.sin(PHI_2), 0.0)
     along = (0.0, math.pi / 2, -PHI_2)  # z of the capsule along the line between the joints
     bone = Solid(kind="capsule", size=(0.0085, A_2 - 0.012), center=center, rpy=along)

@@ -1,8 +1,8 @@
-"""A convex prism with a soft skin, as tetrahedra whose corners lie on its faces or at the skin's depth.
+"""A convex prism with a soft skin, as tetrahedra whose corners are on its faces or at the skin's depth.
 
-Drake's hydroelastic pressure over a mesh is linear on each tetrahedron: zero on the mesh's faces, full where a corner
-is deepest. Since all inner corners are at the skin's depth, the pressure in the skin is modulus * depth / thickness
-everywhere, and constant below it: a soft layer of even thickness on a stiff core.
+Drake's hydroelastic pressure over a mesh is linear on each tetrahedron: zero on the mesh's faces, and maximal at the
+deepest corners. Since all inner corners are at the skin's depth, the pressure in the skin is
+modulus * depth / thickness everywhere, and constant below it: a soft layer of uniform thickness on a stiff core.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ def soft_prism(outline: Array, half_width: float, thickness: float) -> tuple[Arr
     Args:
         outline: corners of its convex cross-section in x and y, counterclockwise, shape (k, 2), m.
         half_width: half of its extent along z, m.
-        thickness: of the skin, m.
+        thickness: thickness of the skin, m.
 
     Returns:
         Vertices, shape (4 k, 3), m, the outer ones first; tetrahedra, shape (t, 4), of positive volume.

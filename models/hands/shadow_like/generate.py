@@ -1,31 +1,31 @@
-"""Writes shadow_like.sdf: a five-finger right hand with the published figures of the Shadow Dexterous Hand.
+"""Writes shadow_like.sdf: a five-finger right hand with the published dimensions of the Shadow Dexterous Hand.
 
-Run `python models/hands/shadow_like/generate.py` after changing a figure; the output depends on this file and on
-sdf_parts.py beside its folder.
+Run `python models/hands/shadow_like/generate.py` after changing a number; the output depends on this file and on
+sdf_parts.py next to its folder.
 Frames: z along the straight fingers, x towards the thumb's side, -y out of the palm; every link's origin lies on the
-joint that moves it. The sources of the figures are in README.md.
+joint that moves it. The sources of the numbers are in README.md.
 """
 
 import math
 import sys
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[1]))  # what the hands' generators share lies beside their folders
+sys.path.append(str(Path(__file__).parents[1]))  # the generators' shared module is next to their folders
 
 import sdf_parts as sdf
 from sdf_parts import DARK, GREY, RUBBER, Link, Solid, link_text, pose, weld
 
-TIP_RADIUS = 0.009  # m, of the hemisphere and of the cylinder below it
+TIP_RADIUS = 0.009  # m, radius of the hemisphere and of the cylinder below it
 TIP_LENGTH = 0.014  # m, from the sensor's measuring frame to the hemisphere's centre
-# Pressure at full compression, Pa. A sphere pressed by d onto a flat carries pi E d^2, so 5 N press in 0.2 mm (0.3 mm,
-# as the mesh of the simulator lies within the sphere): little enough for the rigid contact model to hold.
+# Pressure at full compression, Pa. A sphere pressed by d onto a plane carries pi E d^2, so 5 N compress it by 0.2 mm
+# (0.3 mm, as the simulator's mesh is inscribed in the sphere): little enough for the rigid contact model to be valid.
 TIP_MODULUS = 4.0e7
-# Chords of this length leave the sphere by 0.06 mm at most.
+# Chords of this length deviate from the sphere by at most 0.06 mm.
 TIP_RESOLUTION = 0.002  # m
 
 
 def phalanx(length: float, radius: float, *, color: str = GREY) -> list[Solid]:
-    """A bone between two hinges, with the hinge's pin (along x) at its base."""
+    """A phalanx between two hinges, with the hinge's pin (along x) at its base."""
     center = (0.0, 0.0, length / 2)
     pin = Solid(
         kind="cylinder", size=(radius * 0.75, radius * 2.1), rpy=(0, math.pi / 2, 0), color=DARK, collides=False
@@ -45,7 +45,7 @@ def fingertip(finger: str, distal: str, height: float) -> list[str]:
 def finger_links(
     finger: str, prefix: str, base: str, position: tuple[float, float, float], spread: float
 ) -> list[Link]:
-    """Knuckle (J4), proximal (J3), middle (J2) and distal phalanx (J1, moved along with J2)."""
+    """Knuckle (J4), proximal (J3), middle (J2) and distal phalanx (J1, coupled to J2)."""
     knuckle = Solid(kind="cylinder", size=(0.0085, 0.014), rpy=(math.pi / 2, 0, 0), color=DARK)
     # The distal phalanx is slimmer than the fingertip, so that the fingertip touches first.
     distal = Solid(kind="capsule", size=(0.0072, 0.007), center=(0, 0, 0.005))

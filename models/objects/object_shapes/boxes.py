@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 
 def _axis_levels(half: float, radius: float, step: float) -> NDArray[np.float64]:
-    """Coordinates of the grid lines along one edge: dense over the rounding, even between, shape (n,), m."""
+    """Coordinates of the grid lines along one edge: dense over the rounding, uniform between, shape (n,), m."""
     inner = np.linspace(-(half - radius), half - radius, max(1, round(2 * (half - radius) / step)) + 1)
     # Equal angles on the rounded edge: the point at angle a from the face's normal stems from the face at tan(a).
     round_off = radius * np.tan(np.linspace(0, np.pi / 4, 3))[1:]
@@ -18,7 +18,7 @@ def rounded_box(size: tuple[float, float, float], radius: float, step: float) ->
 
     Args:
         size: edge lengths along x, y, z, m.
-        radius: of the rounded edges, m.
+        radius: radius of the rounded edges, m.
         step: approximate edge length of the triangles on the flat faces, m.
 
     Returns:

@@ -1,7 +1,7 @@
-"""Signed distance fields, negative inside, and what joins them.
+"""Signed distance fields, negative inside, and functions that combine them.
 
 A field is a function of points, shape (..., 3) in m, to distances, shape (...), in m. Most are exact; those that are
-stretched or bent are near enough to distances for marching cubes.
+stretched or bent approximate distances well enough for marching cubes.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,7 +39,7 @@ def ellipsoid(p: Array, center: ArrayLike, semi_axes: ArrayLike) -> Array:
 
 
 def capsule(p: Array, a: ArrayLike, b: ArrayLike, radius_a: float, radius_b: float | None = None) -> Array:
-    """A rod from a to b with round ends; its radius runs evenly from radius_a to radius_b."""
+    """A rod from a to b with round ends; its radius changes linearly from radius_a to radius_b."""
     a, along = np.asarray(a, dtype=float), np.subtract(b, a)
     share = np.clip((p - a) @ along / (along @ along), 0.0, 1.0)
     radius = radius_a + share * ((radius_a if radius_b is None else radius_b) - radius_a)

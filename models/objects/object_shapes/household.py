@@ -12,7 +12,7 @@ from .lofts import loft, rounded_profile
 
 Array = NDArray[np.float64]
 
-SEGMENTS = 72  # around the axis: a divisor of every symmetry used here, and 0.03 mm off a round 33 mm radius
+SEGMENTS = 72  # around the axis: a multiple of every symmetry used here; 0.03 mm from the circle at a radius of 33 mm
 
 
 def cube() -> trimesh.Trimesh:

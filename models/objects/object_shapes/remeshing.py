@@ -1,8 +1,8 @@
 """Remeshing of a closed surface: well-shaped triangles whose edges have a wanted local length.
 
 The moves are those of [BK04] Botsch, Kobbelt, A remeshing approach to multiresolution modeling, 2004: split long
-edges, collapse short ones, flip towards Delaunay. (The relaxation between the rounds is the caller's, because it needs
-the surface itself.) They run one by one on plain floats, so that every machine takes the same decisions.
+edges, collapse short ones, flip towards Delaunay. (The caller does the relaxation between the rounds, because it needs
+the surface itself.) They are executed one by one on plain floats, so that every machine takes the same decisions.
 """
 
 import math
@@ -29,12 +29,12 @@ def _midpoint(a: Point, b: Point) -> Point:
 
 
 class Remesher:
-    """A closed triangle mesh under local moves; vertices and faces keep their numbers while they live.
+    """A closed triangle mesh that is changed by local moves; vertices and faces keep their numbers until dropped.
 
     Attributes:
         points: position of each vertex, m; those of dropped vertices are stale.
         lengths: wanted length of the edges at each vertex, m.
-        faces: the living faces' corners, counter-clockwise from outside, by number.
+        faces: corners of the faces in use, counter-clockwise from outside, by number.
         around: the numbers of the faces at each vertex; empty for a dropped vertex.
     """
 
@@ -48,19 +48,19 @@ class Remesher:
         self._next_face = len(faces)
 
     def split_long_edges(self) -> None:
-        """Cuts the edges that are longer than 4/3 of what is wanted in two; one pass."""
+        """Splits the edges that are longer than 4/3 of the wanted length in two; one pass."""
         for a, b in self._edges():
             if b in self._neighbours(a) and self._excess(a, b) > 4 / 3:
                 self._split(a, b)
 
     def collapse_short_edges(self) -> None:
-        """Merges the ends of edges that are shorter than 4/5 of what is wanted, where the surface stays a surface."""
+        """Merges the ends of edges shorter than 4/5 of the wanted length, if the surface remains a manifold."""
         for a, b in self._edges():
             if self.around[a] and self.around[b] and b in self._neighbours(a) and self._excess(a, b) < 4 / 5:
                 self._collapse(a, b)
 
     def flip_edges(self) -> None:
-        """Flips the edges whose opposite angles sum to more than a half turn, where the surface is nearly flat."""
+        """Flips the edges whose opposite angles sum to more than 180 degrees, if the surface is nearly flat."""
         for a, b in self._edges():
             if b in self._neighbours(a):
                 self._flip(a, b)
@@ -87,7 +87,7 @@ class Remesher:
             yield number, third
 
     def _replace(self, number: int, face: tuple[int, int, int] | None) -> None:
-        """Drops a face, or sets it (also a new one)."""
+        """Drops a face, or sets it, which may be new."""
         for corner in self.faces.pop(number, ()):
             self.around[corner].discard(number)
         if face is not None:

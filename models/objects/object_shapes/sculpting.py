@@ -1,7 +1,7 @@
-"""From a signed distance field to a closed mesh of well-shaped triangles, small where the surface bends.
+"""Converts a signed distance field to a closed mesh of well-shaped triangles, small where the curvature is high.
 
 Sizes follow [DBP13] Dunyach et al., Adaptive remeshing for real-time mesh deformation, 2013. Positions are rounded
-after every step of arithmetic on arrays, so that the last bits, in which processors differ, decide nothing.
+after every array operation, so that the result does not depend on the last bits, in which processors differ.
 """
 
 import numpy as np
@@ -21,15 +21,15 @@ GRAIN = 7  # decimals of the rounded positions: 0.1 um
 def sculpt(
     field: Field, bounds: ArrayLike, step: float, tolerance: float, edges: tuple[float, float], rounds: int = 6
 ) -> trimesh.Trimesh:
-    """The surface of a field.
+    """The mesh of a field's surface.
 
     Args:
         field: signed distance, negative inside.
         bounds: lowest and highest corner of a box around the whole surface, shape (2, 3), m.
-        step: of the marching cubes' grid, m; finer than the thinnest wall.
+        step: spacing of the marching cubes' grid, m; less than the thinnest wall.
         tolerance: wanted distance of the triangles from a curved surface, m.
         edges: shortest and longest wanted edge, m.
-        rounds: of remeshing.
+        rounds: number of remeshing rounds.
 
     Returns:
         A closed mesh, outward faces.
@@ -69,7 +69,7 @@ def _march(field: Field, bounds: ArrayLike, step: float) -> tuple[Array, Faces]:
 
 
 def _compact(remesher: Remesher) -> tuple[Array, Faces]:
-    """The living vertices and faces, numbered anew."""
+    """The vertices and faces that are still in use, renumbered."""
     living = [i for i, around in enumerate(remesher.around) if around]
     renumbered = np.full(len(remesher.points), -1)
     renumbered[living] = np.arange(len(living))
@@ -86,7 +86,7 @@ def _unit(vectors: Array) -> Array:
 
 
 def _wanted_lengths(field: Field, points: Array, faces: Faces, tolerance: float, edges: tuple[float, float]) -> Array:
-    """Edge lengths at the vertices, from how fast the normal turns there, growing gently away from bends."""
+    """Wanted edge lengths at the vertices, from the local curvature, that increase gradually away from bends."""
     reach = 0.5 * edges[0]
     turn = np.stack(
         [_unit(gradient(field, points + e)) - _unit(gradient(field, points - e)) for e in reach * np.eye(3)], axis=-1
@@ -106,7 +106,7 @@ def _wanted_lengths(field: Field, points: Array, faces: Faces, tolerance: float,
 
 
 def _relax(field: Field, points: Array, faces: Faces, passes: int = 4) -> Array:
-    """Moves the vertices within the surface towards the middle of their neighbours, and back onto the surface."""
+    """Moves the vertices along the surface towards the mean of their neighbours, and back onto the surface."""
     sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     degree = np.bincount(sides[:, 0], minlength=len(points))[:, None]
     for _ in range(passes):
