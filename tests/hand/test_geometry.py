@@ -157,7 +157,7 @@ def test_a_hand_that_is_no_plant_is_named() -> None:
     ("p_PH", "radius", "message"),
     [
         ([[0, 0, np.nan]], [1], r"p_PH\[0, 2\]: is nan"),
-        (np.zeros((0, 3)), [], "p_PH: holds no sphere; the least is 1"),
+        (np.zeros((0, 3)), [], "p_PH: is empty; must have at least one sphere"),
         ([[0, 0, 0]], [0], "radius: holds 0"),
         ([[0, 0, 0]], [1, 2], "radius: has shape"),
     ],

@@ -469,12 +469,12 @@ def test_a_pad_that_is_softer_or_stiffer_than_pads_are_is_named(
         (
             [[1e3 * x for x in point] for point in GRID],
             (0, 0, 1),
-            "m; allowed are 1 m at most. Multiply by 0.001 what is in millimetres",
+            "m; must be at most 1 m. Multiply by 0.001 what is in millimetres",
         ),
         ([[x, y, z + 0.5] for x, y, z in GRID], (0, 0, 1), "is up to 500.0 mm outside of them and 0.0 mm inside"),
         ([*GRID, [0.0, 0.0, GRID[0][2] + 0.02]], (0, 0, 1), "the rest is up to 20.0 mm outside of them"),
         (GRID, (0, 0, -1), "the normals of 100% of its cells point into the link 'left_tip'"),
-        ([*GRID, GRID[4]], (0, 0, 1), "pad.yaml: corners[9]: the cell is where cell 4 is; allowed is a place each"),
+        ([*GRID, GRID[4]], (0, 0, 1), "pad.yaml: corners[9]: the cell is where cell 4 is; must be elsewhere"),
     ],
 )
 def test_a_pad_that_cannot_be_where_it_is_told_is_named(

@@ -74,7 +74,7 @@ class Contacts(PlainValue):
         p_PC = points_near("p_PC", self.p_PC, (None, 3))
         shape, count = (len(p_PC), 3), len(p_PC)
         if count > _MOST_CONTACTS:
-            raise InvalidInputError(f"p_PC: are {count} contacts; allowed are up to {_MOST_CONTACTS}.")
+            raise InvalidInputError(f"p_PC: there are {count} contacts; must be at most {_MOST_CONTACTS}.")
         n_PC = None if self.n_PC is None else unit_vectors("n_PC", self.n_PC, shape)
         covariance = None if self.covariance is None else _covariances(self.covariance, count)
         sigmas, limits = {name: getattr(self, name) for name in _SIGMAS}, dict(_SIGMAS)
@@ -125,7 +125,7 @@ class Contacts(PlainValue):
 
     def __array__(self, *_: object, **__: object) -> Never:
         # numpy would take them for an endlessly nested sequence.
-        raise TypeError("Contacts are no array; their points are p_PC")
+        raise TypeError("Contacts are not an array; their points are p_PC")
 
     def joined(self, others: Self) -> Self:
         """Concatenates these contacts and others, with the arrays that both have: normals, forces, covariances."""
@@ -189,10 +189,10 @@ class Contacts(PlainValue):
         every = [str(name) for name in frame.columns]
         names = {*every}
         if twice := [name for name in _COLUMNS if every.count(name) > 1]:
-            raise InvalidInputError(f"frame: has the column {twice[0]!r} more than once; allowed is once.")
+            raise InvalidInputError(f"frame: has the column {twice[0]!r} more than once; must be there once.")
         vectors: dict[str, Any] = {f"{kind}_PC": _vectors(frame, names, kind) for kind in "pnf"}
         if vectors["p_PC"] is None:
-            raise InvalidInputError("frame: has no column 'p_x'; the points' are p_x, p_y and p_z, m.")
+            raise InvalidInputError("frame: has no column 'p_x'; must have p_x, p_y and p_z of the points, m.")
         for name in _SIGMAS.keys() & names:
             if name in sigmas:
                 raise InvalidInputError(f"{name}: is given, and is a column of the table; allowed is one of them.")
@@ -212,9 +212,7 @@ def _vectors(frame: DataFrame, names: Collection[str], kind: str) -> list[list[f
     if len(missing) == len(wanted):
         return None
     if missing:
-        raise InvalidInputError(
-            f"frame: has no column {missing[0]!r}; allowed are all of {', '.join(wanted)}, or none."
-        )
+        raise InvalidInputError(f"frame: has no column {missing[0]!r}; must have all of {', '.join(wanted)}, or none.")
     columns = [np.atleast_1d(frame[name]).tolist() for name in wanted]
     lengths = [len(column) for column in columns]
     if len(set(lengths)) > 1:
@@ -235,20 +233,20 @@ def _covariances(value: ArrayLike, count: int) -> FloatArray:
     covariance = limited("covariance", value, (count, 6, 6), most=_MOST_COVARIANCE)
     off = np.abs(covariance - np.swapaxes(covariance, 1, 2)).max(initial=0.0)
     if off > _ROUNDING * np.abs(covariance).max(initial=0.0):
-        raise InvalidInputError(f"covariance: is not symmetric, by up to {off:.3g}; allowed are symmetric matrices.")
+        raise InvalidInputError(f"covariance: must be symmetric, but is not by up to {off:.3g}.")
     return covariance
 
 
 def _check_definite(covariance: FloatArray) -> None:
-    """Raises InvalidInputError if a matrix of (k, 6, 6) is no covariance: if its least eigenvalue is negative."""
+    """Raises InvalidInputError if a matrix of (k, 6, 6) is not a covariance: if its least eigenvalue is negative."""
     # Scaled by the largest standard deviations of point and rotation, so that metres and radians are comparable.
     scale = np.sqrt(np.einsum("kii->ki", covariance).reshape(-1, 2, 3).max(axis=2)).repeat(3, axis=1)
     scale[scale == 0.0] = 1.0
     least = np.linalg.eigvalsh(covariance / (scale[:, :, None] * scale[:, None, :]))[:, 0]
     if least.min(initial=0.0) < -_ROUNDING:
         raise InvalidInputError(
-            f"covariance[{int(least.argmin())}]: is no covariance matrix, as some combination of errors would have a "
-            "variance below 0; allowed are positive semidefinite matrices."
+            f"covariance[{int(least.argmin())}]: must be positive semidefinite, but some combination of errors has a "
+            "variance below 0."
         )
 
 

@@ -35,7 +35,7 @@ class HandGeometry(PlainValue):
         p_PH = points_near("p_PH", self.p_PH, (None, 3))
         radius = finite_array("radius", self.radius, (len(p_PH),))
         if not len(p_PH):
-            raise InvalidInputError("p_PH: holds no sphere; the least is 1.")
+            raise InvalidInputError("p_PH: is empty; must have at least one sphere.")
         if radius.min() <= 0.0:
             raise InvalidInputError(f"radius: holds {radius.min():g}; allowed are numbers > 0.")
         positive_numbers("radius", radius, radius.shape, least=1e-6, most=FARTHEST)

@@ -127,7 +127,7 @@ def grasp_quality(
     elif task is not None:
         task = limited("task", task, (None, 6), most=_MOST_TASK)
         if not task.any():
-            raise InvalidInputError("task: has no wrench but 0; allowed are wrenches of which one at least disturbs.")
+            raise InvalidInputError("task: every wrench is zero; at least one must not be.")
     n_OQ = None if contacts.n_PC is None else contacts.n_PC @ X[:, :3]
     p_OC, n_OC, distance = on_surface(model, (contacts.p_PC - X[:, 3]) @ X[:, :3], n_OQ)
     space = WrenchSpace(cone_wrenches(p_OC - model.center_of_mass, n_OC, friction, edges, length), norm)

@@ -82,7 +82,7 @@ def arrange(
         raise InvalidMeshError("is flat: it encloses no volume.")
     debris = is_debris(np.abs(volume), params)
     if len(volume) - debris.sum() > _MOST_BODIES:
-        raise InvalidMeshError(f"has {len(volume)} separate bodies; allowed are {_MOST_BODIES} and fewer.")
+        raise InvalidMeshError(f"has {len(volume)} separate bodies; must be at most {_MOST_BODIES}.")
     if debris.any():
         repairs.append(
             f"dropped {counted(debris.sum(), 'separate piece', 'separate pieces')} of less than "

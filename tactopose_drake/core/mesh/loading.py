@@ -76,7 +76,7 @@ def mesh_file(source: str | Path) -> Path:
         there, is_folder = path.is_file(), path.is_dir()
     except (OSError, RuntimeError, ValueError) as error:  # too long, no such home, or an invalid character
         reason = getattr(error, "strerror", None) or error
-        raise InvalidFileError(f"{shown(str(source))}: is no file's path ({reason}).") from None
+        raise InvalidFileError(f"{shown(str(source))}: must be a file's path ({reason}).") from None
     if is_folder:
         raise InvalidFileError(f"{path}: is a folder; allowed is a file.")
     if not there:
@@ -85,7 +85,7 @@ def mesh_file(source: str | Path) -> Path:
         raise UnknownNameError(f"{path}: mesh format", path.suffix, _FORMATS)
     size = path.stat().st_size
     if size > LARGEST_FILE:
-        raise InvalidFileError(f"{path}: has {size} bytes; allowed are {LARGEST_FILE} and fewer.")
+        raise InvalidFileError(f"{path}: has {size} bytes; must be at most {LARGEST_FILE}.")
     return path
 
 
@@ -169,7 +169,7 @@ def _in_metres(mesh: RawMesh, unit: str | None, path: Path) -> RawMesh:
 def _check_counts(name: str, faces: int, vertices: int) -> None:
     for what, count, most in (("faces", faces, MOST_FACES), ("vertices", vertices, MOST_VERTICES)):
         if count > most:
-            raise InvalidMeshError(f"{name}: has {count} {what}; allowed are {most} and fewer.")
+            raise InvalidMeshError(f"{name}: has {count} {what}; must be at most {most}.")
 
 
 def _joined(source: trimesh.Trimesh | trimesh.Scene, name: str) -> RawMesh:

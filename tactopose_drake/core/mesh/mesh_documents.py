@@ -39,13 +39,13 @@ def check_document(path: Path, largest: int) -> None:
         tree = _gltf_tree(path.read_bytes(), ending)
         rows = sum(int(accessor["count"]) for accessor in tree.get("accessors", []))
         if rows > _MOST_GLTF_NUMBERS:
-            raise InvalidFileError(f"{path}: lists {rows} rows of numbers; allowed are {_MOST_GLTF_NUMBERS} and fewer.")
+            raise InvalidFileError(f"{path}: lists {rows} rows of numbers; must be at most {_MOST_GLTF_NUMBERS}.")
         if len(tree.get("nodes", [])) > MOST_PARTS:
-            raise InvalidFileError(f"{path}: has {len(tree['nodes'])} nodes; allowed are {MOST_PARTS} and fewer.")
+            raise InvalidFileError(f"{path}: has {len(tree['nodes'])} nodes; must be at most {MOST_PARTS}.")
     for content in _descriptions(path, largest):
         parts = _count_parts(content)
         if parts > MOST_PARTS:
-            raise InvalidFileError(f"{path}: places more than {MOST_PARTS} parts; allowed are as many and fewer.")
+            raise InvalidFileError(f"{path}: places too many parts; must be at most {MOST_PARTS}.")
 
 
 def _gltf_tree(content: bytes, ending: str) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def _descriptions(path: Path, largest: int) -> Iterator[bytes]:
             # No reader unpacks more of an entry than the archive's directory states.
             size = sum(entry.file_size for entry in archive.infolist())
             if size > largest:
-                raise InvalidFileError(f"{path}: unpacks to {size} bytes; allowed are {largest} and fewer.")
+                raise InvalidFileError(f"{path}: unpacks to {size} bytes; must be at most {largest}.")
             for entry in archive.infolist():
                 if entry.filename.lower().endswith((".model", ".dae")):
                     yield archive.read(entry)

@@ -103,7 +103,7 @@ def _check(raw: RawMesh) -> float:
         extents = upper - lower
         size = float(np.linalg.norm(extents))
     if size == 0.0:
-        raise InvalidMeshError("is a single point; allowed are meshes with a volume.")
+        raise InvalidMeshError("is a single point; must have a volume.")
     if not SMALLEST_SIZE <= size <= LARGEST_SIZE:
         measures = " x ".join(f"{extent:.3g}" for extent in extents)
         cure = "by 0.001 if it is in millimetres" if size > LARGEST_SIZE else "by 1000 if it was scaled down twice"

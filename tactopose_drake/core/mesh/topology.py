@@ -75,7 +75,7 @@ def agree_on_sides(faces: IntArray, pairs: IntArray) -> tuple[IntArray, int]:
     majority = np.bincount(body, weights=turned, minlength=bodies) * 2 > np.bincount(body, minlength=bodies)
     turned ^= majority[body]
     if np.any(clash != (turned[rows] != turned[columns])):
-        raise InvalidMeshError("has only one side, like a Moebius strip; allowed are meshes with an inside.")
+        raise InvalidMeshError("has only one side, like a Moebius strip; must have an inside.")
     return np.where(turned[:, None], faces[:, ::-1], faces), int(turned.sum())
 
 

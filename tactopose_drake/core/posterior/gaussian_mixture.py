@@ -73,7 +73,7 @@ def checked_mixture(name: str, value: object) -> GaussianMixture:
     weights = limited(f"{name}.weights", value.weights, (len(X_PO),), most=_MOST_WEIGHT)
     covariance = limited(f"{name}.covariance", value.covariance, (len(X_PO), 6, 6), most=_MOST_VARIANCE)
     if not len(X_PO):
-        raise InvalidInputError(f"{name}: has no mode; allowed is a mixture of one at least.")
+        raise InvalidInputError(f"{name}: has no mode; must have at least one.")
     if weights.min() < 0.0 or not weights.sum() > 0.0:
         raise InvalidInputError(f"{name}.weights: are {weights}; allowed are numbers >= 0, one of them > 0.")
     return GaussianMixture(X_PO, weights / weights.sum(), covariance)

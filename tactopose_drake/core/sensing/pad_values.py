@@ -22,11 +22,11 @@ def checked_cells(value: ArrayLike) -> FloatArray:
     """Checks cells (n, 3), m."""
     p_PT = points_near("p_PT", value, (None, 3))
     if len(p_PT) == 0:
-        raise InvalidInputError("p_PT: has no cells; a pad has at least 1.")
+        raise InvalidInputError("p_PT: is empty; must have at least one cell.")
     extent = float(np.ptp(p_PT, axis=0).max())
     if extent > _LARGEST:
         raise InvalidInputError(
-            f"p_PT: the cells are spread over {extent:g} m; allowed is {_LARGEST:g} m at most. Multiply by 0.001 what "
+            f"p_PT: the cells are spread over {extent:g} m; must be at most {_LARGEST:g} m. Multiply by 0.001 what "
             "is in millimetres."
         )
     return p_PT
@@ -63,7 +63,7 @@ def checked_pressures(value: ArrayLike, count: int) -> FloatArray:
     dead = np.isnan(pressure)
     limited("pressure", np.where(dead, 0.0, pressure), (count,), most=_MOST_PRESSURE)
     if dead.all():
-        raise InvalidInputError("pressure: every cell is NaN; a pad has at least 1 live cell.")
+        raise InvalidInputError("pressure: every cell is NaN; at least one must be live.")
     if np.any(pressure < 0):
         index = int(np.nanargmin(pressure))
         raise InvalidInputError(f"pressure[{index}]: is {pressure[index]:g}; allowed are numbers >= 0, and NaN.")
@@ -75,7 +75,5 @@ def checked_covariance(value: ArrayLike) -> FloatArray:
     covariance = limited("misplacement", value, (6, 6), most=_MOST_MISPLACEMENT)
     rounding = _ROUNDING * np.abs(covariance).max()
     if np.abs(covariance - covariance.T).max() > rounding or np.linalg.eigvalsh(covariance)[0] < -rounding:
-        raise InvalidInputError(
-            "misplacement: is no covariance; allowed are symmetric ones without negative eigenvalues."
-        )
+        raise InvalidInputError("misplacement: must be a covariance, symmetric and without negative eigenvalues.")
     return covariance

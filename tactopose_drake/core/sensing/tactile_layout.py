@@ -43,7 +43,7 @@ class TactileLayout:
     def __post_init__(self) -> None:
         corners = np.array(finite_array("corners", self.corners, (None, 4, 3)))
         if not len(corners):
-            raise InvalidInputError("corners: hold no cell; allowed is a cell or more.")
+            raise InvalidInputError("corners: is empty; must have at least one cell.")
         rays = np.array(finite_array("rays", self.rays, (len(corners), 4, 3)))
         p_TC, n_T, areas = _measures(corners)
         _check_places(p_TC)
@@ -88,7 +88,7 @@ def _check_places(p_TC: FloatArray) -> None:
     first = firsts[place.ravel()]
     again = int(np.argmax(first != np.arange(len(p_TC))))
     if again:  # Index 0 means no repetition, as the first cell cannot be one.
-        raise InvalidInputError(f"corners[{again}]: the cell is where cell {first[again]} is; allowed is a place each.")
+        raise InvalidInputError(f"corners[{again}]: the cell is where cell {first[again]} is; must be elsewhere.")
 
 
 def _unit_rays(rays: FloatArray, n_T: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ _ROUNDING = 0.02  # tolerance of a position as a share of a cell, as of a drawin
 
 def _check_count(name: str, count: float) -> None:
     if not count <= _MAX_CELLS:
-        raise InvalidInputError(f"{name}: makes {count:.4g} cells; allowed are {_MAX_CELLS} at most.")
+        raise InvalidInputError(f"{name}: makes {count:.4g} cells; must be at most {_MAX_CELLS}.")
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -54,7 +54,7 @@ class RowPattern:
             raise InvalidInputError(f"RowPattern.normal: is {self.normal}; allowed is one at right angles to `along`.")
         positive_number("RowPattern.pitch", self.pitch)
         if not self.rows:
-            raise InvalidInputError("RowPattern.rows: is empty; allowed is a row or more.")
+            raise InvalidInputError("RowPattern.rows: is empty; must have at least one row.")
         _check_count("RowPattern.rows", sum(row.count for row in self.rows))
         across = np.cross(along, normal)
         angles = np.radians([self._check(i, row).tangent_deg for i, row in enumerate(self.rows)])[:, None]
@@ -85,7 +85,7 @@ class RowPattern:
         if row.count < 1 or length <= 0 or width <= 0:
             raise InvalidInputError(f"{name}: has {row.count} cells of {row.cell} m; allowed are numbers > 0.")
         if row.count > 1 and width > self.pitch * (1 + 1e-9):
-            raise InvalidInputError(f"{name}.cell: is {width:g} m across; allowed is the pitch {self.pitch:g} at most.")
+            raise InvalidInputError(f"{name}.cell: is {width:g} m across; must be at most the pitch {self.pitch:g}.")
         return row
 
     def _check_overlaps(self, along: FloatArray, normal: FloatArray) -> None:

@@ -46,10 +46,10 @@ class PoseMeasurement:
         covariance = limited("covariance", self.covariance, (6, 6), most=_MOST_VARIANCE)
         scale = np.sqrt(np.abs(np.diag(covariance)))
         if np.any(np.abs(covariance - covariance.T) > 1e-6 * np.outer(scale, scale)):
-            raise InvalidInputError("covariance: is not symmetric.")
+            raise InvalidInputError("covariance: must be symmetric.")
         if scale.min() < _LEAST_SIGMA or np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() <= 0.0:
             raise InvalidInputError(
-                f"covariance: is not positive definite with standard deviations of {_LEAST_SIGMA:g} or more."
+                f"covariance: must be positive definite with standard deviations of at least {_LEAST_SIGMA:g}."
             )
         X_PO = pose_near("X_PO", self.X_PO)
         for name, array in (("X_PO", X_PO), ("covariance", covariance)):

@@ -132,7 +132,7 @@ def reconstruct(
     """
     params = params_of(FusionParams, params)
     if len(views) < 2:
-        raise InvalidInputError(f"views: are {len(views)}; allowed are two or more.")
+        raise InvalidInputError(f"views: there are {len(views)}; must be at least two.")
     box = _box(views, bounds, params)
     volume = _Volume.of(views, params, box)
     vertices, faces = volume.surface()
@@ -187,7 +187,7 @@ def _box(views: Sequence[DepthView], bounds: FloatArray | None, params: FusionPa
     """Lowest and highest coordinates that the object may have, shape (2, 3), m."""
     points = np.concatenate([view.p_OQ for view in views])
     if len(points) < _LEAST_POINTS:
-        raise InvalidInputError(f"views: see {len(points)} points; allowed are {_LEAST_POINTS} or more.")
+        raise InvalidInputError(f"views: see {len(points)} points; must be at least {_LEAST_POINTS}.")
     size = np.ptp(points, axis=0).max()
     box = np.stack([points.min(axis=0) - _BEYOND * size, points.max(axis=0) + _BEYOND * size])
     if bounds is not None:

@@ -60,7 +60,7 @@ def test_bad_contacts_are_named(arguments: dict[str, object], message: str) -> N
 
 def test_a_scan_s_points_are_too_many() -> None:
     assert len(Contacts(np.zeros((5000, 3)))) == 5000
-    with pytest.raises(InvalidInputError, match=r"p_PC: are 5001 contacts; allowed are up to 5000\."):
+    with pytest.raises(InvalidInputError, match=r"p_PC: there are 5001 contacts; must be at most 5000\."):
         Contacts(np.zeros((5001, 3)))
 
 
@@ -114,12 +114,12 @@ INDEFINITE[0, 1:3] = INDEFINITE[1:3, 0] = 1e-5
     [
         (np.zeros((2, 6, 6)), r"covariance\[0\]: says 0 of the point"),
         (np.eye(6), r"covariance: .*shape"),
-        (np.triu(np.ones((2, 6, 6))), "covariance: is not symmetric"),
+        (np.triu(np.ones((2, 6, 6))), "covariance: must be symmetric, but is not"),
         (np.full((2, 6, 6), np.nan), "covariance"),
         (np.tile(-np.eye(6), (2, 1, 1)), r"covariance\[0\]: says -1 of the point"),
         (
             np.stack([1e-6 * np.eye(6), INDEFINITE]),
-            r"covariance\[1\]: is no covariance matrix, as some combination of errors",
+            r"covariance\[1\]: must be positive semidefinite, but some combination of errors",
         ),
     ],
 )
@@ -228,11 +228,11 @@ class Lazy:
 @pytest.mark.parametrize(
     ("frame", "sigmas", "message"),
     [
-        (Twice(**POINT_COLUMNS), {}, "frame: has the column 'p_y' more than once; allowed is once"),
+        (Twice(**POINT_COLUMNS), {}, "frame: has the column 'p_y' more than once; must be there once"),
         (Lazy(), {}, "frame: is a Lazy; allowed is a table with named columns, such as a DataFrame"),
         (Table(x=[0.0]), {}, "frame: has no column 'p_x'"),
         (POINT_COLUMNS, {}, "frame: is a dict; allowed is a table"),
-        (Table(**POINT_COLUMNS, n_x=[1.0, 0.0]), {}, "has no column 'n_y'; allowed are all of n_x, n_y, n_z, or none"),
+        (Table(**POINT_COLUMNS, n_x=[1.0, 0.0]), {}, "has no column 'n_y'; must have all of n_x, n_y, n_z, or none"),
         (Table(**{**POINT_COLUMNS, "p_y": ["a", "b"]}), {}, r"p_PC: not an array of numbers"),
         (Table(**{**POINT_COLUMNS, "p_y": [0.0]}), {}, r"frame: has \[2, 1, 2\] rows in the columns p_x, p_y, p_z"),
         (Table(**POINT_COLUMNS, n_x=[1.0], n_y=[0.0], n_z=[0.0]), {}, r"n_PC: has shape \(1, 3\); allowed is \(2, 3\)"),

@@ -134,7 +134,7 @@ def test_impossible_motions_are_refused() -> None:
         GuardedMoves.lines(START, 2 * TOWARDS, 0.1)
     with pytest.raises(InvalidInputError, match="length: is 0"):
         GuardedMoves.lines(START, TOWARDS, 0.0)
-    with pytest.raises(InvalidInputError, match="two places or more"):
+    with pytest.raises(InvalidInputError, match="at least two places"):
         GuardedMoves(np.zeros((3, 1, 3)), TIP, np.zeros((3, 1, 0, 3)), np.zeros(0))
     with pytest.raises(InvalidInputError, match="body: has shape"):
         GuardedMoves(np.zeros((3, 2, 3)), TIP, np.zeros((3, 2, 1, 3)), np.zeros(0))

@@ -92,7 +92,7 @@ def test_missing_files_are_named(tmp_path: Path, name: str, fault: str) -> None:
 
 
 def test_a_name_that_is_too_long_for_a_file_is_refused() -> None:
-    with pytest.raises(InvalidFileError, match=r"^'x{59}\.\.\.: is no file's path \(File name too long\)\.$"):
+    with pytest.raises(InvalidFileError, match=r"^'x{59}\.\.\.: must be a file's path \(File name too long\)\.$"):
         load_mesh("x" * 300 + ".obj")
 
 

@@ -171,7 +171,7 @@ REFUSED = {
         r"thing: lies 1e\+04 m from the origin of its frame, 9.62e\+04 times its size; .* 20 times",
     ),
     "through_itself": (with_a_corner_pulled_through(), "thing: passes through itself.* are those of no body"),
-    "too_many_bodies": (grid_of_cubes(18), "thing: has 5832 separate bodies; allowed are 5000 and fewer"),
+    "too_many_bodies": (grid_of_cubes(18), "thing: has 5832 separate bodies; must be at most 5000"),
 }
 
 

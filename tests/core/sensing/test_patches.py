@@ -210,7 +210,7 @@ def test_a_patch_cannot_be_changed() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"p_PT": np.zeros((0, 3)), "pressure": []}, "p_PT: has no cells"),
+        ({"p_PT": np.zeros((0, 3)), "pressure": []}, "p_PT: is empty; must have at least one cell"),
         ({"p_PT": CELLS[:, :2]}, r"p_PT: has shape \(24, 2\); allowed is \(n, 3\)"),
         ({"p_PT": np.full((24, 3), math.nan)}, r"p_PT\[0, 0\]: is nan"),
         ({"pressure": np.zeros(23)}, r"pressure: has shape \(23,\); allowed is \(24,\)"),
@@ -228,7 +228,7 @@ def test_a_patch_cannot_be_changed() -> None:
         ({"p_PT": 1e3 * CELLS}, "p_PT.*Multiply by 0.001 what is in millimetres"),
         (
             {"p_PT": 1e3 * CELLS - [3.0, 9.0, 0.0]},
-            "p_PT: the cells are spread over .*; allowed is 1 m at most",
+            "p_PT: the cells are spread over .*; must be at most 1 m",
         ),
         ({"alpha": 1e-4}, r"pressure\[\d+\]: .* Pa at alpha = 0.0001 m/Pa are .* m; allowed are depths up to 0.1 m"),
         ({"alpha": -1e-4}, r"pressure\[\d+\]: .* Pa at alpha = 0.0001 m/Pa are .* m; allowed are depths up to 0.1 m"),

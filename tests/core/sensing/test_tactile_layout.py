@@ -129,7 +129,7 @@ def test_neighbours_share_the_plane_between_them() -> None:
 @pytest.mark.parametrize(
     ("corners", "message"),
     [
-        (np.zeros((0, 4, 3)), "hold no cell"),
+        (np.zeros((0, 4, 3)), "must have at least one cell"),
         (np.zeros((2, 4, 3)), r"corners\[0\]: the cell is not convex with an area"),
         (SQUARE[:, [0, 2, 1, 3]], "is not convex"),
         (SQUARE + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.1], [0, 0, 0]]), "is not flat"),

@@ -127,7 +127,7 @@ def test_the_unseen_part_is_said(box: ObjectModel, around: Reconstruction) -> No
 
 def test_what_cannot_be_fused_is_refused(box: ObjectModel) -> None:
     seen = views(box, 120.0)
-    with pytest.raises(InvalidInputError, match="views: are 1; allowed are two or more"):
+    with pytest.raises(InvalidInputError, match="views: there are 1; must be at least two"):
         reconstruct(seen[:1])
     nothing = [DepthView(np.full_like(view.depth, np.inf), view.X_CO, view.camera) for view in seen]
     with pytest.raises(InvalidInputError, match="views: see 0 points"):
