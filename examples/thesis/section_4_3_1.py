@@ -54,10 +54,10 @@ from tactopose_drake.errors import InvalidInputError
 COLUMNS = ("trials", "success, %", "found, %", "said, %", "mm", "deg", "ms")
 DIGITS = (0, 0, 0, 0, 1, 1, 1)  # fewer for numbers of three digits or more
 LEGEND = (
-    "pair_search: tp.estimate_pose as it is called by default; with hand: told the hand's volume, too; monte_carlo: "
-    "the thesis' search of our likelihood; as published: the thesis' search of its own cost. Success: the best pose is "
-    "within 10 mm and 15° of the truth; found: some hypothesis is; said: the probability that the hypotheses give to "
-    "such poses, which a calibrated estimate matches with its successes; mm, deg: mean errors of the best pose; ms: "
+    "pair_search: tp.estimate_pose with its defaults; with hand: also with the hand's volume; monte_carlo: the thesis' "
+    "search with our likelihood; as published: the thesis' search with its own cost. Success: the best pose is within "
+    "10 mm and 15° of the truth; found: some hypothesis is; said: the probability that the hypotheses give to such "
+    "poses, which equals the success rate if the estimate is calibrated; mm, deg: mean errors of the best pose; ms: "
     "median CPU time"
 )
 

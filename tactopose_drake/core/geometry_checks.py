@@ -74,7 +74,7 @@ def pose_matrix(name: str, value: object) -> FloatArray:
     """Returns a pose as [R | p], shape (3, 4), from such an array, a 4x4 one, or anything with `GetAsMatrix34`.
 
     Raises:
-        InvalidInputError: if it is none of these, if R is not a rotation (within 1e-6), or if a 4x4 matrix's last row
+        InvalidInputError: if it has another form, if R is not a rotation (within 1e-6), or if a 4x4 matrix's last row
             is not (0, 0, 0, 1).
     """
     matrix: Any = value.GetAsMatrix34() if hasattr(value, "GetAsMatrix34") else value

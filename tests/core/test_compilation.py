@@ -202,7 +202,7 @@ def test_annotations_say_the_types() -> None:
     assert str(numba_type(OutFloats1)) == "array(float64, 1d, C)"
     assert str(numba_type(tuple[int, int])) == "UniTuple(int64 x 2)"
     assert str(numba_type(Pair)) == "Pair(readonly array(float64, 2d, C), float64)"
-    with pytest.raises(TypeError, match="stands for no type"):
+    with pytest.raises(TypeError, match="must stand for the type"):
         numba_type(str)
 
 

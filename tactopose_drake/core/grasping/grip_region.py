@@ -52,7 +52,7 @@ def find_grip_region(
     if value.max(initial=0.0) < least:
         raise InvalidInputError(
             "HandConfig.grip_low, grip_high: are empty, and no place beside the palm is between two fingertips; "
-            "the hand's joint limits or frames are not what they should be."
+            "check the hand's joint limits and frames."
         )
     corners = np.array([_middle(axis, value**_SHARPNESS, along) for along, axis in enumerate(axes)])
     widen = np.maximum(0.5 * (_LEAST_SIDE - (corners[:, 1] - corners[:, 0])), 0.0)

@@ -82,7 +82,7 @@ def improvement_map(
         points: number of points of the surface; no more than the model has samples.
 
     Raises:
-        InvalidInputError: a finger that is none of the contacts, no point, or what `grasp_quality` rejects.
+        InvalidInputError: if `finger` or `points` is out of range, or `grasp_quality` rejects an input.
     """
     if not 0 <= finger < len(contacts):
         raise InvalidInputError(f"finger: is {finger}; allowed are numbers from 0 to {len(contacts) - 1}.")

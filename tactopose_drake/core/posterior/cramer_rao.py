@@ -88,7 +88,7 @@ def cramer_rao_bound(
 
     Raises:
         TooFewContactsError: no contact.
-        InvalidInputError: a pose that is no pose.
+        InvalidInputError: if a pose is invalid.
     """
     if len(contacts) < 1:
         raise TooFewContactsError("contacts: there are 0; the bound needs at least 1.")

@@ -60,7 +60,7 @@ class PointPattern:
         normals = unit_vectors("PointPattern.normals", self.normals or [[0.0, 0.0, 1.0]], (None, 3))
         if len(normals) not in (1, len(points)):
             raise InvalidInputError(
-                f"PointPattern.normals: are {len(normals)} for {len(points)} points; allowed are one, or one a point."
+                f"PointPattern.normals: are {len(normals)} for {len(points)} points; must be one, or as many."
             )
         edge = positive_number("PointPattern.cell", self.cell)
         along = unit_vectors("PointPattern.along", self.along, (3,))
@@ -76,7 +76,7 @@ def _edges(normals: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArr
     length = np.linalg.norm(first, axis=1, keepdims=True)
     if not np.all(length > 1e-3):
         cell = int(np.argmin(length))
-        raise InvalidInputError(f"PointPattern.along: is the normal of cell {cell}; allowed is another direction.")
+        raise InvalidInputError(f"PointPattern.along: is the normal of cell {cell}; must be another direction.")
     first /= length
     return first, np.cross(normals, first)
 

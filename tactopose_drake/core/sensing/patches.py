@@ -184,7 +184,7 @@ def describe_patch(
         InvalidInputError: no cell, no live cell, a shape that does not fit, a position or normal that is not finite,
             cells that are evidently in millimetres, a pressure below zero or infinite, an alpha, threshold or
             saturation out of range, a depth beyond 0.1 m, normals missing where the pad is curved or parallel to the z
-            axis, or a misplacement that is no covariance.
+            axis, or a misplacement that is not a covariance.
     """
     instance_of("params", params, PatchParams)
     p_PT = checked_cells(p_PT)

@@ -111,7 +111,7 @@ class RowPattern:
                 j = i + 1 + int(overlap.argmax())
                 raise InvalidInputError(
                     f"RowPattern.rows[{j}].center: is {self.rows[j].center}, where its cells overlap those of "
-                    f"rows[{i}], at {self.rows[i].center}; allowed are rows beside each other."
+                    f"rows[{i}], at {self.rows[i].center}; rows must not overlap."
                 )
 
 

@@ -195,8 +195,8 @@ def _box(views: Sequence[DepthView], bounds: FloatArray | None, params: FusionPa
         box = np.stack([np.maximum(box[0], lowest), np.minimum(box[1], highest)])
         if not np.all(box[0] < box[1]):  # Nor with a NaN.
             raise InvalidInputError(
-                f"bounds: are {[lowest.tolist(), highest.tolist()]}; allowed are lowest and then highest coordinates, "
-                "about what is seen, m."
+                f"bounds: are {[lowest.tolist(), highest.tolist()]}; must be the lowest and the highest coordinates "
+                "of a box that contains seen points, m."
             )
     if np.prod(np.ptp(box, axis=0) / params.spacing + 8) > _MOST_CELLS:
         raise InvalidInputError(f"views: see {1e3 * size:.0f} mm, for which FusionParams.spacing is too small.")

@@ -180,7 +180,7 @@ def test_what_tells_no_contacts_apart_is_no_index(index: object) -> None:
 
 
 def test_contacts_are_no_array_of_points() -> None:
-    with pytest.raises(InvalidInputError, match="Contacts are no array; their points are p_PC"):
+    with pytest.raises(InvalidInputError, match="Contacts are not an array; their points are p_PC"):
         Contacts(some_contacts())  # type: ignore[arg-type]
 
 
