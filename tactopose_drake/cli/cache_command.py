@@ -20,7 +20,9 @@ def cache_command(clear: bool) -> None:
     """
     folder, files = model_cache.cache_folder(), model_cache.cached_files()
     if folder.exists() and not folder.is_dir():
-        raise InvalidInputError(f"{model_cache.FOLDER_VARIABLE}: is {folder}, which is no folder: nothing is cached.")
+        raise InvalidInputError(
+            f"{model_cache.FOLDER_VARIABLE}: is {folder}, which is not a folder: nothing is cached."
+        )
     if clear:
         size = model_cache.clear()
         OUT.print(f"Removed {len(files)} files, {size / _MB:.0f} MB, from {folder}", soft_wrap=True, highlight=False)

@@ -21,7 +21,7 @@ _WRITERS = {"mcap": write_mcap, "csv": write_csv}
 @click.option("--out", type=PATH, help="The file; LOG with the format's ending by default.")
 def export(log: Path, kind: str, out: Path | None) -> None:
     """Writes LOG, a folder by `run --record`, as one file: for Foxglove, PlotJuggler and rosbag2, or as a table."""
-    load_manifest(log)  # Reports a folder that is no recording before anything else.
+    load_manifest(log)  # Reports a folder that is not a recording before anything else.
     if out is None:
         # `.` and `..` are resolved to the folder's name.
         out = log.resolve().parent / f"{log.resolve().name}.{kind}"

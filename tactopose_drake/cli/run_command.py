@@ -76,7 +76,7 @@ def run(
 
 def _recorder(scenario: Scenario) -> PageRecorder:
     if isinstance(scenario.senses, LcmSenses | Ros2Senses):
-        raise InvalidInputError("--html, --picture: are given; allowed are none if the senses are messages.")
+        raise InvalidInputError("--html, --picture: are given; must be left out if the senses are messages.")
     return PageRecorder(scenario, scenario.object_model())
 
 

@@ -103,7 +103,7 @@ class FingerCalibration:
             off = np.abs(correlation - correlation.T).max(), np.abs(np.diag(correlation) - 1.0).max()
             if max(off) > 1e-3 or np.linalg.eigvalsh(correlation)[0] < -1e-2:
                 raise InvalidInputError(
-                    f"{where}.correlation: is no correlation matrix; allowed is a symmetric matrix with 1 on its "
+                    f"{where}.correlation: must be a correlation matrix, symmetric with 1 on its "
                     "diagonal and no eigenvalue below 0."
                 )
 

@@ -93,9 +93,7 @@ class GraspCloser:
             InvalidInputError: if fingers share a joint, since they are closed independently.
         """
         for joint, fingers in shared_joints(hand.config).items():
-            raise InvalidInputError(
-                f"hand: {joint} moves {', '.join(fingers)}; allowed are hands whose fingers have joints of their own."
-            )
+            raise InvalidInputError(f"hand: {joint} moves {', '.join(fingers)}; the fingers must have separate joints.")
         self._plant, self._hand, self._errors, self._vector = plant, hand, errors, vector
         self._params = ClosedGraspParams() if params is None else params
         self._least = min(self._params.least_fingers, len(errors.fingers))
@@ -123,7 +121,7 @@ class GraspCloser:
         config = self._hand.config
         if not config.grip_low or not config.grip_high:
             raise InvalidInputError(
-                "hand: its file has no grip_low and grip_high; needed are both, the corners of the grip region in P, m."
+                "hand: its file has no grip_low and grip_high; must have both, the corners of the grip region in P, m."
             )
         middle = 0.5 * (np.array(config.grip_low) + np.array(config.grip_high))
         for _ in range(_TRIES):

@@ -26,7 +26,7 @@ def check_couplings(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
         return
     if of_model is None:
         name = Path(_model_file(hand.config)).name
-        yield Finding("couplings", f"cannot be compared with those of {name}: it is no URDF or SDF", "note")
+        yield Finding("couplings", f"cannot be compared with those of {name}: it is not a URDF or SDF", "note")
         return
     lacking = lacking_couplings(plant, hand)
     for finger, mimics in lacking.items():

@@ -153,6 +153,6 @@ def _following(config: FingerConfig, joint: str) -> tuple[list[float], float]:
     follows = {coupling.joint: coupling for coupling in config.couplings}
     leader = follows[joint].follows if joint in follows else joint
     if leader not in config.joints:
-        raise InvalidInputError(f"finger {config.name!r}: joint {joint!r} is none of its joints {config.joints}.")
+        raise InvalidInputError(f"finger {config.name!r}: joint {joint!r} must be one of its joints {config.joints}.")
     ratio, offset = (follows[joint].ratio, follows[joint].offset) if joint in follows else (1.0, 0.0)
     return [ratio * (name == leader) for name in config.joints], offset

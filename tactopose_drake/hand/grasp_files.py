@@ -44,7 +44,7 @@ def load_grasp(path: Path, model: ObjectModel) -> RecordedGrasp:
             raise InvalidInputError("wrenches: is empty; allowed are six numbers for each finger that touches.")
         if both := file.wrenches.keys() & file.out_of_touch.keys():
             raise InvalidInputError(
-                f"out_of_touch: has {', '.join(sorted(both))}, as has wrenches; allowed is a finger in one of them. "
+                f"out_of_touch: has {', '.join(sorted(both))}, as has wrenches; a finger must be in only one of them. "
                 "Give a reading from before the touch as a grasp of its own, without wrenches."
             )
     except InvalidInputError as error:

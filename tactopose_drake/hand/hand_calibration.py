@@ -161,7 +161,7 @@ def calibrate_hand(
     instance_of("grasps", grasps, Sequence)
     config = hand if isinstance(hand, HandConfig) else load_hand_config(hand, with_calibration=False)
     if len(grasps) < _FEWEST:
-        raise InvalidInputError(f"grasps: there are {len(grasps)}; allowed are {_FEWEST} or more.")
+        raise InvalidInputError(f"grasps: there are {len(grasps)}; must be at least {_FEWEST}.")
     plant, parts = make_hand_plant(dataclasses.replace(config, calibration=""))
     check_grasps(plant, parts, grasps)
     uncertainty = HandUncertainty() if config.uncertainty is None else config.uncertainty
@@ -172,7 +172,7 @@ def calibrate_hand(
     felt = FeltGrasps(plant, parts, errors, grasps)
     if not len(felt.grasp):
         raise InvalidInputError(
-            "grasps: no finger with a force-torque sensor touches in any of them; needed are grasps in which some do."
+            "grasps: no finger with a force-torque sensor touches in any of them; some must have one that does."
         )
     _check_contacts(felt, len(grasps), len(errors.free))
     rows, measured = felt.readings(grasps)
@@ -194,8 +194,8 @@ def _check_contacts(felt: FeltGrasps, count: int, errors: int) -> None:
             f" No wrench of {finger} gives one: {reason}." for finger, reason in felt.without_contact(none).items()
         )
         raise InvalidInputError(
-            f"grasps: {touched} of {count} have a contact; the least is {_FEWEST}.{reasons} Allowed are wrenches on "
-            "the fingertip about its sensor's origin, moments in N m before forces in N."
+            f"grasps: {touched} of {count} have a contact; must be at least {_FEWEST}.{reasons} Allowed are wrenches "
+            "on the fingertip about its sensor's origin, moments in N m before forces in N."
         )
 
 

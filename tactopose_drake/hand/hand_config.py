@@ -132,7 +132,7 @@ class HandConfig:
         for finger in self.fingers:
             if not finger.joints:
                 raise InvalidInputError(
-                    f"HandConfig.fingers[{finger.name}].joints: is empty; allowed is a joint or more."
+                    f"HandConfig.fingers[{finger.name}].joints: is empty; must have at least one joint."
                 )
             if len(set(finger.joints)) < len(finger.joints):
                 raise InvalidInputError(
@@ -175,8 +175,8 @@ class HandConfig:
                 name = getattr(finger, key)
                 if name and name in owners:
                     raise InvalidInputError(
-                        f"HandConfig.fingers[{finger.name}].{key}: is {name!r}, as the finger {owners[name]!r} has it; "
-                        "allowed is one of its own."
+                        f"HandConfig.fingers[{finger.name}].{key}: is {name!r}, as is that of the finger "
+                        f"{owners[name]!r}; must be different."
                     )
                 owners[name] = finger.name
 

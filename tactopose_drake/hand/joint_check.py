@@ -24,7 +24,7 @@ def check_joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
     for finger in hand.config.fingers:
         part = f"finger {finger.name}"
         if not finger.sensor_frame:
-            yield Finding(part, "has no force-torque sensor: it takes no part in planned grasps", "note")
+            yield Finding(part, "has no force-torque sensor: it is not used in planned grasps", "note")
             continue
         order = _order(plant, hand, finger)
         try:

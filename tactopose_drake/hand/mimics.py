@@ -35,11 +35,11 @@ def read_mimics(path: Path) -> tuple[Mimic, ...] | None:
     if b"<!ENTITY" in content:
         raise InvalidFileError(f"{path}: declares entities; allowed are plain elements.")
     if len(content) > _LARGEST:
-        raise InvalidFileError(f"{path}: has {len(content)} bytes; allowed are {_LARGEST} at most.")
+        raise InvalidFileError(f"{path}: has {len(content)} bytes; must be at most {_LARGEST}.")
     try:
         root = ElementTree.fromstring(content)
     except ElementTree.ParseError as error:
-        raise InvalidFileError(f"{path}: is no XML ({error}).") from None
+        raise InvalidFileError(f"{path}: must be XML ({error}).") from None
     if root.tag not in ("robot", "sdf"):
         return None
     found = [(joint, mimic) for joint in root.iter("joint") for mimic in joint.iterfind(".//{*}mimic")]

@@ -87,7 +87,7 @@ class NamedJoints:
             if abs(told - coupled) > give:
                 raise InvalidInputError(
                     f"{name}[{joint}]: is {told:.4g} {unit}, and by the coupling with {coupling.follows} {coupled:.4g} "
-                    f"{unit}; allowed is to leave out joints that follow others, or a difference up to {give:g} {unit}."
+                    f"{unit}; must be left out, as it follows another joint, or differ by at most {give:g} {unit}."
                 )
 
     def _in_order(self, name: str, values: Mapping[str, float] | ArrayLike) -> FloatArray:

@@ -64,7 +64,7 @@ def check_grasps(plant: MultibodyPlant, hand: Hand, grasps: Sequence[RecordedGra
                 joint for joint, k in zip(joints, moves, strict=True) if k and joint not in grasp.joint_positions
             ]
             raise InvalidInputError(
-                f"{where}: joint_positions: lack {', '.join(lacking)}; needed is a number for each."
+                f"{where}: joint_positions: lack {', '.join(lacking)}; must have a number for each."
             )
         for key, wrenches in (("wrenches", grasp.wrenches), ("out_of_touch", grasp.out_of_touch)):
             for finger, wrench in wrenches.items():
@@ -118,7 +118,7 @@ def _check_different(grasps: Sequence[RecordedGrasp]) -> None:
         readings = (grasp.time, tuple(sorted(grasp.joint_positions.items())), *wrenches)
         where = grasp.name or f"grasps[{i}]"
         if readings in seen:
-            raise InvalidInputError(f"{where}: has the readings of {seen[readings]}; allowed is each grasp once.")
+            raise InvalidInputError(f"{where}: has the readings of {seen[readings]}; must be another grasp.")
         seen[readings] = where
         for finger, wrench in grasp.wrenches.items():
             touch = (finger, tuple(np.asarray(wrench, dtype=float).tolist()))

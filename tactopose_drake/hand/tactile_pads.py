@@ -86,6 +86,6 @@ def _check_metres(layout: TactileLayout) -> None:
     ):
         if lengths.max() > most:
             raise InvalidInputError(
-                f"pattern: cell {lengths.argmax()} {what} {lengths.max():g} m; allowed are {most:g} m at most. "
+                f"pattern: cell {lengths.argmax()} {what} {lengths.max():g} m; must be at most {most:g} m. "
                 "Multiply by 0.001 what is in millimetres."
             )

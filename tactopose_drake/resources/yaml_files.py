@@ -58,9 +58,9 @@ def read_text(path: Path, max_bytes: int) -> str:
     except OSError as error:
         raise InvalidFileError(f"{path}: cannot be read ({error.strerror}).") from None
     except ValueError:  # a path with a NUL in it
-        raise InvalidFileError(f"{path}: cannot be read (it is no path).") from None
+        raise InvalidFileError(f"{path}: cannot be read (it is not a path).") from None
     if len(content) > max_bytes:
-        raise InvalidFileError(f"{path}: is longer than {max_bytes} bytes, which is the most that is allowed.")
+        raise InvalidFileError(f"{path}: is too long; must be at most {max_bytes} bytes.")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -111,7 +111,7 @@ class _Composer:
             self._add(event, found[1])
             return found[0]
         if depth > MAX_DEPTH:
-            raise InvalidFileError(f"{_line(event)}is nested more than {MAX_DEPTH} deep, which is the most.")
+            raise InvalidFileError(f"{_line(event)}is nested too deeply; must be at most {MAX_DEPTH} deep.")
         self._add(event, 1)
         anchor = event.anchor
         if anchor is not None:
@@ -155,7 +155,7 @@ class _Composer:
     def _add(self, event: Any, count: int) -> None:
         self._count += count
         if self._count > MAX_NODES:
-            raise InvalidFileError(f"{_line(event)}holds more than {MAX_NODES} values, which is the most.")
+            raise InvalidFileError(f"{_line(event)}holds too many values; must be at most {MAX_NODES}.")
 
 
 def _merged(pairs: list[tuple[yaml.Node, yaml.Node]]) -> list[tuple[yaml.Node, yaml.Node]]:
@@ -166,12 +166,12 @@ def _merged(pairs: list[tuple[yaml.Node, yaml.Node]]) -> list[tuple[yaml.Node, y
         if not isinstance(key, yaml.ScalarNode):
             raise InvalidFileError(f"{_line(key)}has a list or mapping for a key; allowed is text.")
         if (key.tag, key.value) in own:
-            raise InvalidFileError(f"{_line(key)}key {shown(key.value)} is given twice; allowed is once.")
+            raise InvalidFileError(f"{_line(key)}key {shown(key.value)} is given twice; must be given once.")
         own[key.tag, key.value] = key, value
         if key.tag == YAML + "merge":
             maps = value.value if isinstance(value, yaml.SequenceNode) else [value]
             if not all(isinstance(part, yaml.MappingNode) for part in maps):
-                raise InvalidFileError(f"{_line(key)}<< merges what is no mapping.")
+                raise InvalidFileError(f"{_line(key)}<< must merge mappings only.")
             brought += [pair for part in maps for pair in part.value]
     own = {name: pair for name, pair in own.items() if name[0] != YAML + "merge"}
     for key, value in brought:
@@ -190,7 +190,7 @@ def plain_data(node: yaml.Node | None, place: str = "") -> Any:
     if node is None:
         return None
     if node.tag.startswith("!"):
-        raise InvalidFileError(f"{where(node, place)}the tag {bare(node.tag)} is unknown; allowed is none.")
+        raise InvalidFileError(f"{where(node, place)}the tag {bare(node.tag)} is unknown; no tag is allowed here.")
     if isinstance(node, yaml.SequenceNode):
         return [plain_data(item, f"{place}[{i}]") for i, item in enumerate(node.value)]
     if isinstance(node, yaml.MappingNode):
@@ -250,7 +250,7 @@ def bare(text: str) -> str:
 def check_key(key: yaml.Node, place: str) -> None:
     """Raises InvalidFileError if a key is not a string."""
     if key.tag != YAML + "str":
-        raise InvalidFileError(f"{where(key, place)}key {shown(key.value)} is no text; put it in quotes.")
+        raise InvalidFileError(f"{where(key, place)}key {shown(key.value)} must be text; put it in quotes.")
 
 
 def where(node: yaml.Node, place: str) -> str:

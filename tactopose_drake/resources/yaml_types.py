@@ -78,8 +78,8 @@ def check_type(kind: Any, node: yaml.Node, place: str = "") -> None:
     if node.tag.startswith("!") and not _is_drakes(options[0]):
         tag, names = node.tag.removeprefix("!"), [option.__name__ for option in options] if len(options) > 1 else []
         if tag not in names:
-            allowed = f"are {', '.join(f'!{name}' for name in names)}" if names else "is none"
-            raise InvalidFileError(f"{where(node, place)}the tag {bare(node.tag)} is unknown; allowed {allowed}.")
+            allowed = f"allowed are {', '.join(f'!{name}' for name in names)}" if names else "no tag is allowed here"
+            raise InvalidFileError(f"{where(node, place)}the tag {bare(node.tag)} is unknown; {allowed}.")
         options = tuple(option for option in options if option.__name__ == tag)
     kind = options[0]
     if dataclasses.is_dataclass(kind):
@@ -88,12 +88,12 @@ def check_type(kind: Any, node: yaml.Node, place: str = "") -> None:
         _check_drakes(kind, node, place)
     elif typing.get_origin(kind) is list:
         if not isinstance(node, yaml.SequenceNode):
-            raise InvalidFileError(f"{where(node, place)}is no list.")
+            raise InvalidFileError(f"{where(node, place)}must be a list.")
         for i, item in enumerate(node.value):
             check_type(typing.get_args(kind)[0], item, f"{place}[{i}]")
     elif typing.get_origin(kind) is dict:
         if not isinstance(node, yaml.MappingNode):
-            raise InvalidFileError(f"{where(node, place)}is no mapping.")
+            raise InvalidFileError(f"{where(node, place)}must be a mapping.")
         for key, value in node.value:
             check_key(key, place)
             check_type(typing.get_args(kind)[1], value, f"{place}.{key.value}")
@@ -105,7 +105,7 @@ def _check_dataclass(kind: type, node: yaml.Node, place: str, others: Sequence[s
     """Checks the mapping of a dataclass; `others` are the tags with which another dataclass would be read."""
     types_of = typing.get_type_hints(kind)
     if not isinstance(node, yaml.MappingNode):
-        raise InvalidFileError(f"{where(node, place)}is no mapping; its keys may be {', '.join(types_of)}.")
+        raise InvalidFileError(f"{where(node, place)}must be a mapping, whose keys may be {', '.join(types_of)}.")
     for key, value in node.value:
         if not place and key.value.startswith("_"):  # values that other keys refer to by anchors
             continue
@@ -124,9 +124,7 @@ def _check_scalar(options: tuple[Any, ...], node: yaml.Node, place: str) -> None
             raise InvalidFileError(f"{where(node, place)}is {shown(node.value)}, a yes or no; allowed are numbers.")
         number_of(node, place, whole=float not in options)
         if name == "str" and DECIMAL.fullmatch(node.value) is None:  # Drake's loader reads 0x20 only without quotes.
-            raise InvalidFileError(
-                f"{where(node, place)}is {shown(node.value)}, in quotes; allowed is it without them."
-            )
+            raise InvalidFileError(f"{where(node, place)}is {shown(node.value)}, in quotes; must be without quotes.")
     elif str in options and name != "str" and not (name == "bool" and bool in options):
         raise InvalidFileError(f"{where(node, place)}is {_shown_node(node)}; allowed is text, in quotes if need be.")
     elif str not in options and name != "bool" and node.value not in ("true", "false"):

@@ -119,12 +119,12 @@ class CanSenses:
             self._check_device("CanSenses.barrett_hand", self.barrett_hand)
             if not isinstance(self.joints, JointPort):
                 raise InvalidInputError(
-                    "CanSenses.joints: is given, but Barrett's hand measures its own; allowed is none."
+                    "CanSenses.joints: is given, but Barrett's hand measures its own; must be left out."
                 )
         if self.palm and self.simulated == SimulatedDevices():
             raise InvalidInputError(
-                "CanSenses.palm: is given, but the simulated devices replay a hand with a fixed base; allowed is none, "
-                "or simulated devices with a folder."
+                "CanSenses.palm: is given, but the simulated devices replay a hand with a fixed base; must be left "
+                "out, or the simulated devices must have a folder."
             )
         joints = self.joints.path if isinstance(self.joints, JointFile) else ""
         if isinstance(self.joints, JointFile) and not joints:
@@ -153,5 +153,5 @@ class CanSenses:
             positive_number(f"{name}.{what}", getattr(device, what))
         if device.max_age < device.period:
             raise InvalidInputError(
-                f"{name}.max_age: is {device.max_age:g} s; allowed are its period, {device.period:g} s, and more."
+                f"{name}.max_age: is {device.max_age:g} s; must be at least its period, {device.period:g} s."
             )

@@ -117,10 +117,10 @@ def test_offsets_are_shown_in_degrees_and_of_joints_that_slide_in_millimetres() 
         ("joint_positions: {FFJ4: 0.1}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "joint_positions: lack"),
         ("joint_positions: {FFJ9: 0.1}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "FFJ9"),
         ("joint_positions: {FFJ2: 60.5}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "joint_positions[FFJ2]: is 60.5 rad;"),
-        ("joint_positions: [0.1]", "joint_positions: is no mapping"),
+        ("joint_positions: [0.1]", "joint_positions: must be a mapping"),
         (
             "joint_positions: {FFJ2: 1.44, FFJ1: 0.1}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}",
-            "joint_positions[FFJ1]: is 0.1 rad, and by the coupling with FFJ2 1.44 rad; allowed is to leave out",
+            "joint_positions[FFJ1]: is 0.1 rad, and by the coupling with FFJ2 1.44 rad; must be left out",
         ),
     ],
 )
@@ -146,7 +146,7 @@ def test_a_grasp_that_is_there_twice_is_refused(
     assert run("calibrate", *files, "--out", tmp_path / "calibration.yaml") == 2
     (line,) = capsys.readouterr().err.splitlines()
     first, second = grasps / "copy.yaml", grasps / "grasp_1.yaml"
-    assert f"{second}: has the readings of {first}; allowed is each grasp once." in line
+    assert f"{second}: has the readings of {first}; must be another grasp." in line
 
 
 def calibrate_with_forces_first(folder: Path, tmp_path: Path, fingers: Collection[str]) -> int:

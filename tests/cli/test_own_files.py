@@ -157,7 +157,7 @@ def test_run_says_what_it_cannot_draw(tmp_path: Path, capsys: pytest.CaptureFixt
     scenario = tmp_path / "live.scenario.yaml"
     scenario.write_text("object: cube\nsenses: !LcmSenses {url: 'memq://'}\ntracking: {use_joint_velocities: false}\n")
     assert run("run", scenario, "--html", tmp_path / "live.html") == 2
-    assert "--html, --picture: are given; allowed are none if the senses are messages." in capsys.readouterr().err
+    assert "--html, --picture: are given; must be left out if the senses are messages." in capsys.readouterr().err
     scenario.write_text("object: cube\n")
     assert run("run", scenario, "--picture", scenario) == 2
     assert "is an input, or in one" in capsys.readouterr().err

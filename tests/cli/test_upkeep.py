@@ -64,7 +64,7 @@ def test_a_folder_of_the_cache_that_is_none_is_said(
     (tmp_path / "file").write_text("")
     monkeypatch.setenv(model_cache.FOLDER_VARIABLE, str(tmp_path / "file"))
     assert run("cache") == 2
-    assert "which is no folder: nothing is cached." in " ".join(capsys.readouterr().err.split())
+    assert "which is not a folder: nothing is cached." in " ".join(capsys.readouterr().err.split())
 
 
 def test_what_is_not_compiled_is_compiled_elsewhere(

@@ -47,7 +47,7 @@ def test_yaml_and_json_say_the_same(tmp_path: Path, blob: ObjectModel) -> None:
         ("wrenches: {first: [0, 0, 0, 0, 0, 1]}", "joint_positions: is empty"),
         (
             "joint_positions: {FFJ4: 0.1}\nwrenches: &both {first: [0, 0, 0, 0, 0, 1]}\nout_of_touch: *both",
-            "out_of_touch: has first, as has wrenches; allowed is a finger in one of them.",
+            "out_of_touch: has first, as has wrenches; a finger must be in only one of them.",
         ),
         ("", "is empty"),
     ],

@@ -55,7 +55,7 @@ def test_how_far_a_surface_is_off_its_shape_is_said(
     ("right", "wrong", "part", "text"),
     [
         ("sensor_frame: left_tip", "sensor_frame: left_top", "model", "'left_top' is unknown"),
-        ("joints: [left_slide]", "joints: [right_slide]", "finger left", "'left_slide' is none of its joints"),
+        ("joints: [left_slide]", "joints: [right_slide]", "finger left", "'left_slide' must be one of its joints"),
         ("palm_frame: base", "palm_frame: left_finger", "finger right", "not carried by the palm's link"),
         ("model: two_finger.urdf", "model: three_finger.urdf", "model", "three_finger.urdf"),
         ("surface: !SphereSurface {radius: 0.012}", "surface: !SphereSurface {radius: 0.03}", "fingertip left", "0%"),
@@ -96,7 +96,7 @@ def test_a_model_in_other_units_is_told(tmp_path: Path) -> None:
     )
     model.write_text(text.replace("0.01 0.014 0.04", "10 14 40"))
     faults = [found.text for found in check_hand(path).faults if found.part == "model"]
-    assert any("'f0_near' reach" in fault and "allowed are up to 1 m" in fault for fault in faults)
+    assert any("'f0_near' reach" in fault and "must be at most 1 m" in fault for fault in faults)
 
 
 def test_a_fingertip_that_is_one_sphere_in_millimetres_is_told(tmp_path: Path) -> None:
@@ -104,7 +104,7 @@ def test_a_fingertip_that_is_one_sphere_in_millimetres_is_told(tmp_path: Path) -
     model = tmp_path / "two_finger.urdf"
     model.write_text(model.read_text().replace('sphere radius="0.012"', 'sphere radius="12"'))
     faults = check_hand(path).faults
-    assert any(found.part == "model" and "allowed are up to 1 m" in found.text for found in faults)
+    assert any(found.part == "model" and "must be at most 1 m" in found.text for found in faults)
 
 
 def test_couplings_are_compared_with_the_model(tmp_path: Path) -> None:
@@ -346,7 +346,7 @@ def test_a_joint_that_does_not_move_its_finger_is_a_fault_with_the_right_ones(tm
 def test_a_fault_names_its_finger_once(tmp_path: Path) -> None:
     wrong = YAML.replace("joints: [left_slide]", "joints: [right_slide]")
     (fault,) = check_hand(write_gripper(tmp_path, yaml=wrong)).faults
-    assert f"{fault.part}: {fault.text}".startswith("finger left: joint 'left_slide' is none of its joints")
+    assert f"{fault.part}: {fault.text}".startswith("finger left: joint 'left_slide' must be one of its joints")
 
 
 def test_names_that_yaml_would_take_for_something_else_are_quoted() -> None:
@@ -450,7 +450,7 @@ def test_a_pad_on_its_link_has_no_fault(tmp_path: Path) -> None:
     [
         ("2e-8", "ok", "at the array's range, 200000 Pa, it is pressed in by 4 mm by alpha = 2e-08 m/Pa"),
         ("2e-11", "note", "it is pressed in by 0.004 mm by alpha = 2e-11 m/Pa"),
-        ("2e-5", "fault", "it is pressed in by 4e+03 mm by alpha = 2e-05 m/Pa; allowed are 100 mm at most"),
+        ("2e-5", "fault", "it is pressed in by 4e+03 mm by alpha = 2e-05 m/Pa; must be at most 100 mm"),
     ],
 )
 def test_a_pad_that_is_softer_or_stiffer_than_pads_are_is_named(

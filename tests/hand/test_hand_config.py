@@ -253,12 +253,12 @@ def test_bad_descriptors_are_refused(tmp_path):
         (
             "left_tip",
             "left_end",
-            r"fingers\[again\]\.sensor_frame: is 'left_tip', as the finger 'left' has it; allowed",
+            r"fingers\[again\]\.sensor_frame: is 'left_tip', as is that of the finger 'left'; must be",
         ),
         (
             "left_end",
             "left_weld",
-            r"fingers\[again\]\.weld: is 'left_weld', as the finger 'left' has it; allowed is one",
+            r"fingers\[again\]\.weld: is 'left_weld', as is that of the finger 'left'; must be",
         ),
     ],
 )
@@ -313,7 +313,7 @@ def test_a_model_that_drake_would_end_the_process_for_is_named(tmp_path):
     swapped += '<parent link="base"/><child link="left"/><limit lower="1" upper="-1" effort="1" velocity="1"/></joint>'
     (tmp_path / "gripper.urdf").write_text(swapped + "</robot>")
     path.write_text(path.read_text().replace("gripper.sdf", "gripper.urdf"))
-    with pytest.raises(InvalidFileError, match=r"gripper\.urdf: is no model that Drake can read .*lower_limits"):
+    with pytest.raises(InvalidFileError, match=r"gripper\.urdf: must be a model that Drake can read .*lower_limits"):
         make_hand_plant(load_hand_config(path))
 
 

@@ -135,11 +135,11 @@ def test_cells_by_their_corners_share_the_wall_between_them(tmp_path: Path) -> N
         ("pattern: !CornerPattern {cells: []}", "CornerPattern.cells: are 0"),
         (
             "pattern: !PointPattern {points: [[0, 0, 77], [4, 0, 77]], cell: 4}",
-            r"pad\.yaml: pattern: cell 0 has an edge of 4 m; allowed are 0\.1 m at most\. Multiply by 0\.001",
+            r"pad\.yaml: pattern: cell 0 has an edge of 4 m; must be at most 0\.1 m\. Multiply by 0\.001",
         ),
         (
             "pattern: !PointPattern {points: [[0, 0, 0.077], [0, 0, 77]], cell: 0.004}",
-            r"pad\.yaml: pattern: cell 1 is off its frame by 77 m; allowed are 1 m at most\. Multiply by 0\.001",
+            r"pad\.yaml: pattern: cell 1 is off its frame by 77 m; must be at most 1 m\. Multiply by 0\.001",
         ),
         (CORNERS + "  - [[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]]", r"corners\[2\]: the cell is not convex"),
     ],

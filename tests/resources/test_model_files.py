@@ -57,10 +57,10 @@ def test_what_is_left_out_has_its_default(tmp_path: Path) -> None:
         ("shape: !Cone {}", "line 1: shape: the tag !Cone is unknown; allowed are !Ball, !Box."),
         ("spare: null\ncount: many", "line 2: count: is 'many'; allowed are integers."),
         ("weights: {a: 1, b: [2]}", "line 1: weights.b: is a list or mapping; allowed are numbers."),
-        ("name: a\nspare: 3\n", "line 2: spare: is no mapping; its keys may be radius."),
+        ("name: a\nspare: 3\n", "line 2: spare: must be a mapping, whose keys may be radius."),
         ("parts: [{radius: ten}]", "line 1: parts[0].radius: is 'ten'; allowed are numbers."),
         ("X_WT: {translation: [1, 2]}", "line 1: X_WT: does not fit Drake's Transform; its keys may be base_frame, "),
-        ("- 1", "line 1: is no mapping; its keys may be name, count"),
+        ("- 1", "line 1: must be a mapping, whose keys may be name, count"),
         ("", "is empty."),
         ("name: [", "did not find expected node content"),
     ],
@@ -90,7 +90,7 @@ def test_a_model_whose_numbers_are_none_is_told_in_one_line(tmp_path: Path) -> N
         '<child link="b"/><axis xyz="nan 0 0"/></joint></robot>'
     )
     plant = MultibodyPlant(time_step=0.001)
-    with pytest.raises(InvalidFileError, match=r"arm\.urdf: is no model that Drake can read \(.*nan 0 0\)\.$"):
+    with pytest.raises(InvalidFileError, match=r"arm\.urdf: must be a model that Drake can read \(.*nan 0 0\)\.$"):
         add_model(make_parser(plant), tmp_path / "arm.urdf")
 
 

@@ -294,7 +294,7 @@ def test_unknown_joints_are_named() -> None:
         (lambda senses: setattr(senses.fingers["thumb"], "period", 0.0), r"fingers\[thumb\].period: is 0"),
         (
             lambda senses: setattr(senses.fingers["thumb"], "period", 0.2),
-            r"fingers\[thumb\]\.max_age: is 0\.05 s; allowed are its period, 0\.2 s, and more\.",
+            r"fingers\[thumb\]\.max_age: is 0\.05 s; must be at least its period, 0\.2 s\.",
         ),
         (lambda senses: setattr(senses, "prior", "absent.yaml"), r"CanSenses\.prior: there is no file absent\.yaml"),
         (lambda senses: setattr(senses, "palm", "absent.csv"), r"CanSenses\.palm: there is no file absent\.csv"),

@@ -180,7 +180,7 @@ def test_two_senses_on_one_body_cannot_be_mounted_apart() -> None:
     scenario = dataclasses.replace(load_scenario(HAND), errors=SimulatedErrors(drawn=True))
     plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
     hand = add_hand(plant, config, RigidTransform())
-    with pytest.raises(InvalidInputError, match="first_tip has two sensors, which cannot move apart; allowed"):
+    with pytest.raises(InvalidInputError, match="first_tip has two sensors, which cannot move apart; they must"):
         simulate_errors(scenario, plant, scene_graph, hand, hand.model_instance)
     there = {"mounting": [0.0] * 3, "mounting_deg": [0.0] * 3}
     given = SimulatedErrors(drawn=True, fingers={"first": FingerErrors(**there)}, pads={"skin": PadErrors(**there)})
