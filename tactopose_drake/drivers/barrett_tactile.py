@@ -64,7 +64,7 @@ def decode_top(data: bytes) -> dict[int, int]:
     mask = int.from_bytes(data[:3], "big")
     cells = [cell for cell in range(CELLS) if mask >> cell & 1]
     if len(cells) > TOP_CELLS:
-        raise ProtocolError(f"tactile frame: names {len(cells)} cells; allowed are at most {TOP_CELLS}.")
+        raise ProtocolError(f"tactile frame: names {len(cells)} cells; must be at most {TOP_CELLS}.")
     levels = int.from_bytes(data[3:], "big")
     return {cell: levels >> 4 * (TOP_CELLS - 1 - k) & 0xF for k, cell in enumerate(cells)}
 

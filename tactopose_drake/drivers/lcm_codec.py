@@ -59,7 +59,7 @@ class LcmReader:
         """
         self._data, self._place, self._kind = data, 0, kind
         if self._take(8) != fingerprint:
-            raise ProtocolError(f"LCM message: is no {kind} of this version; its fingerprint is another.")
+            raise ProtocolError(f"LCM message: must be a {kind} of this version, but has another fingerprint.")
 
     def integers(self, count: int) -> tuple[int, ...]:
         """Reads int64_t values."""
@@ -69,7 +69,7 @@ class LcmReader:
         """Reads int32_t values, which must not be negative."""
         values = struct.unpack(f">{count}i", self._take(4 * count))
         if min(values, default=0) < 0:
-            raise ProtocolError(f"LCM message: a {self._kind} has a length of {min(values)}; allowed are 0 and more.")
+            raise ProtocolError(f"LCM message: a {self._kind} has a length of {min(values)}; must be at least 0.")
         return values
 
     def texts(self, count: int) -> list[str]:

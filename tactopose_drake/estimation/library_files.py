@@ -80,7 +80,7 @@ def read_library(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
     its file's name.
 
     Raises:
-        InvalidFileError: if there is no such folder or file, or the manifest is no mapping.
+        InvalidFileError: if there is no such folder or file, or the manifest is not a mapping.
     """
     if os.path.isdir(path):
         return _read_manifest(path / MANIFEST) if os.path.isfile(path / MANIFEST) else _read_folder(path)
@@ -107,7 +107,7 @@ def _read_folder(folder: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]
 def _read_manifest(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
     root = read_yaml(path)
     if not isinstance(root, yaml.MappingNode):
-        raise InvalidFileError(f"{path}: is no mapping; allowed is a mapping of names to objects.")
+        raise InvalidFileError(f"{path}: must be a mapping of names to objects.")
     entries = []
     skipped = []
     for key, value in root.value:

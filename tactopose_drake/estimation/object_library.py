@@ -105,7 +105,7 @@ class ObjectLibrary:
         Raises:
             InvalidFileError: if there is no such folder or file, the manifest does not fit its format, or no object can
                 be used.
-            InvalidInputError: if `path` is no path, or the executor is shut down or loses its workers.
+            InvalidInputError: if `path` is not a path, or the executor is shut down or loses its workers.
 
         Warns:
             LibraryWarning: for each object that is skipped, and if the objects do not fit in the cache on disk.
@@ -124,7 +124,7 @@ class ObjectLibrary:
             warnings.warn(f"{path}: {left_out}", LibraryWarning, stacklevel=2)
         if not indexed:
             reason = f" ({skipped[0]})" if skipped else ""
-            raise InvalidFileError(f"{path}: holds no object that can be used{reason}; the least is 1.")
+            raise InvalidFileError(f"{path}: holds no object that can be used{reason}; must hold at least one.")
         indexed.sort(key=lambda pair: pair[0].name)
         return cls(
             tuple(known for known, _ in indexed), tuple(skipped), LibraryIndex.join([pairs for _, pairs in indexed])

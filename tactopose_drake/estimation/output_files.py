@@ -45,7 +45,7 @@ def check_outputs(
         for given, other in read:
             if place == other or (other.is_dir() and place.is_relative_to(other)) or _is_same(place, other):
                 way = "" if other == _place(given) else f", which {given} leads to"
-                raise InvalidFileError(f"{path}: is an input, or in one{way}; allowed is another file.")
+                raise InvalidFileError(f"{path}: is an input, or in one{way}; must be another file.")
         if any(place == other or _is_same(place, other) for other in written):
             raise InvalidFileError(f"{path}: is given for two outputs; allowed is a file for each output.")
         written.append(place)
@@ -101,7 +101,7 @@ def _place(path: Path) -> Path:
         place = path.resolve()
         place.exists()
     except (OSError, RuntimeError, ValueError) as error:
-        reason = "its links lead in a circle" if isinstance(error, RuntimeError) else "it is no path"
+        reason = "its links lead in a circle" if isinstance(error, RuntimeError) else "it is not a path"
         raise InvalidFileError(f"{path}: cannot be used ({getattr(error, 'strerror', None) or reason}).") from None
     return place
 

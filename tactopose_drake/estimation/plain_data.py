@@ -36,7 +36,7 @@ def read_fields(owner: type, data: Mapping[str, Any], readers: Readers) -> dict[
         readers: functions that convert the values, by name; values of other names are kept.
 
     Raises:
-        InvalidInputError: if `data` is no mapping, or a value is invalid for its field.
+        InvalidInputError: if `data` is not a mapping, or a value is invalid for its field.
     """
     instance_of(f"{owner.__name__}.from_dict", data, Mapping)
     return {name: readers[name](name, value) if name in readers else value for name, value in data.items()}
@@ -46,12 +46,12 @@ def read_parts(owner: type, name: str, value: object, kind: type[Part]) -> tuple
     """Reads a list of one or more parts of a class.
 
     Raises:
-        InvalidInputError: if the value is no list or empty, or a part is invalid.
+        InvalidInputError: if the value is not a list or empty, or a part is invalid.
     """
     if not isinstance(value, list | tuple):
-        raise InvalidInputError(f"{name}: is {shown(value)}; allowed is a list of one or more.")
+        raise InvalidInputError(f"{name}: is {shown(value)}; must be a list of at least one.")
     if not value:
-        raise InvalidInputError(f"{owner.__name__}.from_dict: has no {name}; allowed are one or more.")
+        raise InvalidInputError(f"{owner.__name__}.from_dict: has no {name}; must have at least one.")
     parts = []
     for i, part in enumerate(value):
         try:
@@ -98,7 +98,7 @@ def read_covariance(name: str, value: Any) -> FloatArray:
         correlation = covariance / sigma[:, None] / sigma
         off = np.abs(correlation - correlation.T).max()
     if not off <= _ROUNDING:
-        raise InvalidInputError(f"{name}: is not symmetric; allowed are symmetric matrices.")
+        raise InvalidInputError(f"{name}: must be symmetric.")
     if np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:
         raise InvalidInputError(
             f"{name}: says that some combination of errors has a variance below 0; allowed are positive semidefinite "

@@ -55,7 +55,7 @@ class Presentable:
         """Writes the page that `show` opens as one file, which works without a network.
 
         Raises:
-            InvalidInputError: if the estimate's `question` is None, or `path` is no path.
+            InvalidInputError: if the estimate's `question` is None, or `path` is not a path.
             InvalidFileError: if the file cannot be written.
         """
         _presentation().save_estimate(path_of("path", path), self)

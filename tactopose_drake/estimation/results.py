@@ -217,7 +217,7 @@ def _check_together(hypotheses: Sequence[PoseHypothesis]) -> None:
 def _weighed_among_themselves(hypotheses: Sequence[PoseHypothesis]) -> tuple[tuple[PoseHypothesis, ...], float]:
     """Hypotheses with normalized probabilities, and the sum of their former ones."""
     if not hypotheses:
-        raise InvalidInputError("kept: keeps no hypothesis; the least is 1.")
+        raise InvalidInputError("kept: keeps no hypothesis; must keep at least one.")
     mass = sum(hypothesis.probability for hypothesis in hypotheses)
     return tuple(
         dataclasses.replace(hypothesis, probability=hypothesis.probability / mass if mass else 1.0 / len(hypotheses))

@@ -40,10 +40,10 @@ class Manifest:
     def validate(self) -> None:
         """Raises InvalidInputError if the manifest is incomplete, or does not fit its scenario's devices."""
         if not self.versions:  # They come after the scenario; without them, the scenario may be incomplete.
-            raise InvalidInputError("Manifest.versions: are missing, so the file is cut off; allowed is a whole one.")
+            raise InvalidInputError("Manifest.versions: are missing, so the file is cut off; it must be complete.")
         senses = self.scenario.senses
         if isinstance(senses, RecordedSenses):
-            raise InvalidInputError("Manifest.scenario.senses: are !RecordedSenses; allowed are others.")
+            raise InvalidInputError("Manifest.scenario.senses: must not be !RecordedSenses.")
         buses, fingers = (senses.buses, senses.fingers) if isinstance(senses, CanSenses) else ({}, {})
         for name, given, needed in (
             ("buses", set(self.buses), set(buses)),
@@ -121,10 +121,10 @@ def load_manifest(folder: Path) -> Manifest:
     """Reads the manifest of a recording.
 
     Raises:
-        InvalidFileError: if the folder is no recording, or has another format.
+        InvalidFileError: if the folder is not a recording, or has another format.
     """
     if not os.path.isfile(folder / MANIFEST):
-        raise InvalidFileError(f"{folder}: is no recording; it has no {MANIFEST}.")
+        raise InvalidFileError(f"{folder}: must be a recording, but has no {MANIFEST}.")
     _check_format(folder / MANIFEST)
     manifest = load_typed_yaml(Manifest, folder / MANIFEST)
     try:

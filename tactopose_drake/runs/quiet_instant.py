@@ -38,7 +38,7 @@ def quiet_grasp(run: RecordedRun, model: ObjectModel, name: str) -> RecordedGras
     first, last = max(signal.times[0] for signal in signals), max(signal.times[-1] for signal in signals)
     times = np.arange(first, last + 1e-9, _STEP)
     if len(times) < _WINDOW:
-        raise InvalidFileError(f"{name}: has all readings for only {last - first:.2f} s; allowed is 0.3 s or more.")
+        raise InvalidFileError(f"{name}: has all readings for only {last - first:.2f} s; must be at least 0.3 s.")
     q = _sampled(signals[0], times)
     F = np.stack([_sampled(signal, times) for signal in wrenches.values()], axis=1)  # (t, fingers, 6)
     windows = np.arange(len(times) - _WINDOW + 1)[:, None] + np.arange(_WINDOW)

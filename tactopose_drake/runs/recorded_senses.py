@@ -54,7 +54,7 @@ def read_recording(folder: Path) -> RecordedRun:
     """Reads a folder by `run --record`; CAN logs are decoded by the drivers, without estimates.
 
     Raises:
-        InvalidFileError: if the folder is no recording, or one of its files cannot be read.
+        InvalidFileError: if the folder is not a recording, or one of its files cannot be read.
         InvalidInputError: if the hand's or the object's files are no longer where they were at the run.
     """
     manifest = load_manifest(folder)

@@ -71,7 +71,7 @@ def replay(
         tell: called with the name of each step that starts.
 
     Raises:
-        InvalidFileError: if the folder is no recording.
+        InvalidFileError: if the folder is not a recording.
         InvalidInputError: if the recording does not fit the scenario.
     """
     manifest = load_manifest(folder)
@@ -180,7 +180,7 @@ def logged_devices(folder: Path, manifest: Manifest) -> CanDevices | None:
     if manifest.start < first - _LONGEST_SILENCE:
         raise InvalidFileError(
             f"{folder / MANIFEST}: start: is {first - manifest.start:.0f} s before the logs' first frame; "
-            f"allowed are {_LONGEST_SILENCE:g} s at most."
+            f"must be at most {_LONGEST_SILENCE:g} s."
         )
     return devices
 

@@ -62,7 +62,7 @@ def sufficient_calibration(force: float, moment: float, name_or_path: str | Path
     """
     path, calibrations = _read(name_or_path)
     if not calibrations:
-        raise InvalidFileError(f"{path}: calibrations: is empty; allowed are one or more.")
+        raise InvalidFileError(f"{path}: calibrations: is empty; must have at least one.")
     load = np.repeat([moment, force], 3)
     spare = {name: float(np.min(np.asarray(model.range) / load)) for name, model in calibrations.items()}
     bearing = {name: share for name, share in spare.items() if share >= 1.0}

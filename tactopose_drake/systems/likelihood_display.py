@@ -65,7 +65,7 @@ class LikelihoodDisplay(CollectableSystem):
         check_meshcat(meshcat)
         self._params = params_of(LikelihoodDisplayParams, params)
         if not models:
-            raise InvalidInputError("models: is empty; allowed are one or more objects.")
+            raise InvalidInputError("models: is empty; must have at least one object.")
         self._meshcat, self._models = meshcat, tuple(models)
         self._identities = self.DeclareAbstractInputPort("identities", AbstractValue.Make(None))
         self.DeclareInitializationPublishEvent(self._make_rows)

@@ -143,7 +143,7 @@ class ObjectTracker:
         if given and not sizes:
             parts = {"wrench": "force-torque sensors", "pressures": "tactile pads"}[kind]
             raise InvalidInputError(
-                f"{argument}: are given for {list(given)}, but the hand has no {parts}; allowed are none."
+                f"{argument}: are given for {list(given)}, but the hand has no {parts}; must be left out."
             )
         values = {f"{kind}_{name}": np.full(size, np.nan) for name, size in sizes.items()}
         for name, value in given.items():

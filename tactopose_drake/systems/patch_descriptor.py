@@ -107,7 +107,7 @@ class PatchDescriptor(CollectableSystem):
         super().__init__()
         self._params = params_of(PatchDescriptorParams, params)
         if not hand.pad_frames:
-            raise InvalidInputError("hand: has no tactile pads; allowed is a hand whose description names some.")
+            raise InvalidInputError("hand: has no tactile pads; must have at least one.")
         self._pad_frames, self._uncertainty = hand.pad_frames, uncertainty
         self._pads = {pad.name: load_tactile_pad(pad.array) for pad in hand.config.pads}
         self._alpha = {pad.name: pad.alpha for pad in hand.config.pads}

@@ -30,7 +30,7 @@ def check_name_is_free(builder: DiagramBuilder, name: str) -> None:
     instance_of("builder", builder, DiagramBuilder)
     instance_of("name", name, str)
     if not name:
-        raise InvalidInputError("name: is empty; allowed is any other string.")
+        raise InvalidInputError("name: must not be empty.")
     if any(system.get_name() == name for system in builder.GetSystems()):
         raise InvalidInputError(
             f"name: is {name!r}, which another system of the builder has; allowed is an unused one, such as "

@@ -55,7 +55,7 @@ class Signal:
                 f"times: are {len(times)}, but values are {len(self.values)}; allowed are equal numbers of both."
             )
         if not len(times):
-            raise InvalidInputError("times: is empty; allowed are one or more times.")
+            raise InvalidInputError("times: is empty; must have at least one.")
         wrong = np.isnan(times)
         wrong[1:] |= times[1:] < times[:-1]
         if wrong.any():
@@ -176,7 +176,7 @@ def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
             _check_like(value, signals[name].values if name in signals else [])
         except (ArithmeticError, LookupError, RecursionError, RuntimeError, TypeError, ValueError) as error:
             reason = shown(" ".join(str(error).split()))[1:-1]
-            raise InvalidFileError(f"{path}: line {number} is no signal ({reason}).") from None
+            raise InvalidFileError(f"{path}: line {number} must be a signal ({reason}).") from None
         _append(signals, name, time, value)
     return signals, f"{path}: is cut off after {len(lines)} whole lines." if rest else ""
 
@@ -205,10 +205,10 @@ def _read_line(line: str) -> tuple[float, str, Value]:
     """Time, name and value of a line; raises one of several built-in errors if it is not a signal."""
     entry = json.loads(line, object_pairs_hook=_unique, parse_constant=_refuse)
     if not isinstance(entry, dict):
-        raise TypeError("it is no mapping")
+        raise TypeError("it must be a mapping")
     time, name = entry.pop("time", None), entry.pop("name", None)
     if not isinstance(name, str):
-        raise TypeError("its name is no text")
+        raise TypeError("its name must be text")
     return _number(time), name, _decode(entry)
 
 
@@ -227,13 +227,13 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _refuse(text: str) -> float:
-    raise ValueError(f"{text} is no number")
+    raise ValueError(f"{text} is not a number")
 
 
 def _finite(value: Any) -> float:
     """Checks that a value is a finite number; NumPy would also accept strings and booleans."""
     if not isinstance(value, float | int) or isinstance(value, bool) or not math.isfinite(value):
-        raise ValueError(f"{shown(value)} is no finite number")
+        raise ValueError(f"{shown(value)} is not a finite number")
     return float(value)
 
 
@@ -270,4 +270,4 @@ def _decode(entry: dict[str, Any]) -> Value:
         return PosePrior(_matrix(data["X_PO"]), _number(data["translation"]), _number(data["rotation"]))
     if kind == "unknown":
         return None
-    raise ValueError(f"{shown(kind)} is none of vector, pose, prior, unknown")
+    raise ValueError(f"{shown(kind)} must be vector, pose, prior or unknown")

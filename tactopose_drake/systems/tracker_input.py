@@ -28,7 +28,7 @@ class TrackerInput(CollectableSystem):
     - pose: `RigidTransform` X_PO at the time of the picture.
     - picture_time: time of the picture, not of its delivery, by the diagram's clock, s, shape (1,).
     - covariance: covariance of the increment (w, v) from the pose to the true one, row by row, shape (36,), rad and m.
-    - vision: `PoseMeasurement`, or None if a number is not finite or the covariance is no covariance matrix; changes
+    - vision: `PoseMeasurement`, or None if a number is not finite or the covariance is invalid; changes
       with any input.
     - status: str, "ok", or why there is no measurement; changes with any input.
     """

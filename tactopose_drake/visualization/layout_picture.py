@@ -59,7 +59,7 @@ def save_layout_picture(path: str | Path, layouts: Mapping[str, TactileLayout]) 
         InvalidFileError: if the file cannot be written.
     """
     if not layouts:
-        raise InvalidInputError("layouts: is empty; allowed is an array or more.")
+        raise InvalidInputError("layouts: is empty; must have at least one array.")
     rows = {name: panels_of(layout) for name, layout in layouts.items()}
     sizes = {name: [_size(layouts[name], view, cells) for view, cells in panels] for name, panels in rows.items()}
     widths = [sum(width + _MARGIN[0] for width, _ in row) for row in sizes.values()]

@@ -101,7 +101,7 @@ class _Connection:
         except zmq.ZMQError as error:
             self.close()
             raise InvalidInputError(
-                f"meshcat URL: {url!r} is no URL ({error}); one is tcp://127.0.0.1:6000."
+                f"meshcat URL: {url!r} must be a URL such as tcp://127.0.0.1:6000 ({error})."
             ) from error
         except InvalidInputError:
             self.close()

@@ -126,7 +126,7 @@ def test_what_no_message_can_hold_is_refused_when_it_is_made(kind: type, values:
 
 
 def test_another_type_is_refused() -> None:
-    with pytest.raises(ProtocolError, match="is no lcmt_object_belief of this version"):
+    with pytest.raises(ProtocolError, match="must be a lcmt_object_belief of this version"):
         ObjectBeliefMessage.decode(senses().encode())
 
 

@@ -131,7 +131,7 @@ def test_a_library_without_objects_is_an_error(tmp_path: Path, broken: bool) -> 
         ):
             ObjectLibrary.open(tmp_path)
     else:
-        with pytest.raises(InvalidFileError, match="holds no object that can be used; the least is 1"):
+        with pytest.raises(InvalidFileError, match="holds no object that can be used; must hold at least one"):
             ObjectLibrary.open(tmp_path)
 
 
@@ -211,7 +211,7 @@ def test_a_bad_entry_is_left_out(folder: Path, entry: str, reason: str) -> None:
 
 def test_a_name_that_comes_twice_in_a_manifest_is_an_error(folder: Path) -> None:
     (folder / "library.yaml").write_text("a: {mesh: rod.obj}\nb: {mesh: box.stl}\na: {mesh: box.stl}\n")
-    with pytest.raises(InvalidFileError, match=r"library.yaml: line 3: key 'a' is given twice; allowed is once"):
+    with pytest.raises(InvalidFileError, match=r"library.yaml: line 3: key 'a' is given twice; must be given once"):
         ObjectLibrary.open(folder)
 
 
@@ -228,7 +228,7 @@ def test_an_order_of_symmetry_beyond_all_reason_is_refused_at_once(folder: Path,
 @pytest.mark.parametrize("text", ["- a\n- b\n", "", "a: [", "plain"])
 def test_a_manifest_that_is_none_is_an_error(tmp_path: Path, text: str) -> None:
     (tmp_path / "library.yaml").write_text(text)
-    with pytest.raises(InvalidFileError, match=r"library\.yaml: (is not YAML|is no mapping)"):
+    with pytest.raises(InvalidFileError, match=r"library\.yaml: (is not YAML|must be a mapping)"):
         ObjectLibrary.open(tmp_path)
 
 

@@ -248,10 +248,10 @@ def test_what_cannot_be_exported_is_refused(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert tactopose("export", tmp_path, "--format", "csv", "--out", tmp_path.parent / "x.csv") == 2
-    assert "is no recording" in capsys.readouterr().err
+    assert "must be a recording" in capsys.readouterr().err
     manifest = recording / "manifest.yaml"
     assert tactopose("export", manifest, "--format", "csv") == 2
-    assert capsys.readouterr().err == f"error: {manifest}: is no recording; it has no manifest.yaml.\n"
+    assert capsys.readouterr().err == f"error: {manifest}: must be a recording, but has no manifest.yaml.\n"
     assert tactopose("export", recording, "--format", "csv", "--out", recording / "x.csv") == 2
     assert "is an input, or in one" in capsys.readouterr().err
     assert tactopose("export", recording, "--format", "bag") == 2

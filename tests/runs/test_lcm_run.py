@@ -222,7 +222,7 @@ def test_what_does_not_fit_is_said_and_the_rest_goes_on(url: str) -> None:
         sender.send()
         sender.wait_for(text)
     sender._link.publish("HAND_SENSES", b"nonsense")
-    sender.wait_for("is no lcmt_hand_senses of this version")
+    sender.wait_for("must be a lcmt_hand_senses of this version")
     sender.send(utime=-5)
     assert sender.wait_for("lost: time: is -5e-06").sequence == -1
     sender.send(utime=5)

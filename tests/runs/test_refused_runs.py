@@ -51,7 +51,7 @@ def test_recordings_that_are_none_are_refused(recording: Path, folder: Path, tmp
     with pytest.raises(InvalidInputError, match="new or empty"):
         run_scenario(scenario, record=recording)
     damages = (
-        (lambda copy: (copy / "manifest.yaml").unlink(), "is no recording"),
+        (lambda copy: (copy / "manifest.yaml").unlink(), "must be a recording"),
         (lambda copy: (copy / "left.blf").unlink(), "the log 'left.blf' of the bus 'left' is not in the folder"),
         (lambda copy: (copy / "manifest.yaml").write_text("format: 99\n"), "has the format 99"),
         (lambda copy: (copy / "manifest.yaml").write_text("key_of_then: 1\nformat: 98\n"), "has the format 98"),

@@ -199,7 +199,7 @@ def test_joints_that_are_not_known_are_said(tracker: ObjectTracker) -> None:
         ({"palm_pose": np.ones((3, 4))}, "palm_pose"),
         (
             {"pressures": {"palm": np.zeros(24)}},
-            r"pressures: are given for \['palm'\], but the hand has no tactile pads; allowed",
+            r"pressures: are given for \['palm'\], but the hand has no tactile pads; must be left out",
         ),
     ],
 )

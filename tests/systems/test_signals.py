@@ -158,7 +158,7 @@ def test_a_file_is_good_to_its_last_whole_line(tmp_path: Path) -> None:
 def test_a_line_that_is_no_signal_is_named(tmp_path: Path, line: str) -> None:
     path = tmp_path / "signals.jsonl"
     path.write_text('{"time": 0.0, "name": "a", "vector": [1.0]}\n' + line + "\n")
-    with pytest.raises(InvalidFileError, match="line 2 is no signal"):
+    with pytest.raises(InvalidFileError, match="line 2 must be a signal"):
         read_signals(path)
 
 

@@ -131,5 +131,5 @@ def test_no_server_is_an_error_and_not_a_wait(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_url_that_is_none_is_an_error() -> None:
-    with pytest.raises(InvalidInputError, match="'nonsense' is no URL"):
+    with pytest.raises(InvalidInputError, match="'nonsense' must be a URL such as"):
         RemoteMeshcat("nonsense")

@@ -39,9 +39,9 @@ def read_csv_table(path: Path, columns: int | None = None) -> tuple[list[str], F
         raise InvalidFileError(f"{path}: row {number} has numbers; allowed first is a header, the columns' names.")
     double = next((name for name in names if names.count(name) > 1), None)
     if columns is None and double is not None:
-        raise InvalidFileError(f"{path}: row {number} names {shown(double)} twice; allowed is a column each.")
+        raise InvalidFileError(f"{path}: row {number} names {shown(double)} twice; must name each once.")
     if not rows:
-        raise InvalidFileError(f"{path}: has no rows below its header; allowed is one or more.")
+        raise InvalidFileError(f"{path}: has no rows below its header; must have at least one.")
     labels = names if columns in (None, len(names)) else [f"column {k}" for k in range(1, 1 + (columns or 0))]
     return names, np.array(list(_numbers(path, labels, rows)))
 
