@@ -140,7 +140,7 @@ DAMAGES = {
     "no vector": (edit(lambda lines: of(lines, "joint_positions").update(vector=3)), "must be a signal"),
     "two kinds": (edit(lambda lines: lines[0].update(unknown=True)), "must be a signal"),
     "text": (edit(lambda lines: of(lines, "joint_positions")["vector"].__setitem__(0, "1")), "is not a finite number"),
-    "truth": (edit(lambda lines: of(lines, "joint_positions")["vector"].__setitem__(0, True)), "is not a finite number"),
+    "truth": (edit(lambda lines: of(lines, "joint_positions")["vector"].__setitem__(0, True)), "not a finite number"),
     "digits": (edit(lambda lines: of(lines, "joint_positions")["vector"].__setitem__(0, 10**400)), "must be a signal"),
     "time": (edit(lambda lines: lines[-1].update(time="0.3")), "'0.3' is not a finite number"),
     "huge time": (replaced(SIGNALS, '"time": 0.3', '"time": 1e400'), "inf is not a finite number"),
