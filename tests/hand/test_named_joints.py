@@ -101,7 +101,7 @@ def test_coupled_joints_give_way_a_little_and_no_more(tmp_path: Path) -> None:
     yaml = YAML.replace("joints: [left_slide]", coupled).replace("joints: [right_slide]", coupled)
     slides = NamedJoints(*make_hand_plant(load_hand_config(write_gripper(tmp_path, yaml=yaml))))
     slides.check_couplings("joints", {"left_slide": 0.02, "right_slide": 0.012})
-    with pytest.raises(InvalidInputError, match=r"right_slide\]: is 0.02 m, .* left_slide 0.01 m; .* up to 0.003 m"):
+    with pytest.raises(InvalidInputError, match=r"right_slide\]: is 0.02 m, .* left_slide 0.01 m; .* at most 0.003 m"):
         slides.check_couplings("joints", {"left_slide": 0.02, "right_slide": 0.02})
 
 
