@@ -61,7 +61,7 @@ def test_a_name_is_free_until_a_system_has_it() -> None:
     check_name_is_free(builder, "touch_2")
     for name, message in (
         ("touch", r"^name: is 'touch', which another .* has; allowed is an unused one, such as name='touch_2'\.$"),
-        ("", "^name: is empty"),
+        ("", "^name: must not be empty"),
         (None, "^name: is a NoneType; allowed is a str"),
     ):
         with pytest.raises(InvalidInputError, match=message):
