@@ -13,7 +13,7 @@ from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.geometry_checks import pose_matrix, pose_near
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs
 from tactopose_drake.core.plain_values import copied, numbers
-from tactopose_drake.core.posterior.moved_origin import move_origin, prior_of_middle
+from tactopose_drake.core.posterior.moved_origin import increments_of_origin, move_origin, prior_of_middle
 from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, limited
 from tactopose_drake.errors import InvalidInputError
 
@@ -31,7 +31,8 @@ class PoseMeasurement:
         time: when the pose was measured, s, on the clock of the belief's frames: of the picture, not of its delivery.
         X_PO: the pose at that time, shape (3, 4), p in m, up to 10; a RigidTransform is taken too.
         covariance: of the increment (w, v) from it to the true pose, shape (6, 6), rad and m, with standard
-            deviations from 1e-7 to 1e6.
+            deviations from 1e-7 to 1e6. If the object's frame has its origin far away, a covariance without any
+            correlation of w and v is taken for that of the object's middle, like a prior's sigmas.
 
     Raises:
         InvalidInputError: an invalid time or pose, or a covariance that is not symmetric and positive definite.
@@ -157,13 +158,19 @@ class Frame:
     def of_middle(self, p_OC: FloatArray) -> Frame:
         """The same frame for the pose of C, which is at p_OC, shape (3,), m, with O's axes, instead of that of O.
 
-        The standard deviations of a prior and of vision are taken to be those of the object's middle.
+        The standard deviations of a prior are taken to be those of the object's middle, and so is a covariance of
+        vision without any correlation of w and v: an estimate of O's pose has it, as a rotation moves a far origin.
         """
         evidence, vision, depth = self.evidence, self.vision, self.depth_in_hand
         if evidence.prior is not None:
             evidence = copied(evidence, prior=prior_of_middle(evidence.prior, p_OC))
         if vision is not None:
-            vision = vision.moved_to(vision.time, move_origin(vision.X_PO, p_OC), vision.covariance)
+            covariance = vision.covariance
+            if covariance[_W, _V].any():
+                J = increments_of_origin(vision.X_PO[None, :, :3], -p_OC)[0]
+                covariance = J @ covariance @ J.T
+                covariance = 0.5 * (covariance + covariance.T)
+            vision = vision.moved_to(vision.time, move_origin(vision.X_PO, p_OC), covariance)
 
         def depth_of_middle(X_PC: FloatArray) -> FloatArray:
             assert depth is not None

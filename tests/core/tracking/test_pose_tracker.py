@@ -48,8 +48,10 @@ def test_it_starts_lost_and_finds_the_pose(tracker: PoseTracker) -> None:
     assert np.sum(belief.probability) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("is_correlated", [False, True])
 @pytest.mark.parametrize("far", [1.8, 3.0])
-def test_where_the_frames_origin_is_decides_nothing(far: float) -> None:
+def test_where_the_frames_origin_is_decides_nothing(far: float, is_correlated: bool) -> None:
+    """Whether the covariance of vision is that of the middle, or that of the origin with its correlations."""
     mesh, p_CO = make_box(), far * np.array([0.6, 0.0, -0.8])
     moved = trimesh.Trimesh(mesh.vertices - p_CO, mesh.faces, process=False)
     trackers = (PoseTracker(mesh), PoseTracker(ObjectModel.from_mesh(moved, cache=False, symmetry="none")))
@@ -59,7 +61,9 @@ def test_where_the_frames_origin_is_decides_nothing(far: float) -> None:
         for i in range(1, 13):
             prior = GaussianPrior(move_origin(GUESS.mean, origin), GUESS.sigma_translation, GUESS.sigma_rotation)
             seen = retract(X_PO, generator.normal(size=6) * [0.1, 0.1, 0.1, 0.01, 0.01, 0.01])
-            vision = PoseMeasurement(0.01 * i, move_origin(seen, origin), np.diag([0.01] * 3 + [1e-4] * 3))
+            J = increments_of_origin(seen[None, :, :3], -origin)[0] if is_correlated else np.eye(6)
+            covariance = J @ np.diag([0.01] * 3 + [1e-4] * 3) @ J.T
+            vision = PoseMeasurement(0.01 * i, move_origin(seen, origin), covariance)
             evidence = Evidence(touch(X_PO, generator), prior=prior)
             belief = tracker.step(belief, Frame(0.01 * i, evidence, NAMES, vision=vision))
         found.append(belief)
