@@ -22,9 +22,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
+from tactopose_drake.core.geometry_checks import pose_matrix
+from tactopose_drake.core.number_kinds import entry_of
 from tactopose_drake.core.parameter_checks import check_numbers, params_of
 from tactopose_drake.core.poses import transform_points
-from tactopose_drake.core.validation import FloatArray, number_array
+from tactopose_drake.core.validation import FloatArray, instance_of, number_array
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, rays
 from tactopose_drake.core.vision.level_set_kernels import depth_inside
 from tactopose_drake.errors import InvalidInputError
@@ -55,14 +57,31 @@ class DepthView:
     """One depth image of an object at rest, with nothing else in it.
 
     Attributes:
-        depth: shape (height, width), m; infinite where nothing is seen.
-        X_CO: pose of the frame that the object's mesh is to have, in the camera, shape (3, 4).
+        depth: shape (height, width), m, above 0; infinite where nothing is seen, so that the object is not there, and
+            NaN where the camera has no answer.
+        X_CO: pose of the frame that the object's mesh is to have, in the camera, shape (3, 4); a RigidTransform is
+            taken too.
         camera: that took the image.
+
+    Raises:
+        InvalidInputError: an image of another size than the camera's, a depth of 0 or below, or an invalid pose.
     """
 
     depth: FloatArray
     X_CO: FloatArray
     camera: DepthCameraModel
+
+    def __post_init__(self) -> None:
+        instance_of("DepthView.camera", self.camera, DepthCameraModel)
+        depth = number_array("DepthView.depth", self.depth, (self.camera.height, self.camera.width))
+        wrong = np.argwhere(depth <= 0.0)
+        if len(wrong):
+            raise InvalidInputError(
+                f"{entry_of('DepthView.depth', wrong[0])}: is {depth[tuple(wrong[0])]:g}; allowed are numbers > 0, "
+                "infinity where nothing is seen, and NaN where the camera has no answer."
+            )
+        object.__setattr__(self, "depth", depth)
+        object.__setattr__(self, "X_CO", pose_matrix("DepthView.X_CO", self.X_CO))
 
     @property
     def p_OQ(self) -> FloatArray:
@@ -75,7 +94,7 @@ class DepthView:
     def depth_behind(self, p_OQ: FloatArray) -> FloatArray:
         """Depth of the surface seen at the pixels of points (n, 3), minus that of the points, shape (n,), m.
 
-        Infinite where nothing is seen, NaN outside the image.
+        Infinite where nothing is seen, NaN outside the image and where the camera has no answer.
         """
         p_CQ = transform_points(self.X_CO, p_OQ)
         z = np.maximum(p_CQ[:, 2], 1e-6)

@@ -136,6 +136,25 @@ def test_what_cannot_be_fused_is_refused(box: ObjectModel) -> None:
         reconstruct(seen, params=FusionParams(spacing=1e-5))
 
 
+def test_depths_are_told_from_what_is_none(box: ObjectModel) -> None:
+    """Cameras write 0 where they have no answer, which would be a point in the camera."""
+    view = views(box, 120.0)[0]
+    row, column = np.argwhere(np.isfinite(view.depth))[0]
+    for wrong in (0.0, -0.1):
+        depth = np.where(np.isfinite(view.depth), view.depth, wrong)
+        with pytest.raises(InvalidInputError, match=rf"^DepthView\.depth\[0, 0\]: is {wrong:g}; allowed are numbers > 0"):
+            DepthView(depth, view.X_CO, view.camera)
+    with pytest.raises(InvalidInputError, match=r"^DepthView\.depth: has shape \(2, 2\); allowed is"):
+        DepthView(view.depth[:2, :2], view.X_CO, view.camera)
+    with pytest.raises(InvalidInputError, match=r"^DepthView\.X_CO: "):
+        DepthView(view.depth, 2.0 * view.X_CO, view.camera)
+    depth = view.depth.astype(np.float32)
+    depth[row, column] = np.nan
+    unknown = DepthView(depth.tolist(), np.vstack([view.X_CO, [0.0, 0.0, 0.0, 1.0]]), view.camera)  # type: ignore[arg-type]
+    np.testing.assert_allclose(unknown.p_OQ, view.p_OQ[1:], atol=1e-6)
+    assert np.isnan(unknown.depth_behind(view.p_OQ[:1])).all()
+
+
 def test_an_image_beside_the_object_says_nothing_of_it(box: ObjectModel) -> None:
     seen = views(box, 120.0)
     aside = np.column_stack([seen[0].X_CO[:, :3], seen[0].X_CO[:, 3] + [5.0, 0.0, 0.0]])
