@@ -182,8 +182,10 @@ def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
 
 
 def _as_value(name: str, value: Value) -> Value:
-    """Checks a value; returns it, or a copy of a vector."""
-    if value is None or isinstance(value, PosePrior | RigidTransform):
+    """Checks a value; returns it, or a copy of what the caller, or Drake in a port's cache, may change."""
+    if isinstance(value, RigidTransform):
+        return RigidTransform(value)
+    if value is None or isinstance(value, PosePrior):
         return value
     if not isinstance(value, np.ndarray | list | tuple):
         raise InvalidInputError(

@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
-from tactopose_drake.systems.played_signal import PlayedVector
+from tactopose_drake.systems.played_signal import PlayedValue, PlayedVector
 from tactopose_drake.systems.signals import UNKNOWN_POSE, Signal, SignalRecorder, read_signals
 
 POSE = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.01, 0.02, 1 / 3])
@@ -91,12 +91,26 @@ def test_of_two_values_of_one_time_the_last_one_counts() -> None:
 
 
 def test_what_is_kept_does_not_follow_the_original() -> None:
-    vector = np.zeros(2)
+    vector, pose = np.zeros(2), RigidTransform()
     with SignalRecorder() as recorder:
-        recorder.write("vector", 0.0, vector)
-        vector[0] = 1.0
-        recorder.write("vector", 1.0, vector)
+        for time in (0.0, 1.0):
+            recorder.write("vector", time, vector)
+            recorder.write("pose", time, pose)
+            vector[0] = 1.0
+            pose.set_translation([0.0, 0.0, 1.0])
     np.testing.assert_array_equal(recorder.signals["vector"].values, [[0.0, 0.0], [1.0, 0.0]])
+    assert [kept.translation()[2] for kept in recorder.signals["pose"].values] == [0.0, 1.0]
+
+
+def test_poses_of_a_port_are_kept_as_they_were_at_each_time() -> None:
+    """Drake evaluates a port to the pose in its cache, which the next evaluation overwrites."""
+    player = PlayedValue(Signal([0.0, 1.0], [RigidTransform([0.1, 0.0, 0.0]), RigidTransform([0.2, 0.0, 0.0])]))
+    context = player.CreateDefaultContext()
+    with SignalRecorder() as recorder:
+        for time in (0.0, 1.0):
+            context.SetTime(time)
+            recorder.write("pose", time, player.get_output_port().Eval(context))
+    assert [kept.translation()[0] for kept in recorder.signals["pose"].values] == [0.1, 0.2]
 
 
 def test_numbers_of_numpy_and_lists_are_read_again(tmp_path: Path) -> None:
