@@ -8,16 +8,18 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.mesh.bodies import cross_products
 from tactopose_drake.core.mesh.loading import MeshSource, mesh_name
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.mesh.solid import DENSITY
+from tactopose_drake.core.plain_values import seal
 from tactopose_drake.core.shape import kept_parts
 from tactopose_drake.core.shape.coarse_field import CoarseField, over_grid
 from tactopose_drake.core.shape.model_building import arrays_of
@@ -92,6 +94,10 @@ class ObjectModel(SimpleBodies):
     surface_sigma: float = 0.0
     scale_sigma: float = 0.0
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        seal(self)  # Unpickled arrays would be writable.
+
     def __repr__(self) -> str:
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         extent = " x ".join(f"{1e3 * length:.0f}" for length in high - low)
@@ -111,12 +117,14 @@ class ObjectModel(SimpleBodies):
     @cached_property
     def middle(self) -> FloatArray:
         """Centre of the bounding box, in O, shape (3,), m."""
-        return np.asarray(0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0)))
+        middle: FloatArray = read_only(0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0)))
+        return middle
 
     @cached_property
     def hull_vertices(self) -> FloatArray:
         """The vertices of the convex hull, shape (k, 3), m; computed when first needed."""
-        return np.ascontiguousarray(self.vertices[scipy.spatial.ConvexHull(self.vertices).vertices])
+        vertices: FloatArray = read_only(self.vertices[scipy.spatial.ConvexHull(self.vertices).vertices])
+        return vertices
 
     @cached_property
     def about_middle(self) -> ObjectModel:
@@ -125,7 +133,7 @@ class ObjectModel(SimpleBodies):
         symmetry_poses = self.symmetry_poses.copy()
         symmetry_poses[:, :, 3] += symmetry_poses[:, :, :3] @ p_OC - p_OC
         grid = DistanceGrid(self.grid.values, self.grid.origin - p_OC, self.grid.spacing)
-        return replace(
+        moved = replace(
             self,
             vertices=self.vertices - p_OC,
             grid=grid,
@@ -136,6 +144,8 @@ class ObjectModel(SimpleBodies):
             near_symmetries=tuple(symmetry.seen_from(p_OC) for symmetry in self.near_symmetries),
             symmetry_poses=symmetry_poses,
         )
+        seal(moved)
+        return moved
 
     @cached_property
     def half_turns(self) -> FloatArray:
@@ -144,7 +154,8 @@ class ObjectModel(SimpleBodies):
         Few objects have these symmetries, but many nearly do: a touch may fit a mug upside down.
         """
         R = 2.0 * np.einsum("ik,jk->kij", *(np.linalg.eigh(self.inertia)[1],) * 2) - np.eye(3)
-        return np.concatenate([R, (self.middle - R @ self.middle)[:, :, None]], axis=2)
+        turns: FloatArray = read_only(np.concatenate([R, (self.middle - R @ self.middle)[:, :, None]], axis=2))
+        return turns
 
     @cached_property
     def growth(self) -> tuple[float, float]:

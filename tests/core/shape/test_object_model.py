@@ -1,6 +1,8 @@
+import copy
 import dataclasses
 import math
 import os
+import pickle
 import subprocess
 import sys
 import warnings
@@ -140,10 +142,12 @@ def test_the_model_turns_with_the_mesh() -> None:
 
 
 def test_a_model_cannot_be_changed() -> None:
-    for model in (model_of(BOX), model_of(BOX)):  # built, and from the cache
+    built = model_of(BOX)
+    for model in (built, model_of(BOX), built.about_middle, pickle.loads(pickle.dumps(built)), copy.deepcopy(built)):
         with pytest.raises(dataclasses.FrozenInstanceError):
             model.mass = 1.0  # type: ignore[misc]
-        for name, array in all_arrays(model).items():
+        of_use = {name: getattr(model, name) for name in ("middle", "hull_vertices", "half_turns")}
+        for name, array in (all_arrays(model) | of_use).items():
             assert not array.flags.writeable, name
 
 
