@@ -142,7 +142,7 @@ def test_depths_are_told_from_what_is_none(box: ObjectModel) -> None:
     row, column = np.argwhere(np.isfinite(view.depth))[0]
     for wrong in (0.0, -0.1):
         depth = np.where(np.isfinite(view.depth), view.depth, wrong)
-        with pytest.raises(InvalidInputError, match=rf"^DepthView\.depth\[0, 0\]: is {wrong:g}; allowed are numbers > "):
+        with pytest.raises(InvalidInputError, match=rf"^DepthView\.depth\[0, 0\]: is {wrong:g}; allowed are "):
             DepthView(depth, view.X_CO, view.camera)
     with pytest.raises(InvalidInputError, match=r"^DepthView\.depth: has shape \(2, 2\); allowed is"):
         DepthView(view.depth[:2, :2], view.X_CO, view.camera)
