@@ -1,7 +1,9 @@
 """The belief of the object's pose as an LCM message."""
 
+import bisect
+import dataclasses
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -23,6 +25,21 @@ class _Heard(NamedTuple):
     time: float
     utime: int
     sequence: int
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Remembered:
+    """The senses that were heard, oldest first."""
+
+    heard: tuple[_Heard, ...] = ()
+
+    def __deepcopy__(self, memo: Any) -> "_Remembered":
+        return self
+
+    def between(self, after: float, until: float) -> tuple[_Heard, ...]:
+        """The senses of the times above `after` and up to `until`, s."""
+        first, end = (bisect.bisect_right(self.heard, time, key=lambda each: each.time) for time in (after, until))
+        return self.heard[first:end]
 
 
 class LcmBelief(CollectableSystem):
@@ -62,7 +79,7 @@ class LcmBelief(CollectableSystem):
         self._status = self.DeclareAbstractInputPort("status", AbstractValue.Make(""))
         self._senses = self.DeclareAbstractInputPort("senses", AbstractValue.Make(HandSensesMessage()))
         self._belief = self.DeclareAbstractInputPort("belief", AbstractValue.Make(None))
-        self._heard = self.DeclareAbstractState(AbstractValue.Make(()))  # senses, oldest first
+        self._remembered = self.DeclareAbstractState(AbstractValue.Make(_Remembered()))
         self.DeclarePerStepUnrestrictedUpdateEvent(self._hear)
         self.DeclareAbstractOutputPort("message", lambda: AbstractValue.Make(ObjectBeliefMessage()), self._calc)
 
@@ -81,23 +98,26 @@ class LcmBelief(CollectableSystem):
         elif belief is None:
             message.utime, message.sequence = senses.utime, senses.sequence
         else:
-            heard = context.get_abstract_state(self._heard).get_value()
-            known = [(each.utime, each.sequence) for each in heard if each.time <= known_by]
-            message.utime, message.sequence = known[-1] if known else (0, -1)
+            known = self._remembered_in(context).between(-np.inf, known_by)
+            message.utime, message.sequence = known[-1][1:] if known else (0, -1)
         output.set_value(message)
 
     def _hear(self, context: Context, state: State) -> EventStatus:
         """Remembers the newest senses, which a later belief may be based on."""
         senses, now = eval_optional_input(self._senses, context, HandSensesMessage), context.get_time()
-        heard = context.get_abstract_state(self._heard).get_value()
         if senses is None or senses.sequence < 0:
             return EventStatus.DidNothing()
         # If the clock went back, messages with a later time are dropped.
-        kept = tuple(each for each in heard if now - _REMEMBERED < each.time <= now)
+        kept = self._remembered_in(context).between(now - _REMEMBERED, now)
         if kept and (senses.utime, senses.sequence) == (kept[-1].utime, kept[-1].sequence):
             return EventStatus.DidNothing()
-        state.get_mutable_abstract_state(self._heard).set_value((*kept, _Heard(now, senses.utime, senses.sequence)))
+        remembered = _Remembered((*kept, _Heard(now, senses.utime, senses.sequence)))
+        state.get_mutable_abstract_state(self._remembered).set_value(remembered)
         return EventStatus.Succeeded()
+
+    def _remembered_in(self, context: Context) -> _Remembered:
+        remembered: _Remembered = context.get_abstract_state(self._remembered).get_value()
+        return remembered
 
 
 def belief_message(estimate: PoseEstimate | None, status: str, max_modes: int) -> ObjectBeliefMessage:

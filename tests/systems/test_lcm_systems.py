@@ -195,6 +195,20 @@ def test_a_late_belief_has_the_time_of_the_senses_that_it_is_of() -> None:
     assert wired.got[-1].sequence == 4  # The clock went back: what is there now is the newest.
 
 
+def test_the_senses_that_a_belief_remembers_are_not_copied_with_the_state() -> None:
+    """Each update of any system copies the state of the whole diagram, and a belief remembers thousands of messages."""
+    wired = Wired("shadow_like")
+    for sequence in range(3):
+        wired.run(0.01, HandSensesMessage(utime=sequence, sequence=sequence))
+    root = wired.simulator.get_context()
+    copied = root.Clone()
+    remembered, same = (
+        wired.belief.GetMyContextFromRoot(each).get_abstract_state(0).get_value() for each in (root, copied)
+    )
+    assert len(remembered.heard) == 3
+    assert same is remembered
+
+
 @pytest.mark.parametrize("most", [0, -1, 2.5])
 def test_a_belief_of_no_modes_is_refused(most: int) -> None:
     with pytest.raises(InvalidInputError, match="max_modes: is "):
