@@ -19,6 +19,10 @@ class RecordingMeshcat:
             for key in [key for key in held if key == path or key.startswith(path + "/")]:
                 del held[key]
 
+    def HasPath(self, path: str) -> bool:
+        held = (*self.transforms, *self.objects)
+        return any(key == path or key.startswith(path + "/") for key in held)
+
     def SetObject(self, path: str, shape: object, rgba: object) -> None:
         self.objects[path] = shape
 

@@ -40,7 +40,8 @@ class LikelihoodDisplay(CollectableSystem):
         input_ports:
         - identities
 
-    - identities: `Identification`, or None while there is none; read once a period. Objects are matched by name.
+    - identities: `Identification`, or None while there is none; read once a period, and at a `ForcedPublish`. Objects
+      are matched by name.
 
     The display is part of Meshcat's recording when one is running.
     """
@@ -70,6 +71,7 @@ class LikelihoodDisplay(CollectableSystem):
         self._identities = self.DeclareAbstractInputPort("identities", AbstractValue.Make(None))
         self.DeclareInitializationPublishEvent(self._make_rows)
         self.DeclarePeriodicPublishEvent(self._params.period, 0.0, self._stretch_bars)
+        self.DeclareForcedPublishEvent(self._stretch_bars)
 
     def _make_rows(self, context: Context) -> EventStatus:
         add_bars(self._meshcat, self._params.path, self._models)
@@ -78,6 +80,9 @@ class LikelihoodDisplay(CollectableSystem):
         return EventStatus.Succeeded()
 
     def _stretch_bars(self, context: Context) -> EventStatus:
+        # No simulation was initialized, or somebody has deleted the parts.
+        if not self._meshcat.HasPath(self._params.path):
+            self._make_rows(context)
         found = eval_optional_input(self._identities, context, Identification)
         set_bars(self._meshcat, self._params.path, self._models, found, context.get_time())
         return EventStatus.Succeeded()

@@ -14,10 +14,11 @@ from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, positive_number, whole_number
+from tactopose_drake.errors import PortTypeError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem
-from tactopose_drake.systems.ports import eval_input, eval_items, eval_optional_input
+from tactopose_drake.systems.ports import eval_input, eval_items, eval_optional_input, port_name
 from tactopose_drake.visualization.appearance import MOST_ALTERNATIVES, MOVING_ALTERNATIVES
 from tactopose_drake.visualization.frame_marks import add_frames
 from tactopose_drake.visualization.meshcat import aim_camera, check_meshcat
@@ -79,7 +80,8 @@ class PoseDisplay(CollectableSystem):
     - body_poses: list of `RigidTransform` X_WB, the plant's port of that name, for the palm; P is Meshcat's world when
       it is not connected.
 
-    All inputs are read once a period. The display is part of Meshcat's recording when one is running.
+    All inputs are read once a period, and at a `ForcedPublish`, which needs no simulation. The display is part of
+    Meshcat's recording when one is running.
     """
 
     def __init__(
@@ -148,6 +150,8 @@ class PoseDisplay(CollectableSystem):
 
     def _move_parts(self, context: Context) -> EventStatus:
         path, time, meshcat = self._params.path, context.get_time(), self._meshcat
+        if not meshcat.HasPath(path):  # No simulation was initialized, or somebody has deleted the parts.
+            self._make_parts(context)
         X_WP = self._palm_pose(context)
         meshcat.SetTransform(path, X_WP, time)
         prior = eval_optional_input(self._prior, context, PosePrior)
@@ -183,6 +187,11 @@ class PoseDisplay(CollectableSystem):
 
     def _palm_pose(self, context: Context) -> RigidTransform:
         X_WB = eval_optional_input(self._body_poses, context, list)
-        if X_WB is None or self._palm_body is None:
+        if X_WB is None:
             return RigidTransform()
+        if self._palm_body is None:
+            raise PortTypeError(
+                f"{port_name(self._body_poses)}: is connected, but the display has no palm_frame; allowed is both or "
+                "neither."
+            )
         return X_WB[self._palm_body] @ self._X_BP

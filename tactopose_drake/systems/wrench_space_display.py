@@ -46,8 +46,8 @@ class WrenchSpaceDisplay(CollectableSystem):
         input_ports:
         - quality
 
-    - quality: `GraspQuality`, or None while there is none; read once a period. The axes are the object's. Meshcat
-      cannot record the changes of the hulls' shapes: a recording holds the last ones.
+    - quality: `GraspQuality`, or None while there is none; read once a period, and at a `ForcedPublish`. The axes are
+      the object's. Meshcat cannot record the changes of the hulls' shapes: a recording holds the last ones.
     """
 
     def __init__(self, meshcat: Meshcat, params: WrenchSpaceDisplayParams | None = None) -> None:
@@ -63,6 +63,7 @@ class WrenchSpaceDisplay(CollectableSystem):
         self._quality = self.DeclareAbstractInputPort("quality", AbstractValue.Make(None))
         self.DeclareInitializationPublishEvent(self._place)
         self.DeclarePeriodicPublishEvent(self._params.period, 0.0, self._draw)
+        self.DeclareForcedPublishEvent(self._draw)
 
     def _place(self, context: Context) -> EventStatus:
         self._meshcat.Delete(self._params.path)
@@ -72,6 +73,9 @@ class WrenchSpaceDisplay(CollectableSystem):
         return EventStatus.Succeeded()
 
     def _draw(self, context: Context) -> EventStatus:
+        # No simulation was initialized, or somebody has deleted the parts.
+        if not self._meshcat.HasPath(self._params.path):
+            self._place(context)
         quality = eval_optional_input(self._quality, context, GraspQuality)
         if quality is not None:
             draw_wrench_space(self._meshcat, self._params.path, quality.space, scale=self._params.scale)

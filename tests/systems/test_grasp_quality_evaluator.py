@@ -151,7 +151,7 @@ def test_the_display_draws_green_forces_and_red_torques(box: ObjectModel) -> Non
     display.GetInputPort("quality").FixValue(
         context_display, AbstractValue.Make(dataclasses.replace(quality, space=flat))
     )
-    display._draw(context_display)
+    display.ForcedPublish(context_display)
     assert not [path for path in meshcat.objects if path.startswith("/tactopose_wrenches/")]
 
 

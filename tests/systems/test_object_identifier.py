@@ -175,6 +175,16 @@ def test_bars_are_empty_before_the_first_touch(models: list[ObjectModel]) -> Non
         assert meshcat.properties[f"{row_path(PATH, row, model.name)}/bar/box", "scale"][1] < 0.01  # type: ignore[index]
 
 
+def test_bars_need_no_simulation(models: list[ObjectModel]) -> None:
+    meshcat = RecordingMeshcat()
+    display = LikelihoodDisplay(meshcat, models)
+    context = display.CreateDefaultContext()
+    display.GetInputPort("identities").FixValue(context, AbstractValue.Make(None))
+    display.ForcedPublish(context)
+    for row, model in enumerate(models):
+        assert f"{row_path(PATH, row, model.name)}/bar/box" in meshcat.objects
+
+
 def test_what_it_cannot_work_with_is_named_when_it_is_made(models: list[ObjectModel]) -> None:
     for none in ([], 3, models[0]):
         with pytest.raises(InvalidInputError, match=r"^models: is .*; allowed are an ObjectLibrary and a sequence of"):

@@ -12,7 +12,7 @@ from pydrake.systems.analysis import Simulator
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.errors import InvalidInputError, PortTypeError
 from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
@@ -61,6 +61,28 @@ def test_what_is_newer_than_the_last_period_is_shown_when_asked(model: ObjectMod
     assert not meshcat.pose("/tactopose/estimate").IsNearlyEqualTo(X_PO, 1e-3)
     display.ForcedPublish(context)
     assert meshcat.pose("/tactopose/estimate").IsNearlyEqualTo(X_PO, 1e-12)
+
+
+def test_poses_of_bodies_without_a_palm_frame_are_refused(model: ObjectModel) -> None:
+    display = PoseDisplay(RecordingMeshcat(), model)
+    with pytest.raises(PortTypeError, match=r"'body_poses' of system .*: is connected, but the display has no palm_"):
+        run(display, contacts=TOUCH, object_pose=X_PO, body_poses=[RigidTransform(), X_WPalm])
+
+
+def test_a_forced_publish_needs_no_simulation(model: ObjectModel) -> None:
+    meshcat = RecordingMeshcat()
+    display = PoseDisplay(meshcat, model)
+    context = display.CreateDefaultContext()
+    display.GetInputPort("contacts").FixValue(context, AbstractValue.Make(TOUCH))
+    display.GetInputPort("object_pose").FixValue(context, AbstractValue.Make(X_PO))
+    for _ in range(2):
+        display.ForcedPublish(context)
+        assert {"/tactopose/estimate", "/tactopose/prior"} <= meshcat.objects.keys()
+        assert meshcat.pose("/tactopose/estimate").IsNearlyEqualTo(X_PO, 1e-12)
+        assert len(meshcat.cameras) == 1
+    meshcat.Delete("/tactopose")
+    display.ForcedPublish(context)
+    assert "/tactopose/estimate" in meshcat.objects
 
 
 def test_everything_moves_with_the_palm(model: ObjectModel) -> None:
