@@ -108,7 +108,8 @@ class ForceTorqueSensor(CollectableSystem):
         """Takes numbers from a finalized plant; keeps no reference to it.
 
         Args:
-            plant: finalized plant.
+            plant: finalized plant, whose gravity and masses must not change afterwards: a sensor would subtract the
+                wrong weight.
             weld: joint between finger (parent) and fingertip (child); S is on the fingertip if it moves.
             sensor_frame: S, fixed on the finger or on the fingertip.
             model: noise, range and quantisation; `load_force_torque_model` reads one.

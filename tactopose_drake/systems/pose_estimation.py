@@ -84,7 +84,8 @@ def AddPoseEstimation(
         plant: finalized plant in the same builder that holds the hand; joint positions and palm pose are connected to
             it. If it holds several such hands, pass the one that `add_hand` returned.
         simulated_senses: whether wrenches are simulated from the plant's reaction forces, and pressures from its
-            contacts. A calibration in the hand's file is then ignored, as it belongs to a real hand.
+            contacts. A calibration in the hand's file is then ignored, as it belongs to a real hand. The plant's
+            gravity must not change afterwards, since the sensors subtract the fingertips' weights.
 
     Returns:
         The diagram; connect its remaining ports by name.
