@@ -70,10 +70,12 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
     Raises:
         UnknownNameError: if the model lacks a name of the configuration.
         InvalidFileError: if Drake cannot read the model.
-        InvalidInputError: if a package of the model is not installed; if the base link is not the model's root, or the
-            model connects it to the world by a moving joint or at another pose; if a finger's weld is a moving joint
-            and its sensor frame is not on the link that this moves.
+        InvalidInputError: if the plant is finalized; if a package of the model is not installed; if the base link is
+            not the model's root, or the model connects it to the world by a moving joint or at another pose; if a
+            finger's weld is a moving joint and its sensor frame is not on the link that this moves.
     """
+    if plant.is_finalized():
+        raise InvalidInputError("plant: is finalized; allowed is one that is not finalized yet.")
     config.validate()
     model_instance = add_model(make_parser(plant, config.packages), config.model)
     hand = find_hand(plant, config, model_instance)

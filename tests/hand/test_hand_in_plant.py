@@ -75,6 +75,12 @@ def test_a_joint_that_moves_the_base_in_the_world_is_refused(tmp_path: Path) -> 
         make_hand_plant(config)
 
 
+def test_a_finalized_plant_receives_no_hand() -> None:
+    plant, hand = make_hand_plant(load_hand_config("shadow_like"))
+    with pytest.raises(InvalidInputError, match=r"^plant: is finalized; allowed is one that is not finalized yet\.$"):
+        add_hand(plant, hand.config)
+
+
 def test_two_of_a_kind_are_in_one_plant(tmp_path: Path) -> None:
     config = load_hand_config(write_gripper(tmp_path))
     plant = MultibodyPlant(0.001)
