@@ -86,9 +86,9 @@ def AddDepthCamera(
         The port of the images, `ImageDepth32F`, m; 0 where nothing is seen.
 
     Raises:
-        InvalidInputError: if another system of the builder has the name.
+        InvalidInputError: if another system of the builder has the name, or that of the noise.
     """
-    check_name_is_free(builder, name)
+    check_name_is_free(builder, name, ("noise",))
     if not scene_graph.HasRenderer(_RENDERER):
         scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(RenderEngineVtkParams()))
     # Drake's renderers place a pixel's centre half a pixel beyond its index, as `rays` does.

@@ -98,8 +98,9 @@ def add_with_plant(
         simulated_senses: whether to simulate the touch sensors, too.
 
     Raises:
-        InvalidInputError: if the name is taken, if the plant is not finalized or not in the builder, if none or several
-            of its models are the hand, or if that model has another geometry.
+        InvalidInputError: if the name, or one of those of the systems that are added with it, is taken; if the plant is
+            not finalized or not in the builder; if none or several of its models are the hand; or if that model has
+            another geometry.
     """
     check_name_is_free(builder, name)
     felt = flag("simulated_senses", simulated_senses)
@@ -113,9 +114,19 @@ def add_with_plant(
         )
     alone, hand_alone = make_hand_plant(dataclasses.replace(config, calibration=""))
     check_likeness(plant, hand, alone, hand_alone)
+    check_name_is_free(builder, name, _parts(estimation, hand, felt))
     added: Diagram = builder.AddNamedSystem(name, estimation)
     _connect(builder, added, plant, hand, _selectors(plant, hand, alone, hand_alone), felt)
     return added
+
+
+def _parts(estimation: Diagram, hand: Hand, simulated_senses: bool) -> list[str]:
+    """The names of the systems that `_connect` adds, without the estimation's name."""
+    parts = [port for port in ("joint_positions", "joint_velocities", "palm_pose") if estimation.HasInputPort(port)]
+    if simulated_senses:
+        parts += [f"sensor_{finger}" for finger in hand.sensor_frames]
+        parts += [f"tactile_array_{pad}" for pad in hand.pad_frames]
+    return parts
 
 
 def _connect(

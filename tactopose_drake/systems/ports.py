@@ -17,24 +17,32 @@ def export_outputs(builder: DiagramBuilder, system: System, prefix: str = "") ->
         builder.ExportOutput(port, f"{prefix}{port.get_name()}")
 
 
-def check_name_is_free(builder: DiagramBuilder, name: str) -> None:
+def check_name_is_free(builder: DiagramBuilder, name: str, others: Iterable[str] = ()) -> None:
     """Checks the name of a system before it is added: Drake aborts the process in `Build` if it is empty or taken.
 
     Args:
         builder: the diagram's builder.
         name: name of the system.
+        others: what follows the name and an underscore in the names of the systems that are added with it.
 
     Raises:
-        InvalidInputError: if the name is empty or no string, or another system of the builder has it.
+        InvalidInputError: if the name is empty or no string, or another system of the builder has it, or one of those
+            of the systems that are added with it.
     """
     instance_of("builder", builder, DiagramBuilder)
     instance_of("name", name, str)
     if not name:
         raise InvalidInputError("name: must not be empty.")
-    if any(system.get_name() == name for system in builder.GetSystems()):
+    taken = {system.get_name() for system in builder.GetSystems()}
+    if name in taken:
         raise InvalidInputError(
             f"name: is {name!r}, which another system of the builder has; allowed is an unused one, such as "
             f"name={name + '_2'!r}."
+        )
+    if clash := sorted(taken & {f"{name}_{other}" for other in others}):
+        raise InvalidInputError(
+            f"name: is {name!r}, but another system of the builder is called {clash[0]!r}, as one that is added would "
+            f"be; allowed is a name such as {name + '_2'!r}."
         )
 
 

@@ -10,7 +10,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, Multibody
 from pydrake.multibody.tree import PdControllerGains
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
@@ -237,6 +237,24 @@ def test_another_builders_plant_and_a_switch_that_is_none_leave_the_builder_as_i
     with pytest.raises(InvalidInputError, match=r"^simulated_senses: is 'no'; allowed are True and False"):
         AddPoseEstimation(builder, hand.config, box, BARE, simulated_senses="no")
     assert builder.empty()
+
+
+@pytest.mark.parametrize("hand_name", ["shadow_like", "barrett_like"])
+def test_the_names_of_all_that_is_added_must_be_free(hand_name: str, box: ObjectModel) -> None:
+    builder = DiagramBuilder()
+    _, (hand,) = full_plant(builder, hand_name)
+    params = PoseTrackingParams(use_hand_volume=False, check_collisions=False)
+    before = len(builder.GetSystems())
+    AddPoseTracking(builder, hand.config, box, params, "first", plant=hand)
+    parts = sorted(system.get_name().removeprefix("first") for system in builder.GetSystems()[before:])
+    assert parts[0] == ""
+    for part in reversed(parts[1:]):
+        builder.AddNamedSystem(f"second{part}", PassThrough(1))
+        systems = builder.GetSystems()
+        with pytest.raises(InvalidInputError, match=f"^name: is 'second', but another .* is called 'second{part}'"):
+            AddPoseTracking(builder, hand.config, box, params, "second", plant=hand)
+        assert builder.GetSystems() == systems
+    builder.Build()
 
 
 @pytest.mark.parametrize("add", [AddPoseEstimation, AddPoseTracking, AddTouchExploration])

@@ -68,6 +68,15 @@ def test_a_name_is_free_until_a_system_has_it() -> None:
             check_name_is_free(builder, name)
 
 
+def test_the_names_of_what_is_added_with_a_system_are_free_too() -> None:
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("touch_noise", PassThrough(1))
+    check_name_is_free(builder, "touch")
+    check_name_is_free(builder, "touch_2", ["noise"])
+    with pytest.raises(InvalidInputError, match=r"^name: is 'touch', but another .* is called 'touch_noise', as one "):
+        check_name_is_free(builder, "touch", ["sensor", "noise"])
+
+
 def test_items_of_another_kind_are_refused_by_the_name_of_the_port() -> None:
     reader = Reader()
     anything = reader.DeclareAbstractInputPort("anything", AbstractValue.Make(None))
