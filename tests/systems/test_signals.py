@@ -113,18 +113,6 @@ def test_poses_of_a_port_are_kept_as_they_were_at_each_time() -> None:
     assert [kept.translation()[0] for kept in recorder.signals["pose"].values] == [0.1, 0.2]
 
 
-def test_poses_of_an_output_port_stay_apart() -> None:
-    """`Eval` of a port of poses returns a reference to the value in its cache."""
-    played = PlayedValue(Signal([0.0, 1.0], [RigidTransform(), POSE]))
-    context = played.CreateDefaultContext()
-    with SignalRecorder() as recorder:
-        for time in (0.0, 1.0):
-            context.SetTime(time)
-            recorder.write("pose", time, played.get_output_port().Eval(context))
-    for told, kept in zip((RigidTransform(), POSE), recorder.signals["pose"].values, strict=True):
-        assert kept.IsExactlyEqualTo(told)
-
-
 def test_numbers_of_numpy_and_lists_are_read_again(tmp_path: Path) -> None:
     path = tmp_path / "signals.jsonl"
     with SignalRecorder(path) as recorder:
