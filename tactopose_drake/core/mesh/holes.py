@@ -60,7 +60,8 @@ def close_holes(
         if agreement < params.agreement:
             raise InvalidMeshError(
                 f"is open, and inside cannot be told from outside: views from six sides agree on "
-                f"{100 * agreement:.0f} % of the surface; must be at least {100 * params.agreement:.0f} %. {holes}."
+                f"{math.floor(100 * agreement)} % of the surface; must be at least {100 * params.agreement:.0f} %. "
+                f"{holes}."
             )
         repairs.append(f"closed the open mesh. {holes}")
     return closed_vertices, closed_faces

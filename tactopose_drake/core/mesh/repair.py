@@ -196,17 +196,13 @@ def _make_manifold(vertices: FloatArray, faces: IntArray, repairs: list[str]) ->
 
 
 def _without_repeated_faces(faces: IntArray, repairs: list[str]) -> IntArray:
-    """Drops faces that repeat an earlier one with the same orientation; keeps one side of a wholly doubled sheet."""
+    """Drops faces that repeat an earlier one, and the second sides of doubled sheets that are no two bodies' faces."""
     first_corner = np.argmin(faces, axis=1)
     rolled = np.take_along_axis(faces, (first_corner[:, None] + np.arange(3)) % 3, axis=1)
     _, kept = np.unique(rolled, axis=0, return_index=True)
     faces = faces[np.sort(kept)]
+    faces = faces[~mesh_topology.second_sides(faces)]
     dropped = len(rolled) - len(faces)
-    doubled, count = np.unique(np.sort(faces, axis=1), axis=0, return_counts=True)
-    if len(faces) == 2 * len(doubled) and np.all(count == 2):
-        _, kept = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-        dropped += len(faces) - len(kept)
-        faces = faces[np.sort(kept)]
     if dropped:
         repairs.append(f"removed {counted(dropped, 'repeated face', 'repeated faces')}")
     return faces

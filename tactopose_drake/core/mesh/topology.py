@@ -40,14 +40,58 @@ def half_edges(faces: IntArray) -> tuple[IntArray, IntArray]:
 
 def link_faces(faces: IntArray) -> FaceLinks:
     """Matches half edges by their two vertices, regardless of direction."""
-    start, end = half_edges(faces)
-    code = np.minimum(start, end) * (int(faces.max()) + 1) + np.maximum(start, end)
+    code = _edge_codes(faces)
     order = np.argsort(code, kind="stable")
     first = np.flatnonzero(np.diff(code[order], prepend=-1))
     count = np.diff(first, append=len(order))
     two = first[count == 2]
     crowded = tuple(order[i : i + n] for i, n in zip(first[count > 2], count[count > 2], strict=True))
     return FaceLinks(np.stack([order[two], order[two + 1]], axis=1), order[first[count == 1]], crowded)
+
+
+def second_sides(faces: IntArray) -> NDArray[np.bool_]:
+    """Which faces are a doubled sheet's second side, which is no surface of its own, shape (f,).
+
+    A sheet is a connected patch of faces that occur in both orientations. Where two bodies touch along it, two other
+    faces meet it at its rim, and it bounds both. Its second side is a mere repetition if only one does, if the sheet
+    has no rim, or if there is nothing but such sheets.
+
+    Args:
+        faces: vertex indices, shape (f, 3); none occurs twice in the same orientation.
+    """
+    _, first, group, count = np.unique(
+        np.sort(faces, axis=1), axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    group = group.reshape(-1)
+    doubled: NDArray[np.bool_] = count[group] == 2
+    second = doubled.copy()
+    second[first] = False
+    if doubled.all() or not doubled.any():
+        return second
+    sheet = first[count == 2]
+    codes = _edge_codes(faces).reshape(-1, 3)
+    others = np.sort(codes[~doubled], axis=None)
+    code, edge, sides = np.unique(codes[sheet], return_inverse=True, return_counts=True)
+    edge = edge.reshape(-1)
+    graph = scipy.sparse.coo_array(
+        (np.ones(len(edge), dtype=bool), (np.repeat(np.arange(len(sheet)), 3), len(sheet) + edge)),
+        shape=(len(sheet) + len(code),) * 2,
+    )
+    patches, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    met = np.searchsorted(others, code, side="right") - np.searchsorted(others, code)
+    rim = label[len(sheet) :][sides == 1]
+    total = np.bincount(rim, minlength=patches)
+    by_one = np.bincount(rim, weights=met[sides == 1] == 1, minlength=patches)
+    kept_sheet = sheet[((total > 0) & (2 * by_one <= total))[label[: len(sheet)]]]
+    second[np.isin(group, group[kept_sheet])] = False
+    return second
+
+
+def _edge_codes(faces: IntArray) -> IntArray:
+    """A number for each half edge that depends on its two vertices, regardless of direction, shape (3 f,)."""
+    start, end = half_edges(faces)
+    codes: IntArray = np.minimum(start, end) * (int(faces.max()) + 1) + np.maximum(start, end)
+    return codes
 
 
 def agree_on_sides(faces: IntArray, pairs: IntArray) -> tuple[IntArray, int]:

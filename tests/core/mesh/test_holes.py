@@ -71,6 +71,12 @@ def test_what_may_be_a_pipe_is_refused_with_its_holes(mesh: trimesh.Trimesh, tur
     assert solid.is_watertight
 
 
+def test_what_a_refusal_states_is_less_than_what_it_asks_for() -> None:
+    tattered = without(BALL, np.random.default_rng(0).random(len(BALL.faces)) < 0.06)
+    with pytest.raises(InvalidMeshError, match="agree on 97 % of the surface; must be at least 98 %"):
+        closed(tattered)
+
+
 @pytest.mark.parametrize("turned", [False, True])
 def test_sheets_are_refused(turned: bool) -> None:
     sheet = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]], [[0, 1, 2], [0, 2, 3]], process=False)

@@ -62,6 +62,14 @@ REPAIRABLE = {
         with_faces(BALL, np.vstack([BALL.faces, BALL.faces[:, ::-1]])),
         (f"removed {len(BALL.faces)} repeated faces",),
     ),
+    "partly_double_sided": (
+        with_faces(BALL, np.vstack([BALL.faces, BALL.faces[:90, ::-1], BALL.faces[700:701, ::-1]])),
+        ("removed 91 repeated faces",),
+    ),
+    "one_of_two_double_sided": (
+        joined(inside_out(BALL), BALL, cube(at=(0.1, 0.0, 0.0))),
+        (f"removed {len(BALL.faces)} repeated faces", "flipped 1 body", "kept 2 separate bodies as one rigid object"),
+    ),
     "inside_out": (inside_out(BALL), ("flipped the mesh, turned inside out",)),
     "mixed_sides": (every_seventh_turned(BALL), (r"turned \d+ faces to show the same side as the others",)),
     "open": (without(BALL, BALL.triangles_center[:, 2] > 0.037), ("closed the open mesh. Holes: at",)),
@@ -91,7 +99,10 @@ def test_broken_meshes_are_repaired_and_say_so(mesh: trimesh.Trimesh, expected: 
     assert np.all(solid.area_faces > 0)
 
 
-@pytest.mark.parametrize("name", ["duplicate_vertices", "cracked", "collapsed_faces", "repeated_faces", "double_sided"])
+@pytest.mark.parametrize(
+    "name",
+    ["duplicate_vertices", "cracked", "collapsed_faces", "repeated_faces", "double_sided", "partly_double_sided"],
+)
 def test_repaired_balls_are_the_ball_again(name: str) -> None:
     solid, _ = repaired(REPAIRABLE[name][0])
     assert len(solid.vertices) == len(BALL.vertices)
