@@ -123,5 +123,7 @@ def _mesh(path: Path, shape: Shape) -> trimesh.Trimesh:
         raw, scale = load_mesh(shape.source().path()), shape.scale3()
         # A mirrored mesh is inside out: reverse its faces.
         faces = raw.faces if np.prod(scale) > 0.0 else raw.faces[:, ::-1]
-        return trimesh.Trimesh(raw.vertices * scale, faces, process=False)
+        # Drake turns a glTF file's y axis up before it scales: (x, y, z) becomes (x, -z, y).
+        vertices = raw.vertices[:, [0, 2, 1]] * [1.0, -1.0, 1.0] if shape.extension() == ".gltf" else raw.vertices
+        return trimesh.Trimesh(vertices * scale, faces, process=False)
     raise InvalidFileError(f"{path}: has a collision shape without an inside, a {type(shape).__name__}.")

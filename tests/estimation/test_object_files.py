@@ -6,6 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.errors import InvalidFileError, InvalidMeshError
@@ -100,6 +103,23 @@ def test_a_mesh_in_an_sdf_is_scaled_and_mirrored_as_drake_does_it(
         bounds[0, 2] = min(bounds[0, 2], -0.035)
     np.testing.assert_allclose(shape.bounds, bounds, atol=1e-6)
     assert shape.volume == pytest.approx(volume, rel=1e-4)
+
+
+def test_a_gltf_file_in_an_sdf_lies_as_drake_turns_it(tmp_path: Path) -> None:
+    for name, content in trimesh.exchange.gltf.export_gltf(trimesh.Scene(claw())).items():
+        (tmp_path / name).write_bytes(content)
+    path = write_claw(tmp_path, claw(), (1, 2, 3), "")
+    path.write_text(path.read_text().replace("claw.obj", "model.gltf"))
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+    Parser(plant).AddModels(str(path))
+    plant.Finalize()
+    (geometry,) = plant.GetCollisionGeometriesForBody(plant.GetBodyByName("claw"))
+    hull = scene_graph.model_inspector().GetConvexHull(geometry)
+    corners = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
+    shape = read_body(path).shape
+    np.testing.assert_allclose(shape.bounds, [corners.min(axis=0), corners.max(axis=0)], atol=1e-6)
+    assert shape.volume == pytest.approx(6 * 44e-6, rel=1e-4)
 
 
 def test_a_mesh_whose_faces_share_no_vertices_is_united_with_what_is_beside_it(tmp_path: Path) -> None:
