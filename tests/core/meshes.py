@@ -22,6 +22,14 @@ def cube(side: float = SIZE, at: ArrayLike = (0.0, 0.0, 0.0)) -> trimesh.Trimesh
     return create.box((side, side, side), transform=trimesh.transformations.translation_matrix(at))
 
 
+def die() -> trimesh.Trimesh:
+    """A cube without symmetry: one of its sides has a dent."""
+    mesh = cube().subdivide().subdivide().subdivide()
+    dent = np.linalg.norm(mesh.vertices - [SIZE / 2, 0.008, 0.015], axis=1) < 0.01
+    mesh.vertices[dent, 0] -= 0.004
+    return mesh
+
+
 def ball(radius: float = 0.04, subdivisions: int = 3) -> trimesh.Trimesh:
     return create.icosphere(subdivisions, radius)
 

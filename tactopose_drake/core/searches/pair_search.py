@@ -264,13 +264,13 @@ class PairSearch(Search):
         return proposals.distinct(turn_alike(X_PO, space.center, self.model.symmetries, self.model.symmetry_poses))
 
     def _with_images(self, X_PO: FloatArray) -> FloatArray:
-        """Poses (n, 3, 4), with images of the first ones under half turns and distinguishable symmetries.
+        """Poses (n, 3, 4), with images of the first ones under distinguishable symmetries and what is roughly one.
 
         Many objects are nearly symmetric under half turns.
         """
         misfits = self.model.symmetry_misfits
         noticed = self.model.symmetry_poses[misfits > _NOTICED * np.min(self.contacts.sigma_position)]
-        turns = np.concatenate([noticed, self.model.half_turns])
+        turns = np.concatenate([noticed, self.model.half_turns, self.model.likenesses])
         return np.concatenate([X_PO, compose(X_PO[:_IMAGED, None], turns).reshape(-1, 3, 4)])
 
     def _apart(

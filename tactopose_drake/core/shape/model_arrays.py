@@ -41,6 +41,7 @@ _LAYOUT: Layout = {
     "near_axes": (np.float64, (None, 3)),
     "symmetry_poses": (np.float64, (None, 3, 4)),
     "symmetry_misfits": (np.float64, (None,)),
+    "likenesses": (np.float64, (None, 3, 4)),
     "repairs": (np.uint8, (None,)),
     "content_hash": (np.uint8, (32,)),
 }
@@ -107,7 +108,8 @@ def _rest_is_sound(arrays: Mapping[str, NDArray[Any]]) -> bool:
     lower, upper = arrays["vertices"].min(axis=0), arrays["vertices"].max(axis=0)
     size, inertia, centroid = float(np.linalg.norm(upper - lower)), arrays["inertia"], arrays["centroid"]
     volume = float(arrays["volume"])
-    R, p = poses[:, :, :3], poses[:, :, 3]
+    every = np.concatenate([poses, arrays["likenesses"]])
+    R, p = every[:, :, :3], every[:, :, 3]
     reach = 2.0 * (float(np.linalg.norm(centroid)) + size)
     if not 0.0 < volume <= (1.0 + _UNIT) * float(np.prod(upper - lower)) or np.abs(p).max(initial=0.0) > reach:
         return False

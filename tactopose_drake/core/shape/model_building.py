@@ -20,7 +20,7 @@ from tactopose_drake.core.shape.model_symmetries import misfits
 from tactopose_drake.core.shape.signed_distance import build_grid
 from tactopose_drake.core.shape.surface_samples import sample_surface
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
-from tactopose_drake.core.shape.symmetry_detection import detect_near_symmetries, detect_symmetries
+from tactopose_drake.core.shape.symmetry_detection import detect_likenesses, detect_near_symmetries, detect_symmetries
 from tactopose_drake.core.shape.symmetry_judge import SymmetryDetectionParams
 from tactopose_drake.errors import InvalidFileError
 
@@ -107,6 +107,7 @@ def build_arrays(raw: RawMesh, label: str, options: ModelOptions) -> Arrays:
         "near_axes": np.array([symmetry.axis for symmetry in near]).reshape(-1, 3),
         "symmetry_poses": poses,
         "symmetry_misfits": misfits(grid, surface, poses),
+        "likenesses": detect_likenesses(surface, grid, centroid, inertia, size, found),
         "repairs": np.frombuffer(json.dumps(mesh.repairs).encode(), dtype=np.uint8),
         "content_hash": np.frombuffer(content_hash(mesh.vertices, mesh.faces).encode(), dtype=np.uint8),
     }

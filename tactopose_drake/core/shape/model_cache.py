@@ -27,7 +27,7 @@ from tactopose_drake.core.kernels.checksum_kernels import checksum
 from tactopose_drake.errors import InvalidInputError
 
 FOLDER_VARIABLE = "TACTOPOSE_CACHE_DIR"
-FORMAT_VERSION = 13
+FORMAT_VERSION = 14
 """To be raised when the arrays' meaning, or what builds them, changes."""
 
 LIMIT_VARIABLE = "TACTOPOSE_CACHE_GB"

@@ -11,7 +11,7 @@ from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape.model_cache import Arrays
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
-from tactopose_drake.core.shape.symmetry import CONTINUOUS, RotationalSymmetry, symmetry_group
+from tactopose_drake.core.shape.symmetry import CONTINUOUS, RotationalSymmetry, are_alike, symmetry_group
 from tactopose_drake.core.validation import FloatArray
 
 _TURNS = 12  # number of rotations that stand for all about an axis
@@ -29,12 +29,14 @@ class KnownSymmetries(NamedTuple):
         near: axes about which every rotation nearly leaves it unchanged.
         poses: the finite symmetries' group, shape (g, 3, 4).
         misfits: of these poses, shape (g,), m.
+        likenesses: poses that leave the object roughly unchanged, except those of the group, shape (n, 3, 4).
     """
 
     symmetries: tuple[RotationalSymmetry, ...]
     near: tuple[RotationalSymmetry, ...]
     poses: FloatArray
     misfits: FloatArray
+    likenesses: FloatArray
 
 
 def known_symmetries(
@@ -43,14 +45,20 @@ def known_symmetries(
     """The symmetries that are given, or, if None, those detected when the model was built."""
     if given is not None:
         poses = symmetry_group(given)
-        return KnownSymmetries(given, (), poses, misfits(grid, samples, poses))
+        return KnownSymmetries(given, (), poses, misfits(grid, samples, poses), _others(arrays["likenesses"], poses))
     centroid = arrays["centroid"]
     found = tuple(
         RotationalSymmetry(axis, centroid, int(order))
         for axis, order in zip(arrays["axes"], arrays["orders"], strict=True)
     )
     near = tuple(RotationalSymmetry(axis, centroid, CONTINUOUS) for axis in arrays["near_axes"])
-    return KnownSymmetries(found, near, arrays["symmetry_poses"], arrays["symmetry_misfits"])
+    poses = arrays["symmetry_poses"]
+    return KnownSymmetries(found, near, poses, arrays["symmetry_misfits"], _others(arrays["likenesses"], poses))
+
+
+def _others(likenesses: FloatArray, group: FloatArray) -> FloatArray:
+    """The likenesses (n, 3, 4) that are none of a group's poses (g, 3, 4)."""
+    return likenesses[~are_alike(group, likenesses).any(axis=0)]
 
 
 def misfits(grid: DistanceGrid, samples: SurfaceSamples, poses: FloatArray) -> FloatArray:

@@ -61,6 +61,8 @@ class ObjectModel(SimpleBodies):
         symmetry_poses: the poses X_OO' that the finite symmetries generate, the identity first, shape (g, 3, 4);
             continuous symmetries are in `symmetries` alone.
         symmetry_misfits: rms distance of the samples from the surface when moved by each of these, m, shape (g,).
+        likenesses: poses X_OO' that are no symmetries but leave the object roughly unchanged, shape (n, 3, 4): a touch
+            that fits the object may also fit it there.
         near_symmetries: axes about which every rotation nearly leaves the object unchanged, as with a scan of a can.
         symmetries_are_given: whether they were given rather than detected: then they hold, whatever the surface is.
         size: diagonal of the bounding box, m.
@@ -84,6 +86,7 @@ class ObjectModel(SimpleBodies):
     symmetries: tuple[RotationalSymmetry, ...]
     symmetry_poses: FloatArray
     symmetry_misfits: FloatArray
+    likenesses: FloatArray
     size: float
     repairs: tuple[str, ...]
     content_hash: str
@@ -130,8 +133,9 @@ class ObjectModel(SimpleBodies):
     def about_middle(self) -> ObjectModel:
         """The same object in a frame with O's axes at the centre of the bounding box."""
         p_OC = self.middle
-        symmetry_poses = self.symmetry_poses.copy()
-        symmetry_poses[:, :, 3] += symmetry_poses[:, :, :3] @ p_OC - p_OC
+        symmetry_poses, likenesses = self.symmetry_poses.copy(), self.likenesses.copy()
+        for poses in (symmetry_poses, likenesses):
+            poses[:, :, 3] += poses[:, :, :3] @ p_OC - p_OC
         grid = DistanceGrid(self.grid.values, self.grid.origin - p_OC, self.grid.spacing)
         moved = replace(
             self,
@@ -143,6 +147,7 @@ class ObjectModel(SimpleBodies):
             symmetries=tuple(symmetry.seen_from(p_OC) for symmetry in self.symmetries),
             near_symmetries=tuple(symmetry.seen_from(p_OC) for symmetry in self.near_symmetries),
             symmetry_poses=symmetry_poses,
+            likenesses=likenesses,
         )
         seal(moved)
         return moved
@@ -319,6 +324,7 @@ class ObjectModel(SimpleBodies):
             symmetries=known.symmetries,
             symmetry_poses=known.poses,
             symmetry_misfits=known.misfits,
+            likenesses=known.likenesses,
             size=float(np.linalg.norm(np.ptp(arrays["vertices"], axis=0))),
             repairs=repairs,
             content_hash=arrays["content_hash"].tobytes().decode(),
@@ -329,6 +335,6 @@ class ObjectModel(SimpleBodies):
             surface_sigma=options.surface_sigma,
             scale_sigma=options.scale_sigma,
         )
-        for array in (*arrays.values(), center, inertia, known.poses):
+        for array in (*arrays.values(), center, inertia, known.poses, known.likenesses):
             array.setflags(write=False)
         return model

@@ -89,7 +89,7 @@ def symmetry_group(symmetries: Iterable[RotationalSymmetry]) -> FloatArray:
     generators = np.empty((0, 3, 4))
     for symmetry in symmetries:
         generator = symmetry.poses()[-1:]
-        if not np.any(_same_rotation(group, generator)):
+        if not np.any(are_alike(group, generator)):
             generators = np.concatenate([generators, generator])
             group = _closure(group, generators)
     return group
@@ -114,8 +114,8 @@ def _closure(group: FloatArray, generators: FloatArray) -> FloatArray:
     new = group
     while len(new):
         products = compose(new[:, None], generators[None]).reshape(-1, 3, 4)
-        products = products[~np.any(_same_rotation(group, products), axis=0)]
-        new = products[~np.any(np.triu(_same_rotation(products, products), k=1), axis=0)]
+        products = products[~np.any(are_alike(group, products), axis=0)]
+        new = products[~np.any(np.triu(are_alike(products, products), k=1), axis=0)]
         group = np.concatenate([group, new])
         if len(group) > _LARGEST_GROUP:
             raise InvalidInputError(
@@ -124,7 +124,7 @@ def _closure(group: FloatArray, generators: FloatArray) -> FloatArray:
     return group
 
 
-def _same_rotation(X_a: FloatArray, X_b: FloatArray) -> NDArray[np.bool_]:
+def are_alike(X_a: FloatArray, X_b: FloatArray) -> NDArray[np.bool_]:
     """Which rotations of poses (n, 3, 4) and (m, 3, 4) are at most 5 degrees apart, shape (n, m)."""
     trace = np.einsum("aij,bij->ab", X_a[..., :3], X_b[..., :3])
     same: NDArray[np.bool_] = trace >= 1.0 + 2.0 * np.cos(np.radians(5.0))

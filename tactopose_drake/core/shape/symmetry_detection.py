@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.poses import identity_poses
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.shape.symmetry import CONTINUOUS, RotationalSymmetry, symmetry_group
@@ -26,6 +27,10 @@ _USUAL = SymmetryDetectionParams()
 # Thresholds of near symmetries, such as those of a scanned can: shares of the size and of the mean distance from the
 # longest axis, and the largest distance over the first.
 _NEAR_TOLERANCE, _NEAR_RADIUS_SHARE, _NEAR_OUTLIER_FACTOR = 0.025, 0.1, 2.0
+# Thresholds of likenesses. These are only tried, so they may be wide; noise of a scan tilts its faces by tens of
+# degrees.
+_ALIKE_TOLERANCE, _ALIKE_RADIUS_SHARE, _ALIKE_ANGLE, _ALIKE_MOMENTS = 0.04, 0.15, np.radians(45.0), 0.1
+_CUBE_S_GROUP = 24  # number of rotations that leave a cube unchanged
 # Orders that are tried for a body with three equal moments; the others are multiples. The finite rotation groups have
 # orders up to 5, but a prism about as high as it is wide has such moments too.
 _ORDERS_OF_THREE_EQUAL = (5, 4, 3, 2, 7, 11, 13, 17, 19, 23, 29)
@@ -130,6 +135,49 @@ def detect_near_symmetries(
         if not meant and judge.turns_freely(axis):
             return (RotationalSymmetry(axis, centroid, CONTINUOUS),)
     return ()
+
+
+def detect_likenesses(
+    samples: SurfaceSamples,
+    grid: DistanceGrid,
+    centroid: FloatArray,
+    inertia: FloatArray,
+    size: float,
+    found: Iterable[RotationalSymmetry],
+    params: SymmetryDetectionParams = _USUAL,
+) -> FloatArray:
+    """The rotations that leave the object roughly unchanged, as poses X_OO', the identity first, shape (n, 3, 4).
+
+    Examples are those of a cube for a die, or for a noisy scan of a cube. A rotation counts if the 95th percentile of
+    the samples' distances is at most 4 % of the size and 15 % of their mean distance from the longest axis, the largest
+    12 % of the size, and the median angle between the normals 45 degrees.
+
+    The identity alone is returned if all moments of inertia differ by more than 10 %, as only half turns about the
+    principal axes could be such rotations; if every rotation about an axis counts, as their number is not finite; and
+    if the symmetries are as many as those of a cube, as larger groups hardly contain them.
+
+    Args:
+        samples: points on the surface, in O.
+        grid: the signed distance grid.
+        centroid: the volume's centroid, through which all axes pass, shape (3,), m.
+        inertia: uniform density, about the centroid, shape (3, 3).
+        size: diagonal of the bounding box, m.
+        found: the result of `detect_symmetries`.
+        params: how thoroughly axes are searched for; the thresholds are widened.
+    """
+    loose = replace(
+        params,
+        tolerance=max(_ALIKE_TOLERANCE, params.tolerance),
+        radius_share=max(_ALIKE_RADIUS_SHARE, params.radius_share),
+        normal_angle=_ALIKE_ANGLE,
+        continuous_normal_angle=_ALIKE_ANGLE,
+        equal_moments=max(_ALIKE_MOMENTS, params.equal_moments),
+    )
+    moments, _ = np.linalg.eigh(inertia)
+    if len(symmetry_group(found)) >= _CUBE_S_GROUP or not _others_alike(moments, loose).any():
+        return identity_poses(1)
+    alike = detect_symmetries(samples, grid, centroid, inertia, size, loose)
+    return identity_poses(1) if any(symmetry.is_continuous for symmetry in alike) else symmetry_group(alike)
 
 
 def _others_alike(moments: FloatArray, params: SymmetryDetectionParams) -> NDArray[np.bool_]:

@@ -27,6 +27,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.resources import model_path
+from tests.core.meshes import die
 
 
 def random_pose(generator: np.random.Generator) -> np.ndarray:
@@ -53,7 +54,7 @@ def test_the_best_poses_are_tried_in_the_images_that_the_touch_may_tell_apart_to
         contacts = Contacts(np.zeros((2, 3)), sigma_position=np.array([sigma, 0.02]))
         tried = PairSearch(model=model, contacts=contacts)._with_images(X)
         np.testing.assert_array_equal(tried[:3], X)
-        assert len(tried) == 3 + 2 * (len(told_apart) + len(model.half_turns))
+        assert len(tried) == 3 + 2 * (len(told_apart) + len(model.half_turns) + len(model.likenesses))
         for image in told_apart:
             wanted = compose(X[:2], model.symmetry_poses[image])
             assert np.abs(tried - wanted[:, None]).max(axis=(2, 3)).min(axis=1).max() < 1e-12
@@ -271,6 +272,20 @@ def test_of_nearly_equal_images_the_better_one_is_found() -> None:
         worse += other > least + 0.5
         assert search(box, contacts).cost[0] <= least + 0.05
     assert worse > 8
+
+
+def test_a_touch_that_fits_a_die_in_all_its_orientations_is_found_in_each() -> None:
+    model = ObjectModel.from_mesh(die())
+    assert len(model.symmetry_poses) == 1
+    for seed in range(3):
+        generator = np.random.default_rng(seed)
+        X_PO = random_pose(generator)
+        found = search(model, touch_surface(model, X_PO, 5, generator), seed)
+        likely = found.X_PO[found.cost < found.cost[0] + 10.0]
+        images = compose(X_PO, np.concatenate([np.eye(3, 4)[None], model.likenesses]))
+        assert len(images) == 24
+        off = np.stack([rotation_angles(likely[:, :, :3], image[:, :3]).min() for image in images])
+        assert off.max() < np.radians(15.0)
 
 
 def test_near_a_prior_contacts_without_normals_are_looked_up_more_widely(blob: ObjectModel) -> None:

@@ -65,6 +65,7 @@ CHANGES = {
     "inertia": [np.nan, 0.0, -1e-3, 1e300, 1.0],
     "symmetry_poses": [np.nan, 1e300, 0.0],
     "symmetry_misfits": [np.nan, -1e-3, 1e300],
+    "likenesses": [np.nan, 1e300, 0.0],
     "repairs": [0, 255],
     "content_hash": [0],
 }

@@ -67,6 +67,7 @@ def all_arrays(model: ObjectModel) -> dict[str, np.ndarray]:
         "inertia": model.inertia,
         "symmetry_poses": model.symmetry_poses,
         "symmetry_misfits": model.symmetry_misfits,
+        "likenesses": model.likenesses,
         "coarse_values": model.coarse_field.values,
         "coarse_origin": model.coarse_field.origin,
     }

@@ -8,9 +8,9 @@ from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples, sample_surface
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
-from tactopose_drake.core.shape.symmetry_detection import detect_near_symmetries, detect_symmetries
+from tactopose_drake.core.shape.symmetry_detection import detect_likenesses, detect_near_symmetries, detect_symmetries
 from tactopose_drake.core.shape.symmetry_judge import SymmetryDetectionParams
-from tests.core.meshes import arrays, ball, create, cube, joined, random_pose, scanned_can, shape_poor_in_symmetry
+from tests.core.meshes import arrays, ball, create, cube, die, joined, random_pose, scanned_can, shape_poor_in_symmetry
 
 Z = np.array([0.0, 0.0, 1.0])
 
@@ -203,3 +203,32 @@ NOT_NEARLY = {
 @pytest.mark.parametrize("mesh", NOT_NEARLY.values(), ids=NOT_NEARLY)
 def test_what_is_meant_to_be_so_is_not_nearly_round(mesh: trimesh.Trimesh) -> None:
     assert near_symmetries_of(mesh) == ()
+
+
+def noisy_nut() -> trimesh.Trimesh:
+    nut = create.annulus(0.012, 0.02, 0.019, sections=6).subdivide().subdivide().subdivide()
+    nut.vertices += np.random.default_rng(0).normal(scale=3e-4, size=nut.vertices.shape)
+    return nut
+
+
+LIKENESSES = {
+    "die": (die(), 24),
+    "noisy_nut": (noisy_nut(), 12),
+    "box": (create.box((0.05, 0.08, 0.12)), 1),  # half turns alone, about its principal axes
+    "scanned_can": (scanned_can(), 1),  # any rotation about its axis
+    "ball": (ball(), 1),
+    "cube": (cube(), 1),  # all are symmetries
+}
+
+
+@pytest.mark.parametrize(("mesh", "count"), LIKENESSES.values(), ids=LIKENESSES)
+def test_likenesses_are_the_rotations_that_leave_the_object_roughly_unchanged(
+    mesh: trimesh.Trimesh, count: int
+) -> None:
+    samples, grid, centroid, *rest = shape_of(mesh.apply_transform(random_pose(np.random.default_rng(5))))
+    found = detect_symmetries(samples, grid, centroid, *rest)
+    likenesses = detect_likenesses(samples, grid, centroid, *rest, found)
+    np.testing.assert_array_equal(likenesses[0], np.eye(3, 4))
+    assert len(likenesses) == count
+    off = np.abs(grid.distance(transform_points(likenesses, samples.points)))
+    assert np.percentile(off, 95, axis=1).max() < 0.04 * 0.11
