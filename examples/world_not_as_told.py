@@ -83,6 +83,21 @@ WORLDS = {
 }
 
 
+@dataclasses.dataclass(frozen=True)
+class Touch:
+    """A touch of an object, and what the estimate is told.
+
+    Attributes:
+        X_PO: the true pose, shape (3, 4).
+        contacts: the measured contacts, with the noise that the estimate assumes.
+        prior: prior of the pose, or None.
+    """
+
+    X_PO: Array
+    contacts: tp.Contacts
+    prior: tp.PosePrior | None
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Trial:
     """The result of one estimate.
@@ -104,8 +119,8 @@ class Trial:
     seconds: float
 
 
-def run_trial(model: tp.ObjectModel, world: World, seed: int, count: int, has_prior: bool) -> Trial:
-    """Touches the object in its world, estimates its pose, and compares."""
+def touch_object(model: tp.ObjectModel, world: World, seed: int, count: int, has_prior: bool) -> Touch:
+    """Touches the object in its world."""
     generator = np.random.default_rng([seed, 77])
     X_PO = make_poses(random_rotations(generator, 1), 0.05 * generator.normal(size=(1, 3)))[0]
     prior = tp.PosePrior(X_PO)
@@ -116,18 +131,33 @@ def run_trial(model: tp.ObjectModel, world: World, seed: int, count: int, has_pr
     # The object is scaled about its centre of mass.
     p_PC += (world.scale - 1.0) * (p_PC - X_PO[:, 3] - X_PO[:, :3] @ model.center_of_mass)
     world.change(generator, p_PC, n_PC)
-    contacts = tp.Contacts(p_PC, n_PC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
+    return Touch(X_PO, tp.Contacts(p_PC, n_PC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL), prior)
+
+
+def is_right(model: tp.ObjectModel, X_PO: Array, X_true: Array) -> bool:
+    """Whether a pose (3, 4) is right, given the true one."""
+    near = least_error(model, X_PO, X_true)
+    return bool(np.linalg.norm(near[3:]) < RIGHT[0] and np.linalg.norm(near[:3]) < RIGHT[1])
+
+
+def is_beyond(model: tp.ObjectModel, X_PO: Array, covariance: Array, X_true: Array) -> bool:
+    """Whether the true pose (3, 4) is outside of the 99.9 % ellipsoid of a pose (3, 4) and its covariance (6, 6)."""
+    information = np.linalg.inv(covariance)
+    error = nearest_increments(model, X_PO, information, X_true[None])[0]
+    return float(error @ information @ error) > BEYOND
+
+
+def run_trial(model: tp.ObjectModel, world: World, seed: int, count: int, has_prior: bool) -> Trial:
+    """Touches the object in its world, estimates its pose, and compares."""
+    touch = touch_object(model, world, seed, count, has_prior)
     started = time.process_time()
-    estimate = tp.estimate_pose(model, contacts, prior=prior, seed=seed)
+    estimate = tp.estimate_pose(model, touch.contacts, prior=touch.prior, seed=seed)
     seconds = time.process_time() - started
-    best = estimate.best
-    information = np.linalg.inv(best.covariance)
-    error = nearest_increments(model, best.X_PO.GetAsMatrix34(), information, X_PO[None])[0]
-    near = least_error(model, best.X_PO.GetAsMatrix34(), X_PO)
+    best, X_PO = estimate.best, touch.X_PO
     return Trial(
-        right=bool(np.linalg.norm(near[3:]) < RIGHT[0] and np.linalg.norm(near[:3]) < RIGHT[1]),
+        right=is_right(model, best.X_PO.GetAsMatrix34(), X_PO),
         sure=best.probability > SURE,
-        beyond=float(error @ information @ error) > BEYOND,
+        beyond=is_beyond(model, best.X_PO.GetAsMatrix34(), best.covariance, X_PO),
         held=bool(region_holds(model, estimate, X_PO[None], [SURE])[0, 0]),
         status=estimate.status,
         seconds=seconds,

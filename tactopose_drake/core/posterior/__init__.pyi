@@ -1,3 +1,5 @@
+from .alike_modes import indistinct_images as indistinct_images
+from .alike_modes import join_alike as join_alike
 from .cramer_rao import cramer_rao_bound as cramer_rao_bound
 from .gaussian_mixture import GaussianMixture as GaussianMixture
 from .hypotheses import Modes as Modes
@@ -13,3 +15,5 @@ from .plausibility import explain_touch as explain_touch
 from .plausibility import may_be_touched as may_be_touched
 from .posterior import make_posterior as make_posterior
 from .posterior_params import ModeParams as ModeParams
+from .posterior_params import PosteriorParams as PosteriorParams
+from .posterior_params import SamplingParams as SamplingParams
