@@ -49,9 +49,7 @@ def read_points(path: Path) -> Array:
     except (IndexError, ValueError):
         count, points = -1, np.empty((0, 3))
     if points.shape != (count, 3) or not np.isfinite(points).all():
-        raise SystemExit(
-            f"{path}: must be a list of points: a line OFF, one with their number n, and n lines of x y z."
-        )
+        raise SystemExit(f"{path} must be a list of points: a line OFF, one with their number n, and n lines of x y z.")
     return points
 
 

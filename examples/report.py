@@ -32,7 +32,7 @@ def main(is_full: bool, only: tuple[str, ...], jobs: int, out: Path) -> None:
     """Reruns the tables and figures of the thesis, and puts them on one page."""
     names = [section.name for section in SECTIONS]
     if unknown := sorted(set(only) - set(names)):
-        raise click.UsageError(f"--only {unknown[0]}: is no section; sections are {', '.join(names)}.")
+        raise click.UsageError(f"--only must be one of the sections {', '.join(names)}, not {unknown[0]!r}.")
     out.mkdir(parents=True, exist_ok=True)
     chosen = [section for section in SECTIONS if not only or section.name in only]
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()

@@ -29,10 +29,17 @@ def shown(value: object) -> str:
     try:
         text = " ".join(line.strip() for line in repr(value).splitlines())
     except ValueError:  # Python refuses to print integers of thousands of digits.
-        return f"a {type(value).__name__}"
+        return kind_name(type(value))
     if len(text) < _LONG:
         return text
-    return f"{text[:_BEGINNING]}..." if isinstance(value, str) else f"a {type(value).__name__}"
+    return f"{text[:_BEGINNING]}..." if isinstance(value, str) else kind_name(type(value))
+
+
+def kind_name(kind: type) -> str:
+    """A type as error messages name it: "a Patch", "an int", or "None"."""
+    if kind is type(None):
+        return "None"
+    return f"{'an' if kind.__name__[0] in 'AEIOaeio' or kind.__name__ == 'ndarray' else 'a'} {kind.__name__}"
 
 
 class TactoposeError(Exception):
@@ -70,7 +77,9 @@ class UnknownNameError(InvalidInputError):
     """A name that is not one of those that exist."""
 
     def __init__(self, what: str, name: object, valid: Iterable[str]) -> None:
-        super().__init__(f"{what}: {shown(name)} is unknown; valid names: {', '.join(valid) or 'none'}.")
+        names = ", ".join(valid)
+        allowed = f"one of {names}" if names else "left out, as there is nothing that it could name"
+        super().__init__(f"{what} must be {allowed}, not {shown(name)}.")
 
 
 class InvalidFileError(InvalidInputError):

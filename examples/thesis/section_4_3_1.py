@@ -202,7 +202,7 @@ def main(
         raise click.ClickException(str(error)) from error
     console, all_results = Console(), []
     if len(kept):
-        console.print(f"{journal}: has {len(kept)} trials of earlier runs.")
+        console.print(f"{journal} has {len(kept)} trials of earlier runs.")
     for experiment, slow in zip((CORRECTION, GLOBAL), zip(thesis_trials, likelihood_trials, strict=True), strict=True):
         library = make_library(experiment.object, trials, grasps)
         model = make_scenario(experiment.object).object_model()

@@ -60,7 +60,7 @@ class TrialJournal:
                 numbers = tuple(math.nan if value is None else float(value) for value in key.pop("numbers"))
                 self._numbers[_tuple(key)] = numbers
             except (ValueError, TypeError, AttributeError, KeyError) as error:
-                raise InvalidInputError(f"{path}:{number}: must be a trial as this program writes it.") from error
+                raise InvalidInputError(f"{path}: line {number} must be a trial as this program writes it.") from error
 
 
 def _tuple(key: Key) -> tuple[tuple[str, str | int], ...]:

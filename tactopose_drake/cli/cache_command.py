@@ -21,7 +21,7 @@ def cache_command(clear: bool) -> None:
     folder, files = model_cache.cache_folder(), model_cache.cached_files()
     if folder.exists() and not folder.is_dir():
         raise InvalidInputError(
-            f"{model_cache.FOLDER_VARIABLE}: is {folder}, which is not a folder: nothing is cached."
+            f"{model_cache.FOLDER_VARIABLE} must be a folder, not {folder}, which is none: nothing is cached."
         )
     if clear:
         size = model_cache.clear()

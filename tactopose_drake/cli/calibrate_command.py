@@ -84,7 +84,7 @@ def calibrate(hand: str, name: str, scale: float, folder: Path, out: Path, html:
 def _grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:
     """Reads the grasps of a folder, from files and recordings in it."""
     if (folder / MANIFEST).is_file():
-        raise InvalidInputError(f"{folder}: is a recording itself; allowed is a folder that holds one for each grasp.")
+        raise InvalidInputError(f"{folder} must be a folder that holds a recording for each grasp, not one itself.")
     recordings = sorted(path.parent for path in folder.glob(f"*/{MANIFEST}")) if folder.is_dir() else []
     has_files = any(path.suffix.lower() in GRASP_ENDINGS for path in folder.iterdir()) if recordings else True
     files = load_grasps(folder, model) if has_files else ()

@@ -39,7 +39,7 @@ def check_hand_command(hand: str, html: Path | None, cells: Path | None) -> None
     if cells is not None and check.parts is not None:
         _save_cells(cells, check.parts.hand.config.pads)
     for fault in check.faults:
-        named = fault.text.startswith(f"{hand}: ")
+        named = fault.text.startswith((f"{hand}: ", f"{hand} "))
         ERRORS.print(f"error: {fault.text if named else f'{hand}: {fault.part}: {fault.text}'}.", style="red")
     if check.faults:
         raise click.exceptions.Exit(2)
@@ -51,7 +51,7 @@ def _save_cells(path: Path, pads: list[PadConfig]) -> None:
     for pad in pads:
         arrays.setdefault(pad.array, []).append(pad.name)
     if not arrays:
-        OUT.print(f"{path}: not written, since the hand has no tactile pads.", style="yellow", soft_wrap=True)
+        OUT.print(f"{path} is not written, since the hand has no tactile pads.", style="yellow", soft_wrap=True)
         return
     rows = {f"{', '.join(names)} ({Path(array).stem})": array for array, names in arrays.items()}
     save_layout_picture(path, {row: load_tactile_pad(array).layout for row, array in rows.items()})

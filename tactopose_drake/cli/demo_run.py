@@ -177,8 +177,8 @@ def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        reason = "is a file" if folder.is_file() else f"cannot be made ({error.strerror})"
-        raise InvalidFileError(f"{folder}: {reason}; allowed is a folder, which may be new.") from None
+        given = "not a file" if folder.is_file() else f"but cannot be made ({error.strerror})"
+        raise InvalidFileError(f"{folder} must be a folder, which may be new, {given}.") from None
 
 
 def save_demo(

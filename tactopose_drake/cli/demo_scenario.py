@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from tactopose_drake.core.validation import either
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.resources import shipped_objects
@@ -31,13 +32,13 @@ def demo_scenario(hand: str, name: str | None, seed: int, folder: Path, scale: f
     scenario = load_scenario(hand) if hand in _WITH_SCENARIO else None
     if scenario is not None and scenario.grip is not None and name is not None and name not in scenario.grip.X_PO:
         raise InvalidInputError(
-            f"--object: is {name!r}, which the hand {hand!r} cannot hold, because it closes without a plan; allowed "
-            f"with it are {', '.join(sorted(scenario.grip.X_PO))}. Other hands plan grasps of any object."
+            f"--object must be one that the hand {hand!r} can hold, which closes without a plan: "
+            f"{either(sorted(scenario.grip.X_PO))}, not {name!r}. Other hands plan grasps of any object."
         )
     if name is not None and name not in shipped_objects():
         name = str(write_simulated_object(load_object(name, scale=scale, mass=mass), folder))
     elif scale != 1.0 or mass is not None:
-        raise InvalidInputError("--scale, --mass: are given; allowed only if --object is a file's path.")
+        raise InvalidInputError("--scale and --mass must be left out unless --object is a file's path.")
     if scenario is None:
         return scenario_for(hand, name or _OBJECT, seed)
     scenario.object, scenario.seed = name or scenario.object, seed

@@ -96,7 +96,9 @@ def estimate(
     with _progress(f"reading {name}"):
         model = _load(mesh, scale, symmetry, mass)
     if balance is not None and not model.mass_is_known:
-        raise InvalidInputError(f"--gravity: the mass of {name} is not known; give it by `--mass`, kg.")
+        raise InvalidInputError(
+            f"--gravity must come with a mass, but that of {name} is not known. Give it by `--mass`, kg."
+        )
     searching = _progress("searching (the first run on a machine compiles its kernels, about a minute)")
     with searching, naming_contacts_of(contacts_file):
         found = estimate_pose(

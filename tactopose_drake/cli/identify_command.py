@@ -63,7 +63,7 @@ def identify_command(
     """Identifies the touched object among those of a library; it may be none of them."""
     contacts, patches, planes = load_touch(contacts_file)
     if planes:
-        raise InvalidFileError(f"{contacts_file}: planes: are not used to identify objects; must be left out.")
+        raise InvalidFileError(f"{contacts_file}: planes must be left out, as they are not used to identify objects.")
     check_prior("--unknown-prior", unknown_prior)
     check_outputs((out,), inputs=(folder, contacts_file))
     with contextlib.nullcontext() if jobs == 1 else processes(jobs) as executor:

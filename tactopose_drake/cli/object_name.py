@@ -24,8 +24,8 @@ class _ObjectName(click.ParamType[str]):
         is_word = Path(value).name == value and not Path(value).suffix
         if is_word and value not in shipped_objects() and not os.path.exists(value):
             raise InvalidInputError(
-                f"--object: is {value!r}; allowed are the package's objects, {', '.join(shipped_objects())}, and a "
-                "mesh or model by its path, including the suffix."
+                f"--object must be one of the package's objects, {', '.join(shipped_objects())}, or a mesh or model by "
+                f"its path, including the suffix, not {value!r}."
             )
         return str(value)
 

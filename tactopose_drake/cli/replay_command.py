@@ -52,7 +52,7 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | 
         OUT.print(played.difference, style="yellow", soft_wrap=True, markup=False)
     title = f"{grasp_title(loaded)}: recording {log.absolute().name}"
     if page is not None and html is not None and not page.save(html, title):
-        OUT.print(f"{html}: not written, since there was no estimate.", style="yellow", soft_wrap=True)
+        OUT.print(f"{html} is not written, since there was no estimate.", style="yellow", soft_wrap=True)
         written.remove(html)
     print_written(written, earlier)
     print_end(played.view)

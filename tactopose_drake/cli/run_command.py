@@ -76,7 +76,7 @@ def run(
 
 def _recorder(scenario: Scenario) -> PageRecorder:
     if isinstance(scenario.senses, LcmSenses | Ros2Senses):
-        raise InvalidInputError("--html, --picture: are given; must be left out if the senses are messages.")
+        raise InvalidInputError("--html and --picture must be left out if the senses are messages.")
     return PageRecorder(scenario, scenario.object_model())
 
 
@@ -88,7 +88,7 @@ def _save(drawn: PageRecorder, html: Path | None, picture: Path | None, title: s
     if picture is not None:
         is_written[picture] = drawn.save_picture(picture)
     for path in (path for path, done in is_written.items() if not done):
-        OUT.print(f"{path}: not written, since there was no estimate.", style="yellow", soft_wrap=True)
+        OUT.print(f"{path} is not written, since there was no estimate.", style="yellow", soft_wrap=True)
     return [path for path, done in is_written.items() if done]
 
 

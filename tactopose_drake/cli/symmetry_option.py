@@ -24,8 +24,8 @@ def parse_symmetries(texts: Sequence[str], middle: FloatArray) -> tuple[Rotation
     for name in ("auto", "none"):
         if name in texts:
             raise InvalidInputError(
-                f"--symmetry: has {name!r} and {len(texts) - 1} more; {name} stands alone, and allowed together are "
-                "axes such as z, z:4 or 0,0.6,0.8:2."
+                f"--symmetry must be {name} alone, or axes such as z, z:4 or 0,0.6,0.8:2, not {name} and "
+                f"{len(texts) - 1} more."
             )
     return tuple(_parse(text, middle) for text in texts)
 
@@ -40,5 +40,5 @@ def _parse(text: str, middle: FloatArray) -> RotationalSymmetry:
         return RotationalSymmetry(axis / length, middle, int(order) if order else 0)
     except ValueError:
         raise InvalidInputError(
-            f"--symmetry: is {text!r}; allowed are auto, none, and axes such as z, z:4 or 0,0.6,0.8:2."
+            f"--symmetry must be auto, none, or axes such as z, z:4 or 0,0.6,0.8:2, not {text!r}."
         ) from None

@@ -64,7 +64,7 @@ class _Lean(CPUDispatcher):
         counts = self.targetoptions["_nrt"] = _makes_arrays(self.py_func)
         entry = super().compile(sig)
         if not counts and any(_holds_arrays(signature.return_type) for signature in self.nopython_signatures):
-            raise TypeError(f"{self.py_func}: returns an array that is not its own.")
+            raise TypeError(f"{self.py_func} must return an array of its own, not one that it is given.")
         return entry
 
 

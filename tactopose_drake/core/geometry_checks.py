@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from tactopose_drake.core.number_kinds import entry_of
 from tactopose_drake.core.validation import FloatArray, check_finite, finite_array, is_between, number_array
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.errors import InvalidInputError, shown
 
 # Coordinates, m, and components of unit vectors are rounded to multiples of this: about 1e-9, and exact in binary.
 _STEP = 2.0**-30
@@ -35,7 +35,7 @@ def points_near(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> F
 
 def _far_off(name: str, point: FloatArray, most: float = FARTHEST) -> InvalidInputError:
     return InvalidInputError(
-        f"{name}: is {point.tolist()}, in metres; allowed are coordinates up to {most:g} m. "
+        f"{name} must have coordinates from {-most:g} to {most:g} m, not {point.tolist()} m. "
         "Multiply by 0.001 what is in millimetres."
     )
 
@@ -55,7 +55,7 @@ def unit_vectors(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     if rows.size and worst.max() > _UNIT_TOLERANCE:
         index = np.unravel_index(int(worst.argmax()), worst.shape)
         raise InvalidInputError(
-            f"{entry_of(name, index)}: has length {length[index]:.6g}; allowed is 1 within {_UNIT_TOLERANCE:g}."
+            f"{entry_of(name, index)} must have the length 1 within {_UNIT_TOLERANCE:g}, not {length[index]:.6g}."
         )
     unit: FloatArray = rows / length[..., None]
     return unit
@@ -81,10 +81,10 @@ def pose_matrix(name: str, value: object) -> FloatArray:
     X = finite_array(name, matrix, (3, 4), (4, 4))
     R = X[:3, :3]
     if not _is_rotation(R.T.tolist()):
-        raise InvalidInputError(f"{name}: its left 3x3 block is not a rotation matrix.")
+        raise InvalidInputError(f"{name} must have a rotation matrix as its left 3x3 block, not {shown(R.tolist())}.")
     if len(X) == 4 and np.abs(X[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
         raise InvalidInputError(
-            f"{name}: its last row is {X[3].tolist()}; allowed is [0, 0, 0, 1]. Transpose a matrix of columns."
+            f"{name} must have the last row [0, 0, 0, 1], not {X[3].tolist()}. Transpose a matrix of columns."
         )
     return X[:3].copy()
 

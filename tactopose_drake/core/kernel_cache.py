@@ -131,7 +131,7 @@ def own_folder() -> Path:
         folder.mkdir(mode=0o700)
     found = folder.lstat()
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
-        raise PermissionError(f"{folder}: is not this user's alone.")
+        raise PermissionError(f"{folder} is not this user's alone.")
     return folder
 
 

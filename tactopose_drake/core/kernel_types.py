@@ -85,7 +85,7 @@ def numba_type(annotation: Any) -> types.Type:
     if is_named_tuple(annotation):
         hints = typing.get_type_hints(annotation, include_extras=True)
         return types.BaseTuple.from_types([numba_type(hints[name]) for name in annotation._fields], annotation)
-    raise TypeError(f"{annotation}: must stand for the type of a kernel's argument.")
+    raise TypeError(f"{annotation} must stand for the type of a kernel's argument.")
 
 
 def is_named_tuple(annotation: Any) -> bool:

@@ -15,42 +15,44 @@ from tactopose_drake.errors import InvalidInputError, shown
 _DEEPEST = 8  # nesting of lists
 
 
-def as_numbers(name: str, value: object) -> np.ndarray[Any, Any]:
+def as_numbers(name: str, value: object, allowed: str) -> np.ndarray[Any, Any]:
     """Returns `value` as an array of integers or floats of any width.
+
+    `allowed` says in messages what it must do, such as "be a number" or "consist of numbers".
 
     Raises:
         InvalidInputError: if it contains anything but numbers, or if it is ragged.
     """
     try:
-        _check_numbers(name, value)
+        _check_numbers(name, value, allowed)
         array = np.asarray(value)
         if array.dtype.kind == "O" and _are_large(value):
             array = array.astype(np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         if isinstance(error, InvalidInputError):
             raise
-        raise InvalidInputError(f"{name}: not an array of numbers ({error}).") from None
+        raise InvalidInputError(f"{name} must {allowed} ({error}).") from None
     if array.dtype.kind not in "iuf":
-        raise InvalidInputError(f"{name}: not an array of numbers (it is of type {array.dtype}).")
+        raise InvalidInputError(f"{name} must {allowed}, not {shown(value)} of type {array.dtype}.")
     return array
 
 
-def _check_numbers(name: str, value: object, depth: int = 0) -> None:
+def _check_numbers(name: str, value: object, allowed: str, depth: int = 0) -> None:
     """Raises if a value contains anything but numbers, some of which numpy would silently convert."""
     if isinstance(value, np.ma.MaskedArray):
         masked = np.argwhere(np.ma.getmaskarray(value))
         if len(masked):
-            raise InvalidInputError(f"{entry_of(name, masked[0])}: is masked; allowed are finite numbers.")
+            raise InvalidInputError(f"{entry_of(name, masked[0])} must be a finite number, not masked.")
     elif isinstance(value, list | tuple):
         if depth > _DEEPEST:
-            raise ValueError(f"lists in lists, more than {_DEEPEST} deep")
+            raise InvalidInputError(f"{name} must be a number, not another list, {depth + 1} deep.")
         for i, entry in enumerate(value):
             if type(entry) is not float:
-                _check_numbers(f"{name}[{i}]", entry, depth + 1)
+                _check_numbers(f"{name}[{i}]", entry, "be a number", depth + 1)
     elif value is None or isinstance(value, str | bytes | bytearray | bool | np.bool_):
-        raise TypeError(f"{name} is {shown(value)}")
+        raise InvalidInputError(f"{name} must {allowed}, not {shown(value)}.")
     elif isinstance(value, np.ndarray) and value.dtype.kind not in "iufO":
-        raise TypeError(f"{name} is of type {value.dtype}")
+        raise InvalidInputError(f"{name} must {allowed}, not {shown(value)} of type {value.dtype}.")
 
 
 def _are_large(value: object) -> bool:

@@ -55,7 +55,7 @@ class PlainValue:
         known = [field.name for field in dataclasses.fields(cls) if field.repr]  # type: ignore[arg-type]
         for name in data:
             if name not in known:
-                raise UnknownNameError(f"{cls.__name__}.from_dict", name, known)
+                raise UnknownNameError(f"{cls.__name__}.from_dict: a key", name, known)
         try:
             made = cls(**data)
         except TypeError as error:

@@ -6,7 +6,7 @@
 import contextlib
 import numbers
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.number_kinds import as_numbers, entry_of
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.errors import kind_name as kind_name
 from tactopose_drake.errors import shown as shown
 
 FloatArray = NDArray[np.float64]
@@ -52,18 +53,17 @@ def check_finite(name: str, array: FloatArray) -> None:
     """Raises InvalidInputError that names the first entry that is NaN or infinite."""
     if not np.isfinite(array).all():
         bad = np.argwhere(~np.isfinite(array))[0]
-        raise InvalidInputError(f"{entry_of(name, bad)}: is {array[tuple(bad)]}; allowed are finite numbers.")
+        raise InvalidInputError(f"{entry_of(name, bad)} must be a finite number, not {array[tuple(bad)]}.")
 
 
 def number_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -> FloatArray:
     """The same as `finite_array`, but entries may be NaN and infinite."""
     if type(value) is np.ndarray and value.dtype.char == "d" and any(_fits(value.shape, shape) for shape in shapes):
         return np.array(value, dtype=np.float64, order="C")  # The common case, several times as fast.
-    array = as_numbers(name, value)
+    array = as_numbers(name, value, "be a number" if shapes == ((),) else "consist of numbers")
     if not any(_fits(array.shape, shape) for shape in shapes):
-        wanted = [str(shape).replace("None", "n") for shape in shapes]
-        allowed = f"is {wanted[0]}" if len(wanted) == 1 else f"are {' and '.join(wanted)}"
-        raise InvalidInputError(f"{name}: has shape {array.shape}; allowed {allowed}.")
+        wanted = either([str(shape).replace("None", "n") for shape in shapes])
+        raise InvalidInputError(f"{name} must have the shape {wanted}, not {array.shape}.")
     with np.errstate(over="ignore"):  # Numbers of a wider float beyond float64 become infinite.
         return np.array(array, dtype=np.float64, order="C")
 
@@ -114,12 +114,14 @@ def positive_numbers(
     check_finite(name, array)
     low = (array < 0.0) | ((array == 0.0) & (not allow_zero))
     outside = ((array < least) & (array > 0.0)) | (array > most)
+    span = f">= {least:g}" if np.isinf(most) else f"from {least:g} to {most:g}{unit and f' {unit}'}"
     for wrong, allowed in (
         (low, f"{'>=' if allow_zero else '>'} 0"),
-        (outside, f"from {least:g} to {most:g}{unit and f' {unit}'}{', and 0' if allow_zero and least > 0.0 else ''}"),
+        (outside, f"{span}{', or 0' if allow_zero and least > 0.0 else ''}"),
     ):
         if wrong.any():
-            raise InvalidInputError(f"{name}: is {array[wrong][0]:g}; allowed are numbers {allowed}.")
+            where = entry_of(name, np.argwhere(wrong)[0])
+            raise InvalidInputError(f"{where} must be a number {allowed}, not {array[wrong][0]:g}.")
     return array
 
 
@@ -133,8 +135,8 @@ def limited(name: str, value: ArrayLike, *shapes: tuple[int | None, ...], most: 
     if not is_between(array, -most, most):
         check_finite(name, array)
         beyond = np.argwhere(np.abs(array) > most)[0]
-        worst = array[tuple(beyond)]
-        raise InvalidInputError(f"{entry_of(name, beyond)}: is {worst:g}; allowed are numbers up to {most:g}.")
+        allowed = f"a number from {-most:g} to {most:g}"
+        raise InvalidInputError(f"{entry_of(name, beyond)} must be {allowed}, not {array[tuple(beyond)]:g}.")
     return array
 
 
@@ -144,13 +146,24 @@ def whole_number(name: str, value: object, *, least: int, most: int | None = Non
     Raises:
         InvalidInputError: if it is out of this range, or of another type; True and False are not integers.
     """
+    # A time is no number.
+    if isinstance(value, numbers.Integral) and not isinstance(value, bool | np.timedelta64):
+        value = int(value)
+        if least <= value and (most is None or value <= most):
+            return value
     allowed = f">= {least}" if most is None else f"from {least} to {most}"
-    if isinstance(value, bool | np.timedelta64) or not isinstance(value, numbers.Integral):  # A time is no number.
-        raise InvalidInputError(f"{name}: is {shown(value)}; allowed are integers {allowed}.")
-    number = int(value)
-    if number < least or (most is not None and number > most):
-        raise InvalidInputError(f"{name}: is {shown(number)}; allowed are integers {allowed}.")
-    return number
+    raise InvalidInputError(f"{name} must be an integer {allowed}, not {shown(value)}.")
+
+
+def check_count(name: str, count: int, of: str, *, most: int | None = None) -> None:
+    """Checks how many parts a value has; `of` names them, in the plural.
+
+    Raises:
+        InvalidInputError: if there is none, or more than `most`.
+    """
+    if not count or (most is not None and count > most):
+        allowed = "1 or more" if most is None else f"1 to {most}"
+        raise InvalidInputError(f"{name} must have {allowed} {of}, not {count}.")
 
 
 def flag(name: str, value: object) -> bool:
@@ -160,7 +173,7 @@ def flag(name: str, value: object) -> bool:
         InvalidInputError: if it is neither.
     """
     if not isinstance(value, bool | np.bool_):
-        raise InvalidInputError(f"{name}: is {shown(value)}; allowed are True and False.")
+        raise InvalidInputError(f"{name} must be True or False, not {shown(value)}.")
     return bool(value)
 
 
@@ -177,27 +190,33 @@ def known_name(what: str, value: object, valid: Iterable[str]) -> str:
 
 
 @contextlib.contextmanager
-def told_of(place: str) -> Iterator[None]:
+def told_of(place: str, kind: type[InvalidInputError] = InvalidInputError) -> Iterator[None]:
     """Prefixes errors raised inside with the place of the value.
 
     Raises:
-        InvalidInputError: for any such error raised inside.
+        InvalidInputError: of this kind, for any such error raised inside.
     """
     try:
         yield
     except InvalidInputError as error:
-        raise InvalidInputError(f"{place}{error}") from None
+        raise kind(f"{place}{error}") from None
 
 
-def instance_of(name: str, value: object, kind: type) -> None:
-    """Checks a value's type.
+def instance_of(name: str, value: object, *kinds: type) -> None:
+    """Checks that a value's type is one of these.
 
     Raises:
         InvalidInputError: if it is of another type.
     """
-    if not isinstance(value, kind):
-        article = "an" if kind.__name__[0] in "AEIO" else "a"
-        raise InvalidInputError(f"{name}: is a {type(value).__name__}; allowed is {article} {kind.__name__}.")
+    if not isinstance(value, kinds):
+        raise InvalidInputError(
+            f"{name} must be {either([kind_name(kind) for kind in kinds])}, not {kind_name(type(value))}."
+        )
+
+
+def either(choices: Sequence[str]) -> str:
+    """What is allowed, as messages list it: "x", "x or y", "x, y or z"."""
+    return " or ".join(filter(None, [", ".join(choices[:-1]), choices[-1]]))
 
 
 def path_of(name: str, value: object) -> Path:
@@ -207,5 +226,5 @@ def path_of(name: str, value: object) -> Path:
         InvalidInputError: if it is neither a string nor a path.
     """
     if not isinstance(value, str | os.PathLike):
-        raise InvalidInputError(f"{name}: is {shown(value)}; allowed is a path.")
+        raise InvalidInputError(f"{name} must be a path, not {shown(value)}.")
     return Path(value)

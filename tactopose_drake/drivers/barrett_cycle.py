@@ -64,7 +64,7 @@ class EncoderState:
                 may have.
         """
         if puck in self.restarted:
-            raise ProtocolError("position: counts from where the puck restarted, until the joint is initialized.")
+            raise ProtocolError("position counts from where the puck restarted, until the joint is initialized.")
         if puck not in FINGERS:
             return
         if joint is not None:
@@ -72,9 +72,9 @@ class EncoderState:
             return
         self._without[puck] += 1
         if puck in self._present:
-            raise ProtocolError("position: lacks the joint's encoder, which the puck has.")
+            raise ProtocolError("position lacks the joint's encoder, which the puck has.")
         if self._without[puck] < _BELIEVED:
-            raise ProtocolError("position: lacks the joint's encoder, and it is not yet sure that the puck has none.")
+            raise ProtocolError("position lacks the joint's encoder, and it is not yet sure that the puck has none.")
 
 
 class HandCycle:

@@ -10,7 +10,7 @@ from collections.abc import Generator, Sequence
 import can
 import numpy as np
 
-from tactopose_drake.core.validation import finite_array, positive_number, whole_number
+from tactopose_drake.core.validation import check_count, finite_array, positive_number, whole_number
 from tactopose_drake.drivers import barrett_protocol as protocol
 from tactopose_drake.drivers.barrett_cycle import FINGERS, Answer, EncoderState, HandCycle, HandSample
 from tactopose_drake.drivers.barrett_joints import STRAIN_POLYNOMIAL
@@ -69,12 +69,14 @@ class BarrettHand(Device[HandSample]):
             InvalidInputError: if an argument is out of its range.
         """
         if mode not in (TactileMode.FULL, TactileMode.TOP):
-            raise InvalidInputError(f"mode: is {TactileMode(mode).name}; allowed are FULL and TOP.")
+            raise InvalidInputError(f"mode must be FULL or TOP, not {TactileMode(mode).name}.")
         if len(strain_polynomials) != len(FINGERS):
-            raise InvalidInputError(f"strain_polynomials: are {len(strain_polynomials)}; allowed are 3.")
+            raise InvalidInputError(
+                f"strain_polynomials must be {len(FINGERS)} polynomials, not {len(strain_polynomials)}."
+            )
         for finger, polynomial in zip(FINGERS, strain_polynomials, strict=True):
-            if not len(finite_array(f"strain_polynomials, {finger.name}", polynomial, (None,))):
-                raise InvalidInputError(f"strain_polynomials, {finger.name}: is empty; allowed are coefficients.")
+            what = f"strain_polynomials[{finger.name}]"
+            check_count(what, len(finite_array(what, polynomial, (None,))), "coefficients")
         replies = {protocol.reply_identifier(puck, group) for puck in _NODES for group in ReplyGroup}
         super().__init__(bus, name, requests=frozenset({*_NODES, HAND_GROUP}), replies=frozenset(replies))
         self._mode, self._polynomials = mode, strain_polynomials
@@ -107,13 +109,13 @@ class BarrettHand(Device[HandSample]):
         identities = self.bus.wait_for(lambda: outcome[0] if outcome else None, timeout)
         if identities is None:
             state = self.status.removesuffix(".")
-            raise DeviceTimeoutError(f"{self.name}: was not tared within {timeout:g} s; its state: {state}.")
+            raise DeviceTimeoutError(f"{self.name} was not tared within {timeout:g} s; its state: {state}.")
         self._unread.clear()
         pressures = self.read(timeout).pressures
         working = {puck for puck, identity in identities.items() if identity != protocol.TACTILE_FAILED}
         working -= {puck for puck in Puck if np.isnan(pressures[puck - Puck.F1]).all()}
         if lost := [puck.name for puck in arrays if puck not in working]:
-            raise DeviceError(f"{self.name}: cannot be tared; silent, or failed, are the arrays of {', '.join(lost)}.")
+            raise DeviceError(f"{self.name} cannot be tared; silent, or failed, are the arrays of {', '.join(lost)}.")
 
     def initialize(self, puck: Puck) -> None:
         """MOVES a joint to its stops, which sets the zero of its positions, after the present round.
@@ -142,7 +144,7 @@ class BarrettHand(Device[HandSample]):
     def _command(self, command: Conversation) -> None:
         # Never queued for a hand that does not answer, because it could then move unexpectedly.
         if not self._sampling:
-            raise DeviceError(f"{self.name}: cannot be commanded; its state: {self.status.removesuffix('.')}.")
+            raise DeviceError(f"{self.name} cannot be commanded; its state: {self.status.removesuffix('.')}.")
         self._commands.append(command)
 
     def _tare(self, arrays: list[Puck], outcome: list[dict[int, int]]) -> Conversation:

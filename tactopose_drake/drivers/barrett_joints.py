@@ -78,7 +78,7 @@ def fingertip_torque(strain: int, polynomial: Sequence[float] = STRAIN_POLYNOMIA
         ProtocolError: if the reading does not have 12 bits.
     """
     if not 0 <= strain <= STRAIN_MAX:
-        raise ProtocolError(f"strain: is {strain}; allowed are 0 to {STRAIN_MAX}.")
+        raise ProtocolError(f"strain must be from 0 to {STRAIN_MAX}, not {strain}.")
     return float(np.polyval(polynomial, strain))
 
 
@@ -90,4 +90,4 @@ def strain_of(torque: float) -> int:
 
 def _within(name: str, count: int, largest: int) -> None:
     if abs(count) > largest:
-        raise ProtocolError(f"{name}: is {count} counts; allowed are -{largest} to {largest}.")
+        raise ProtocolError(f"{name} must be from -{largest} to {largest} counts, not {count}.")

@@ -96,7 +96,7 @@ def reply_identifier(puck: int, group: ReplyGroup) -> int:
 def split_reply(arbitration_id: int) -> tuple[int, ReplyGroup]:
     """The sender and the kind of a reply."""
     if not GROUP < arbitration_id < 2 * GROUP or arbitration_id & 0x1F not in {*ReplyGroup}:
-        raise ProtocolError(f"identifier: is {arbitration_id:#x}; allowed are those of replies to the host's groups.")
+        raise ProtocolError(f"identifier must be that of a reply to the host's groups, not {arbitration_id:#x}.")
     return arbitration_id >> 5 & 0x1F, ReplyGroup(arbitration_id & 0x1F)
 
 
@@ -108,7 +108,7 @@ def encode_value(name: Property, value: int) -> bytes:
 def decode_value(data: bytes) -> tuple[int, int]:
     """The number of the property of an ordinary reply, which may be missing in `Property`, and its value."""
     if len(data) not in (4, 6) or not data[0] & 0x80 or data[1] != 0:
-        raise ProtocolError(f"property value: is {data.hex()}; allowed are 80|property, 00, and 2 or 4 bytes.")
+        raise ProtocolError(f"property value must be 80|property, 00, and 2 or 4 bytes, not {data.hex()}.")
     return data[0] & 0x7F, int.from_bytes(data[2:], "little", signed=True)
 
 
@@ -126,7 +126,7 @@ def encode_position(motor: int, joint: int | None = None) -> bytes:
 def decode_position(data: bytes) -> tuple[int, int | None]:
     """Encoder counts of the motor, and of the joint if the puck has that encoder."""
     if len(data) not in (3, 6):
-        raise ProtocolError(f"position: has {len(data)} bytes; allowed are 3 and 6.")
+        raise ProtocolError(f"position must have 3 or 6 bytes, not {len(data)}.")
     motor, *joint = (_signed22(int.from_bytes(data[k : k + 3], "big")) for k in range(0, len(data), 3))
     return motor, joint[0] if joint else None
 

@@ -34,11 +34,11 @@ def encode_full(raw: RawCells) -> list[bytes]:
 def decode_full_frame(data: bytes) -> tuple[int, list[int]]:
     """The sequence number of one frame of a full reading, and its raw cells: five, or four in the last frame."""
     if len(data) != 8:
-        raise ProtocolError(f"tactile frame: has {len(data)} bytes; allowed are 8.")
+        raise ProtocolError(f"tactile frame must have 8 bytes, not {len(data)}.")
     word = int.from_bytes(data, "big")
     sequence = word >> 60
     if sequence >= FRAMES:
-        raise ProtocolError(f"tactile frame: has the sequence number {sequence}; allowed are 0 to {FRAMES - 1}.")
+        raise ProtocolError(f"tactile frame must have a sequence number from 0 to {FRAMES - 1}, not {sequence}.")
     cells = [word >> shift & 0xFFF for shift in (48, 36, 24, 12, 0)]
     return sequence, cells[: CELLS - CELLS_IN_FRAME * sequence]
 
@@ -60,11 +60,11 @@ def encode_top(levels: dict[int, int]) -> bytes:
 def decode_top(data: bytes) -> dict[int, int]:
     """The pressures of a short reading in N/cm^2, integers from 0 to 15, by cell, 0 to 23."""
     if len(data) != 8:
-        raise ProtocolError(f"tactile frame: has {len(data)} bytes; allowed are 8.")
+        raise ProtocolError(f"tactile frame must have 8 bytes, not {len(data)}.")
     mask = int.from_bytes(data[:3], "big")
     cells = [cell for cell in range(CELLS) if mask >> cell & 1]
     if len(cells) > TOP_CELLS:
-        raise ProtocolError(f"tactile frame: names {len(cells)} cells; must be at most {TOP_CELLS}.")
+        raise ProtocolError(f"tactile frame must name at most {TOP_CELLS} cells, not {len(cells)}.")
     levels = int.from_bytes(data[3:], "big")
     return {cell: levels >> 4 * (TOP_CELLS - 1 - k) & 0xF for k, cell in enumerate(cells)}
 
@@ -102,7 +102,7 @@ class FullReading:
         if sequence in (0, expected):
             self._raw = gathered + cells if sequence == expected else cells
         if sequence != expected:
-            raise ProtocolError(f"tactile frame: has the sequence number {sequence}; expected was {expected}.")
+            raise ProtocolError(f"tactile frame must have the sequence number {expected}, not {sequence}.")
         if len(self._raw) < CELLS:
             return None
         raw, self._raw = self._raw, []

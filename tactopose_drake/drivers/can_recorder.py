@@ -9,6 +9,7 @@ from typing import Self
 import can
 from can.io.blf import timestamp_to_systemtime
 
+from tactopose_drake.core.validation import either
 from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 
@@ -46,7 +47,7 @@ class CanRecorder:
             InvalidFileError: if the file cannot be written.
         """
         if path.suffix.lower() not in FORMATS:
-            raise InvalidInputError(f"log: {path} ends in {path.suffix!r}; allowed are {' and '.join(FORMATS)}.")
+            raise InvalidInputError(f"log must be a path that ends in {either(FORMATS)}, not {path}.")
         try:
             self._writer: can.BLFWriter | can.ASCWriter = (
                 can.BLFWriter(path, max_container_size=_BLF_CONTAINER)
@@ -54,7 +55,7 @@ class CanRecorder:
                 else _TextWriter(path)
             )
         except OSError as error:
-            raise InvalidFileError(f"{path}: {error}") from error
+            raise InvalidFileError(f"{path} cannot be written ({error.strerror or error}).") from error
         self.problem = ""
         self._path = path
         self._lock = threading.Lock()
@@ -106,7 +107,7 @@ class CanRecorder:
                 self._fail(error)
 
     def _fail(self, error: OSError) -> None:
-        self.problem = self.problem or f"{self._path}: ends after about {self._count} frames ({error.strerror})."
+        self.problem = self.problem or f"{self._path} ends after about {self._count} frames ({error.strerror})."
 
     def _date(self, writer: can.BLFWriter) -> None:
         """Writes the start time into the header, which python-can does only at the end, for logs that are cut off."""

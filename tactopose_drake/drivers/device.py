@@ -126,7 +126,7 @@ class Device(ABC, Generic[Sample]):
         sample = self.bus.wait_for(self._next_unread, timeout)
         if sample is None:
             state = self.status.removesuffix(".")  # Some statuses are sentences.
-            raise DeviceTimeoutError(f"{self.name}: gave no sample within {timeout:g} s; its state: {state}.")
+            raise DeviceTimeoutError(f"{self.name} gave no sample within {timeout:g} s; its state: {state}.")
         return sample
 
     def observe(self, max_age: float, now: float | None = None) -> tuple[Sample | None, float, str]:

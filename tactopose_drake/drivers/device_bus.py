@@ -93,7 +93,7 @@ class DeviceBus:
             BusError: if it cannot be opened.
         """
         if not self._line.open():
-            raise BusError(f"{self.name}: {self._line.failure}")
+            raise BusError(f"{self.name} {self._line.failure}")
         self._end = None
         self.origin = self.clock.time()
         self._stop.clear()
@@ -109,7 +109,7 @@ class DeviceBus:
             self._thread = None
         self._line.close()
         with self._changed:
-            self._end = self._end or BusError(f"{self.name}: is closed.")
+            self._end = self._end or BusError(f"{self.name} is closed.")
             self._changed.notify_all()
 
     @property
@@ -120,8 +120,8 @@ class DeviceBus:
         if self._end is not None:
             return f"{self.name}: its thread ended with {self._end!r}"
         if self._line.failure:
-            return f"{self.name}: {self._line.failure}"
-        return f"{self.name}: is off after too many errors" if self._dispatch.is_bus_off else ""
+            return f"{self.name} {self._line.failure}"
+        return f"{self.name} is off after too many errors" if self._dispatch.is_bus_off else ""
 
     @property
     def error_frames(self) -> int:

@@ -55,7 +55,8 @@ class FrameDispatch:
         for other in self._devices:
             for identifier in sorted((device.requests | device.replies) & (other.requests | other.replies)):
                 raise InvalidInputError(
-                    f"{device.name}: has the identifier {identifier:#x}, which {other.name} on the same bus has too."
+                    f"{device.name} must have other identifiers than {other.name} on the same bus, but both have "
+                    f"{identifier:#x}."
                 )
         self._devices += (device,)
         self._askers.update(dict.fromkeys(device.requests, device))

@@ -59,7 +59,7 @@ class LcmReader:
         """
         self._data, self._place, self._kind = data, 0, kind
         if self._take(8) != fingerprint:
-            raise ProtocolError(f"LCM message: must be a {kind} of this version, but has another fingerprint.")
+            raise ProtocolError(f"LCM message must be a {kind} of this version, but has another fingerprint.")
 
     def integers(self, count: int) -> tuple[int, ...]:
         """Reads int64_t values."""
@@ -69,7 +69,7 @@ class LcmReader:
         """Reads int32_t values, which must not be negative."""
         values = struct.unpack(f">{count}i", self._take(4 * count))
         if min(values, default=0) < 0:
-            raise ProtocolError(f"LCM message: a {self._kind} has a length of {min(values)}; must be at least 0.")
+            raise ProtocolError(f"LCM message: a {self._kind} must have lengths >= 0, not {min(values)}.")
         return values
 
     def texts(self, count: int) -> list[str]:
@@ -81,7 +81,7 @@ class LcmReader:
         names = self.texts(count)
         double = next((name for name in names if names.count(name) > 1), None)
         if double is not None:
-            raise ProtocolError(f"LCM message: a {self._kind} names {shown(double)} twice.")
+            raise ProtocolError(f"LCM message: a {self._kind} must name {shown(double)} once, not twice.")
         return names
 
     def numbers(self, shape: Sequence[int]) -> FloatArray:
@@ -92,10 +92,13 @@ class LcmReader:
     def end(self) -> None:
         """Raises ProtocolError if there is unread data."""
         if self._place < len(self._data):
-            raise ProtocolError(f"LCM message: a {self._kind} has {len(self._data) - self._place} bytes too many.")
+            rest = len(self._data) - self._place
+            raise ProtocolError(f"LCM message: a {self._kind} must end after {self._place} bytes, not {rest} later.")
 
     def _take(self, size: int) -> bytes:
         if size > len(self._data) - self._place:
-            raise ProtocolError(f"LCM message: a {self._kind} is cut off after {len(self._data)} bytes.")
+            raise ProtocolError(
+                f"LCM message: a {self._kind} must be whole, not cut off after {len(self._data)} bytes."
+            )
         self._place += size
         return self._data[self._place - size : self._place]

@@ -84,7 +84,7 @@ class LcmInbox:
                     pass
         except OSError as error:
             # If a signal ended the wait, its handler runs at the next call, which is this one.
-            fault = BusError(f"LCM: cannot be read ({error}).")
+            fault = BusError(f"LCM cannot be read ({error}).")
             raise fault from None
 
     def take(self) -> HandSensesMessage | None:

@@ -77,7 +77,7 @@ class HandSensesMessage:
         names = read.names(*read.counts(1))
         *cells, total = read.counts(len(names) + 1)
         if sum(cells) != total:
-            raise ProtocolError(f"LCM message: a lcmt_hand_senses has {total} cells; its pads have {sum(cells)}.")
+            raise ProtocolError(f"LCM message: a lcmt_hand_senses must have its pads' {sum(cells)} cells, not {total}.")
         parts = np.split(read.numbers((total,)), np.cumsum(cells)[:-1]) if names else []
         read.end()
         return cls(

@@ -33,7 +33,7 @@ def log_frames(path: Path) -> Iterator[can.Message]:
     try:
         file = path.open("rb")
     except OSError as error:
-        raise InvalidFileError(f"{path}: {error}") from error
+        raise InvalidFileError(f"{path} cannot be read ({error.strerror or error}).") from error
     number, count, last, strays = 0, 0, 0.0, list[str]()
     with file:
         reader, whole = _reader(path, file)
@@ -62,7 +62,7 @@ def log_frames(path: Path) -> Iterator[can.Message]:
     if strays:
         more = f" and {len(strays) - _TOLD} more" if len(strays) > _TOLD else ""
         end = f"{end} Left out, for time stamps far from their neighbours': {', '.join(strays[:_TOLD])}{more}."
-    raise EndOfLogError(f"{path}: {end}", whole=whole and not strays)
+    raise EndOfLogError(f"{path} {end}", whole=whole and not strays)
 
 
 def _next_of(frames: Iterator[can.Message]) -> tuple[can.Message | None, bool]:
@@ -103,8 +103,8 @@ def _reader(path: Path, file: BinaryIO) -> tuple[can.BLFReader | can.ASCReader, 
         if suffix == ".asc":
             return can.ASCReader(_WholeLines(file, encoding="utf-8"), relative_timestamp=False), True
     except Exception as error:  # as in `_next_of`
-        raise InvalidFileError(f"{path}: is not a log of CAN frames ({error!r}).") from error
-    raise InvalidFileError(f"{path}: ends in {suffix!r}; allowed are .blf and .asc.")
+        raise InvalidFileError(f"{path} must be a log of CAN frames ({error!r}).") from error
+    raise InvalidFileError(f"{path} must end in .blf or .asc, not {suffix!r}.")
 
 
 class _SteadyReader(can.BLFReader):

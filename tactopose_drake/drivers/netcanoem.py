@@ -144,7 +144,7 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
         while len(gauges) < samples:
             sample = self.read(timeout)
             if not np.isfinite(sample.F_S).all():
-                raise DeviceError(f"{self.name}: cannot be tared; its status is {sample.status}.")
+                raise DeviceError(f"{self.name} cannot be tared; its status is {sample.status}.")
             gauges.append(sample.gauges)
         self.bias = np.mean(gauges, axis=0)
         return self.bias
@@ -169,11 +169,11 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
             units = protocol.decode_units((yield from self._ask(Opcode.UNITS))[0][0])
         # A second, contradicting reply to the last request has arrived when this one is answered.
         if (yield from self._ask(Opcode.FIRMWARE))[0] != [version]:
-            raise ProtocolError("firmware version: came twice, with different data.")
+            raise ProtocolError("firmware version came twice, with different data.")
         self._answers.clear()
         if units is None:
             raise DeviceError(
-                f"{self.name}: firmware {self.firmware.major}.{self.firmware.minor} does not report its units; set the "
+                f"{self.name}: firmware {self.firmware.major}.{self.firmware.minor} does not report its units. Set the "
                 "argument `units`."
             )
         self.calibration = BoardCalibration(matrix, *counts, *units)
@@ -200,7 +200,7 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
         for answer in answers:
             if protocol.decode_calibration(answer) != self._slot:
                 raise DeviceError(
-                    f"{self.name}: activated calibration {protocol.decode_calibration(answer)} instead of {self._slot}."
+                    f"{self.name} activated calibration {protocol.decode_calibration(answer)} instead of {self._slot}."
                 )
         self._answers[frame.arbitration_id] = answers[0]
 
@@ -243,9 +243,7 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
     def _compare(self, frame: can.Message) -> None:
         """Raises ProtocolError if a frame contradicts an answer of the present setup."""
         if self._answers.get(frame.arbitration_id, frame.data) != frame.data:
-            raise ProtocolError(
-                f"reply with the identifier {frame.arbitration_id:#x}: came twice, with different data."
-            )
+            raise ProtocolError(f"reply with the identifier {frame.arbitration_id:#x} came twice, with different data.")
 
     def _sample(self, to_wrench: FloatArray) -> Conversation:
         try:

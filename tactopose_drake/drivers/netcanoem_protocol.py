@@ -166,10 +166,10 @@ def encode_matrix_row(row: FloatArray) -> list[bytes]:
 def decode_matrix_row(replies: list[bytes]) -> FloatArray:
     """One axis of the calibration matrix from its three replies, shape (6,); finite."""
     if len(replies) != 3:
-        raise ProtocolError(f"matrix row: has {len(replies)} frames; allowed are 3.")
+        raise ProtocolError(f"matrix row must have 3 frames, not {len(replies)}.")
     row = [number for data in replies for number in _unpack(">2f", data, "part of the matrix")]
     if not all(math.isfinite(number) for number in row):
-        raise ProtocolError(f"matrix row: holds {row}; allowed are finite numbers.")
+        raise ProtocolError(f"matrix row must hold finite numbers, not {row}.")
     return np.array(row, dtype=np.float64)
 
 
@@ -182,7 +182,7 @@ def decode_counts(data: bytes) -> tuple[int, int]:
     """Counts per unit of force and per unit of torque, each > 0."""
     per_force, per_torque = _unpack(">2L", data, "counts per unit")
     if per_force == 0 or per_torque == 0:
-        raise ProtocolError(f"counts per unit: are {per_force} and {per_torque}; allowed are numbers > 0.")
+        raise ProtocolError(f"counts per unit must be numbers > 0, not {per_force} and {per_torque}.")
     return per_force, per_torque
 
 
@@ -195,7 +195,7 @@ def decode_units(data: bytes) -> tuple[ForceUnit, TorqueUnit]:
     """The units of force and of torque."""
     force, torque = _unpack(">2B", data, "units")
     if not (1 <= force <= 6 and 1 <= torque <= 6):
-        raise ProtocolError(f"units: have the codes {force} and {torque}; allowed are 1 to 6.")
+        raise ProtocolError(f"units must have codes from 1 to 6, not {force} and {torque}.")
     return ForceUnit(force), TorqueUnit(torque)
 
 
@@ -208,7 +208,7 @@ def decode_calibration(data: bytes) -> int:
     """The slot of the active calibration, 0 to 15."""
     (slot,) = _unpack(">B", data, "active calibration")
     if slot >= CALIBRATIONS:
-        raise ProtocolError(f"active calibration: is {slot}; allowed are 0 to {CALIBRATIONS - 1}.")
+        raise ProtocolError(f"active calibration must be from 0 to {CALIBRATIONS - 1}, not {slot}.")
     return int(slot)
 
 
@@ -224,5 +224,5 @@ def decode_firmware(data: bytes) -> Firmware:
 
 def _unpack(layout: str, data: bytes, what: str) -> tuple[int, ...]:
     if len(data) != struct.calcsize(layout):
-        raise ProtocolError(f"{what}: has {len(data)} bytes; allowed are {struct.calcsize(layout)}.")
+        raise ProtocolError(f"{what} must have {struct.calcsize(layout)} bytes, not {len(data)}.")
     return struct.unpack(layout, data)

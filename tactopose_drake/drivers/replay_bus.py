@@ -39,7 +39,7 @@ def open_log(path: Path, channel: int = 0, *, paced: bool = False) -> DeviceBus:
     try:
         first = next(frames)
     except EndOfLogError as error:
-        raise InvalidFileError(f"{path}: must hold at least one frame.") from error
+        raise InvalidFileError(f"{path} must hold at least one frame.") from error
     clock = PacedClock(first.timestamp) if paced else VirtualClock(first.timestamp)
 
     def begin() -> ReplayBus:

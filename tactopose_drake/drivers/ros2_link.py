@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from tactopose_drake.core.validation import whole_number
 from tactopose_drake.drivers.ros2_messages import fields_of, is_message
 from tactopose_drake.errors import BusError, InvalidFileError, InvalidInputError
 
@@ -49,8 +50,7 @@ class Ros2Link:
             InvalidFileError: if the file cannot be read.
             BusError: if the domain cannot be joined, or other code in this process has opened it.
         """
-        if not 0 <= domain <= _MOST_DOMAIN:
-            raise InvalidInputError(f"ROS 2: domain: is {domain}; allowed are integers from 0 to {_MOST_DOMAIN}.")
+        whole_number("ROS 2: domain", domain, least=0, most=_MOST_DOMAIN)
         self._dds = _import_dds()
         self._fault = self._dds["core"].DDSException
         _open_domain(self._dds, domain, config)
@@ -120,7 +120,7 @@ class Ros2Link:
                     handler(sample)
                     count += 1
         except self._fault as error:
-            raise BusError(f"ROS 2: cannot be read ({error}).") from None
+            raise BusError(f"ROS 2 cannot be read ({error}).") from None
         return count
 
     def _taken(self, reader: Any) -> list[Any]:
@@ -139,7 +139,9 @@ class Ros2Link:
 
     def _topic(self, topic: str, kind: str) -> Any:
         if not topic.startswith("/") or topic.endswith("/"):
-            raise InvalidInputError(f"ROS 2: the topic is {topic!r}; allowed is a name that begins with a slash.")
+            raise InvalidInputError(
+                f"ROS 2: a topic must be a name that begins with a slash and ends without, not {topic!r}."
+            )
         return self._dds["topic"].Topic(self._participant, f"rt{topic}", message_type(kind))
 
     def _made(self, make: Callable[[], Any]) -> Any:
@@ -166,12 +168,12 @@ def _open_domain(dds: dict[str, Any], number: int, config: str) -> None:
     """Opens a domain in this process, unless it is open already."""
     if number in _domains:
         if _domains[number][0] != config:
-            raise InvalidInputError(f"ROS 2: config: the domain {number} is open already, with another configuration.")
+            raise InvalidInputError(f"ROS 2: config must be that with which the domain {number} is open already.")
         return
     try:
         text = Path(config).read_text(encoding="ascii") if config else _THIS_MACHINE
     except (OSError, UnicodeError, ValueError) as error:
-        raise InvalidFileError(f"{config}: cannot be read ({getattr(error, 'strerror', None) or error}).") from None
+        raise InvalidFileError(f"{config} cannot be read ({getattr(error, 'strerror', None) or error}).") from None
     try:
         _domains[number] = config, dds["domain"].Domain(number, text)
     except dds["core"].DDSException as error:

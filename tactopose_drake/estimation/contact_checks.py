@@ -22,10 +22,11 @@ def check_contacts(evidence: Evidence, size: float) -> None:
     _check_signs(evidence.contacts)
     p_PC = evidence.touch.p_PC
     apart = math.dist(p_PC.max(axis=0), p_PC.min(axis=0))
-    if apart > max(_WIDEST_HAND, _WIDEST_TOUCH * size):
+    widest = max(_WIDEST_HAND, _WIDEST_TOUCH * size)
+    if apart > widest:
         raise InvalidInputError(
-            f"contacts: are up to {apart:.3g} m apart on an object of {size:.3g} m; allowed is {_WIDEST_HAND:g} m, "
-            f"or {_WIDEST_TOUCH:g} times the object's size. Multiply by 0.001 what is in millimetres."
+            f"contacts must be at most {widest:.3g} m apart on an object of {size:.3g} m, not {apart:.4g} m. Multiply "
+            "by 0.001 what is in millimetres."
         )
 
 
@@ -37,6 +38,6 @@ def _check_signs(contacts: Contacts) -> None:
     if 2 * np.count_nonzero(pulls) > np.count_nonzero(has_force):
         which = ", ".join(map(str, np.flatnonzero(pulls)))
         raise InvalidInputError(
-            f"contacts: f_PC is against n_PC in {which}, counted from 0: they would pull at the object; allowed are "
-            "forces on the fingertips, and normals that point out of the object into the fingers."
+            "contacts must have forces f_PC on the fingertips along normals n_PC out of the object, not against them "
+            f"as in {which}, counted from 0, which would pull at the object."
         )

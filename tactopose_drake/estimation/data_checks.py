@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
-from tactopose_drake.core.validation import FloatArray, finite_array
+from tactopose_drake.core.validation import FloatArray, finite_array, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.resources.yaml_files import plain_data, read_yaml, shown
 
@@ -16,10 +16,8 @@ from tactopose_drake.resources.yaml_files import plain_data, read_yaml, shown
 def read_data(path: Path) -> Any:
     """Reads a YAML file as plain data."""
     root = read_yaml(path)
-    try:
+    with told_of(f"{path}: ", InvalidFileError):
         return plain_data(root)
-    except InvalidFileError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
 
 
 def fault_in(path: Path, where: str, error: InvalidInputError, places: Mapping[str, str]) -> InvalidFileError:
@@ -31,10 +29,11 @@ def fault_in(path: Path, where: str, error: InvalidInputError, places: Mapping[s
         error: an error whose message begins with the name of a value, possibly with a row in brackets.
         places: places in that mapping by the names of values, if they differ; `{}` in a place stands for the row.
     """
-    name, _, fault = str(error).partition(": ")
-    value, _, row = name.partition("[")
-    place = places[value].format(row.rstrip("]").split(",")[0]).replace("[]", "") if value in places else name
-    return InvalidFileError(f"{path}: {f'{where}.{place}'.lstrip('.')}: {fault}")
+    value = str(error).split("[")[0].split()[0]
+    fault = str(error).removeprefix(value)
+    row, fault = fault[1:].split("]", 1) if fault.startswith("[") else ("", fault)
+    place = places.get(value, f"{value}[{{}}]").format(row.split(",")[0]).replace("[]", "")
+    return InvalidFileError(f"{path}: {f'{where}.{place}'.lstrip('.')}{fault}")
 
 
 @contextlib.contextmanager
@@ -47,7 +46,7 @@ def naming_contacts_of(path: Path) -> Iterator[None]:
     try:
         yield
     except InvalidInputError as error:
-        if not str(error).startswith("contacts: "):
+        if not str(error).startswith("contacts "):
             raise
         raise InvalidFileError(f"{path}: {error}") from None
 
@@ -64,34 +63,43 @@ def check_mapping(
         required: keys that must be present.
         optional: keys that may be present.
     """
+    with told_of(f"{path}: ", InvalidFileError):
+        return check_keys(where or "the content", value, required, optional)
+
+
+def check_keys(where: str, value: Any, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, Any]:
+    """The same for a value that is not of one file alone.
+
+    Raises:
+        InvalidInputError: if it is no mapping, lacks a key, or has another one.
+    """
     required, known = list(required), [*required, *optional]
-    place = f"{path}: {where}: " if where else f"{path}: "
     if not isinstance(value, dict):
-        raise InvalidFileError(f"{place}is {shown(value)}; allowed is a mapping with the keys {', '.join(known)}.")
+        raise InvalidInputError(f"{where} must be a mapping with the keys {', '.join(known)}, not {shown(value)}.")
     for key in value:
         if key not in known:
-            raise InvalidFileError(f"{place}key {shown(key)} is unknown; allowed are {', '.join(known)}.")
+            raise InvalidInputError(f"{where} must have only the keys {', '.join(known)}, not {shown(key)}.")
     for key in required:
         if key not in value:
-            raise InvalidFileError(f"{place}key {key!r} is missing.")
+            raise InvalidInputError(f"{where} must have the key {key!r}, but lacks it.")
     return value
 
 
 def check_list(path: Path, where: str, value: Any, what: str) -> list[Any]:
     """Checks that a value is a list that is not empty; `what` names its items in messages."""
     if not isinstance(value, list) or not value:
-        raise InvalidFileError(f"{path}: {where}: is {shown(value)}; allowed is a list of at least one {what}.")
+        raise InvalidFileError(f"{path}: {where} must be a list of at least one {what}, not {shown(value)}.")
     return value
 
 
 def check_vector(path: Path, where: str, value: Any, length: int) -> FloatArray:
     """Checks that a value is a list of finite numbers of this length; returns shape (length,)."""
-    return _numbers(path, where, value if isinstance(value, list) else [value], (length,))
+    return _numbers(path, where, value, (length,))
 
 
-def check_number(path: Path, key: str, data: dict[str, Any], place: str = "") -> float:
-    """The finite number at a key of a mapping; `place` is where the mapping is in the file."""
-    return float(_numbers(path, f"{place}.{key}".lstrip("."), [data[key]], ()))
+def check_number(path: Path, where: str, value: Any) -> float:
+    """Checks that a value is a finite number."""
+    return float(_numbers(path, where, value, ()))
 
 
 def check_pose(path: Path, where: str, value: Any) -> FloatArray:
@@ -101,20 +109,15 @@ def check_pose(path: Path, where: str, value: Any) -> FloatArray:
     quaternion = check_vector(path, f"{where}.quaternion_wxyz", pose["quaternion_wxyz"], 4)
     length = float(np.linalg.norm(quaternion))
     if abs(length - 1.0) > 1e-3:
-        raise InvalidFileError(f"{path}: {where}.quaternion_wxyz: has length {length:.6g}; allowed is 1 within 0.001.")
+        raise InvalidFileError(
+            f"{path}: {where}.quaternion_wxyz must have the length 1 within 0.001, not {length:.6g}."
+        )
     return make_poses(matrix_from_quaternion(quaternion), translation)
 
 
-def _numbers(path: Path, where: str, values: list[Any], shape: tuple[int, ...]) -> FloatArray:
-    for i, value in enumerate(values):
-        # NumPy would also accept a boolean, and a string that reads as a number.
-        if not isinstance(value, float | int) or isinstance(value, bool):
-            place = where if len(values) == 1 else f"{where}[{i}]"
-            raise InvalidFileError(f"{path}: {place}: is {shown(value)}; allowed are numbers.")
-    try:
-        return finite_array(where, values if shape else values[0], shape)
-    except InvalidInputError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
+def _numbers(path: Path, where: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
+    with told_of(f"{path}: ", InvalidFileError):
+        return finite_array(where, value, shape)
 
 
 def check_column(path: Path, rows: list[dict[str, Any]], key: str) -> FloatArray | None:
@@ -125,7 +128,7 @@ def check_column(path: Path, rows: list[dict[str, Any]], key: str) -> FloatArray
     if len(given) < len(rows):
         missing = next(i for i in range(len(rows)) if i not in given)
         raise InvalidFileError(
-            f"{path}: contacts[{missing}]: has no {key}, but contacts[{given[0]}] has one; allowed is one for all "
-            "contacts or for none."
+            f"{path}: contacts must all have a {key}, or none, but contacts[{given[0]}] has one and "
+            f"contacts[{missing}] has none."
         )
     return np.stack([check_vector(path, f"contacts[{i}].{key}", row[key], 3) for i, row in enumerate(rows)])

@@ -164,7 +164,7 @@ def _asked(
     if evidence.outlier_probability == 0.0:
         evidence = copied(evidence, doubt=USUAL)
     if len(evidence.touch) < 1:
-        raise TooFewContactsError("contacts: there are 0; the estimate needs at least 1, or a patch that is felt.")
+        raise TooFewContactsError("contacts must be at least 1 if no patch is felt, not 0.")
     check_contacts(evidence, model.size)
     if balance is not None:
         check_mass(model)
@@ -180,6 +180,6 @@ def _check_kinds(model: ObjectModel, contacts: Contacts, method: str, prior: Pos
             instance_of("prior", prior, PosePrior)
     elif method not in GLOBAL_METHODS:
         raise InvalidInputError(
-            f"prior: is None, but the method {method!r} needs one; methods without a prior: "
+            f"prior must be a PosePrior for the method {method!r}, not None. Methods that need none are "
             f"{', '.join(sorted(GLOBAL_METHODS))}."
         )

@@ -21,7 +21,7 @@ def handing_over() -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:
-        raise InvalidInputError(f"executor: takes no work ({error}); allowed is one that is open.") from None
+        raise InvalidInputError(f"executor must be open, but takes no work ({error}).") from None
 
 
 @contextlib.contextmanager
@@ -34,12 +34,10 @@ def taking_back() -> Iterator[None]:
     try:
         yield
     except CancelledError:
-        raise InvalidInputError(
-            "executor: was shut down before the work was done; allowed is one that stays open until then."
-        ) from None
+        raise InvalidInputError("executor must stay open until the work is done, not be shut down before.") from None
     except BrokenExecutor as error:
         raise InvalidInputError(
-            f"executor: has lost its workers before the work was done ({error}); allowed is one that keeps them."
+            f"executor must keep its workers until the work is done, but has lost them ({error})."
         ) from None
 
 

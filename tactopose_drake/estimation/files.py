@@ -34,9 +34,9 @@ _OF_CONTACTS = {
     "p_PC": "contacts[{}].position",
     "n_PC": "contacts[{}].normal",
     "f_PC": "contacts[{}].force",
-    "sigma_normal": "sigma_normal_deg, in rad",
+    "sigma_normal": "sigma_normal_deg, in rad,",
 }
-_OF_PRIOR = {"sigma_rotation": "sigma_rotation_deg, in rad"}
+_OF_PRIOR = {"sigma_rotation": "sigma_rotation_deg, in rad,"}
 
 
 def load_contacts(path: Path) -> Contacts:
@@ -66,9 +66,9 @@ def contacts_in(path: Path, data: dict[str, Any]) -> Contacts:
     ]
     sigmas: dict[str, Any] = {}
     if "sigma_position" in data:
-        sigmas["sigma_position"] = check_number(path, "sigma_position", data)
+        sigmas["sigma_position"] = check_number(path, "sigma_position", data["sigma_position"])
     if "sigma_normal_deg" in data:
-        sigmas["sigma_normal"] = math.radians(check_number(path, "sigma_normal_deg", data))
+        sigmas["sigma_normal"] = math.radians(check_number(path, "sigma_normal_deg", data["sigma_normal_deg"]))
     position = [check_vector(path, f"contacts[{i}].position", row["position"], 3) for i, row in enumerate(rows)]
     normal, force = (check_column(path, rows, key) for key in ("normal", "force"))
     try:
@@ -88,9 +88,9 @@ def load_prior(path: Path) -> PosePrior:
     data = check_mapping(path, "", read_data(path), ("X_PO",), ("sigma_translation", "sigma_rotation_deg"))
     sigmas: dict[str, Any] = {}
     if "sigma_translation" in data:
-        sigmas["sigma_translation"] = check_number(path, "sigma_translation", data)
+        sigmas["sigma_translation"] = check_number(path, "sigma_translation", data["sigma_translation"])
     if "sigma_rotation_deg" in data:
-        sigmas["sigma_rotation"] = math.radians(check_number(path, "sigma_rotation_deg", data))
+        sigmas["sigma_rotation"] = math.radians(check_number(path, "sigma_rotation_deg", data["sigma_rotation_deg"]))
     X_PO = check_pose(path, "X_PO", data["X_PO"])
     try:
         return PosePrior(X_PO, **sigmas)

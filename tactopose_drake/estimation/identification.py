@@ -152,7 +152,7 @@ def check_prior(name: str, value: float) -> float:
     """
     prior = positive_number(name, value, allow_zero=True)
     if prior >= 1.0:
-        raise InvalidInputError(f"{name}: is {prior:g}; allowed are numbers >= 0 and < 1.")
+        raise InvalidInputError(f"{name} must be a number >= 0 and < 1, not {prior:g}.")
     return prior
 
 
@@ -174,7 +174,7 @@ def _runner(executor: Executor | None) -> Callable[..., Any]:
 def _check_touch(contacts: Contacts, patches: Sequence[Patch]) -> Evidence:
     evidence = Evidence(contacts, patches=patches)
     if len(evidence.touch) < 1:
-        raise TooFewContactsError("contacts: there are 0; identification needs at least 1, or a patch that is felt.")
+        raise TooFewContactsError("contacts must be at least 1 if no patch is felt, not 0.")
     return evidence
 
 
@@ -188,11 +188,10 @@ def check_objects(models: object) -> Sequence[ObjectModel | LibraryObject]:
         return models.objects
     if not isinstance(models, Sequence) or not models:
         raise InvalidInputError(
-            f"models: is {shown(models)}; allowed are an ObjectLibrary and a sequence of ObjectModel."
+            f"models must be an ObjectLibrary, or a sequence of at least one ObjectModel, not {shown(models)}."
         )
     for i, model in enumerate(models):
-        if not isinstance(model, ObjectModel):
-            raise InvalidInputError(f"models[{i}]: is a {type(model).__name__}; allowed is an ObjectModel.")
+        instance_of(f"models[{i}]", model, ObjectModel)
     return models
 
 

@@ -4,7 +4,7 @@ An object that cannot be used is skipped with a reason, and the others are used.
 """
 
 import os
-from collections.abc import Hashable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -15,13 +15,14 @@ from tactopose_drake.core.shape.model_options import NUMBERS
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
 from tactopose_drake.core.validation import finite_array
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
+from tactopose_drake.estimation.data_checks import check_keys
 from tactopose_drake.resources.yaml_files import plain_data, read_yaml, shown
 
 MANIFEST = "library.yaml"
 """The manifest of a folder."""
 
 _MESHES = frozenset({".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl"})
-_KEYS = ("mesh", "scale", "mass", "symmetry", "surface_sigma", "scale_sigma")
+_OPTIONAL_KEYS = ("scale", "mass", "symmetry", "surface_sigma", "scale_sigma")
 _SYMMETRY_KEYS = ("axis", "point", "order")
 _HIGHEST_ORDER = 60  # the largest number of poses in a symmetry group
 
@@ -107,7 +108,7 @@ def _read_folder(folder: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]
 def _read_manifest(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
     root = read_yaml(path)
     if not isinstance(root, yaml.MappingNode):
-        raise InvalidFileError(f"{path}: must be a mapping of names to objects.")
+        raise InvalidFileError(f"{path} must be a mapping of names to objects.")
     entries = []
     skipped = []
     for key, value in root.value:
@@ -119,9 +120,9 @@ def _read_manifest(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]
 
 
 def _entry(folder: Path, name: str, value: Any) -> LibraryEntry:
-    known = _mapping(name, value, _KEYS, ("mesh",))
+    known = check_keys(name, value, ("mesh",), _OPTIONAL_KEYS)
     if not isinstance(known["mesh"], str):
-        raise InvalidInputError(f"{name}.mesh: is {shown(known['mesh'])}; allowed is the path of a file.")
+        raise InvalidInputError(f"{name}.mesh must be the path of a file, not {shown(known['mesh'])}.")
     symmetry = _symmetry(name, known.get("symmetry", "auto"))
     numbers = {key: check(f"{name}.{key}", known[key]) for key, check in NUMBERS.items() if known.get(key) is not None}
     return LibraryEntry(name, folder / known["mesh"], symmetry=symmetry, **numbers)
@@ -133,15 +134,15 @@ def _symmetry(name: str, value: Any) -> Literal["auto", "none"] | tuple[Axis, ..
     if value == "none":
         return "none"
     if not isinstance(value, list):
-        raise InvalidInputError(f"{name}.symmetry: is {shown(value)}; allowed are auto, none and a list of axes.")
+        raise InvalidInputError(f"{name}.symmetry must be auto, none or a list of axes, not {shown(value)}.")
     axes = []
     for i, row in enumerate(value):
         where = f"{name}.symmetry[{i}]"
-        axis = _mapping(where, row, _SYMMETRY_KEYS, _SYMMETRY_KEYS)
+        axis = check_keys(where, row, _SYMMETRY_KEYS)
         order = axis["order"]
         if not isinstance(order, int) or isinstance(order, bool) or order == 1 or not 0 <= order <= _HIGHEST_ORDER:
             raise InvalidInputError(
-                f"{where}.order: is {shown(order)}; allowed are 0 and integers from 2 to {_HIGHEST_ORDER}."
+                f"{where}.order must be 0 or an integer from 2 to {_HIGHEST_ORDER}, not {shown(order)}."
             )
         vectors = (finite_array(f"{where}.{key}", axis[key], (3,)) for key in ("axis", "point"))
         direction, point = (tuple(vector.tolist()) for vector in vectors)
@@ -157,15 +158,3 @@ def make_symmetries(axes: Iterable[Axis]) -> list[RotationalSymmetry]:
         InvalidInputError: if an axis is no unit vector, or an order is 1 or below 0.
     """
     return [RotationalSymmetry(np.array(axis), np.array(point), order) for axis, point, order in axes]
-
-
-def _mapping(where: str, value: Any, allowed: tuple[str, ...], required: tuple[str, ...]) -> dict[Hashable, Any]:
-    if not isinstance(value, dict):
-        raise InvalidInputError(f"{where}: is {shown(value)}; allowed is a mapping with the keys {', '.join(allowed)}.")
-    for key in value:
-        if key not in allowed:
-            raise InvalidInputError(f"{where}: key {shown(key)} is unknown; allowed are {', '.join(allowed)}.")
-    for key in required:
-        if key not in value:
-            raise InvalidInputError(f"{where}: key {shown(key)} is missing.")
-    return value

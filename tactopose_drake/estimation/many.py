@@ -58,12 +58,14 @@ def estimate_poses(
             arguments are raised before any work; other errors cancel work that has not started.
     """
     if isinstance(contacts, Contacts):
-        raise InvalidInputError("contacts: is a single Contacts; allowed is a sequence of them, one for each touch.")
+        raise InvalidInputError("contacts must be a sequence of Contacts, one for each touch, not a single one.")
     instance_of("contacts", contacts, Iterable)
     if isinstance(contacts, str | bytes | Mapping | Set) or getattr(contacts, "ndim", 1) != 1:
-        raise InvalidInputError(f"contacts: is {shown(contacts)}; allowed is a sequence of Contacts.")
+        raise InvalidInputError(f"contacts must be a sequence of Contacts, not {shown(contacts)}.")
     if "prior" in options:
-        raise InvalidInputError("prior: is unknown here; allowed is `priors=`, one PosePrior or one for each touch.")
+        raise InvalidInputError(
+            "prior must be given as `priors=`, one PosePrior or one for each touch, not as `prior=`."
+        )
     if executor is not None:
         instance_of("executor", executor, Executor)
     if on_progress is not None:
@@ -112,9 +114,9 @@ def _each(name: str, value: Any, kind: type, count: int) -> list[Any]:
         value = list(value)
     if not isinstance(value, Sequence) or len(value) != count:
         is_list = isinstance(value, Sequence) and not isinstance(value, str)
-        given = f"are {len(value)}" if is_list else f"is {shown(value)}"
+        given = f"{len(value)} of them" if is_list else shown(value)
         allowed = _CALLED.get(kind, kind.__name__)
-        raise InvalidInputError(f"{name}: {given}; allowed are one {allowed}, or one for each touch, {count}.")
+        raise InvalidInputError(f"{name} must be one {allowed}, or one for each of {count} touches, not {given}.")
     return list(value)
 
 

@@ -19,8 +19,7 @@ from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.poses import retract, right_jacobian
 from tactopose_drake.core.searches.candidates import CandidatePoses
 from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, never
-from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.core.validation import FloatArray, known_name, positive_number
 
 
 class StoppedError(RuntimeError):
@@ -76,10 +75,8 @@ class PoseProgram(Search):
     max_iterations: int = 2000
 
     def __post_init__(self) -> None:
-        if self.solver not in _SOLVERS:
-            raise UnknownNameError("solver", self.solver, _SOLVERS)
-        if self.length <= 0:
-            raise InvalidInputError(f"length: is {self.length:g}; allowed are numbers > 0.")
+        known_name("solver", self.solver, _SOLVERS)
+        positive_number("length", self.length)
 
     def minimize(
         self,

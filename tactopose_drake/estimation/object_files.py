@@ -40,7 +40,7 @@ def load_object(
             path, scale=scale, symmetry=symmetry, mass=mass, surface_sigma=surface_sigma, scale_sigma=scale_sigma
         )
     if scale != 1.0:
-        raise InvalidFileError(f"{path}: is in metres; allowed is scale=1, as only meshes have another unit.")
+        raise InvalidFileError(f"{path}: scale must be 1, as only meshes may be in another unit, not {scale:g}.")
     # Imported only for such files: it loads modules that meshes do not need.
     from tactopose_drake.estimation.simulated_body import read_body
 

@@ -124,7 +124,7 @@ class ObjectLibrary:
             warnings.warn(f"{path}: {left_out}", LibraryWarning, stacklevel=2)
         if not indexed:
             reason = f" ({skipped[0]})" if skipped else ""
-            raise InvalidFileError(f"{path}: holds no object that can be used{reason}; must hold at least one.")
+            raise InvalidFileError(f"{path} must hold at least one object that can be used, but holds none{reason}.")
         indexed.sort(key=lambda pair: pair[0].name)
         return cls(
             tuple(known for known, _ in indexed), tuple(skipped), LibraryIndex.join([pairs for _, pairs in indexed])
@@ -205,7 +205,7 @@ def forget_models() -> None:
 @functools.lru_cache(maxsize=_LOADED)
 def _load(known: LibraryObject) -> ObjectModel:
     if _content(known.entry) != known.content:
-        raise InvalidFileError(f"{known.entry.mesh}: has changed since the library was opened; open the library again.")
+        raise InvalidFileError(f"{known.entry.mesh} has changed since the library was opened. Open the library again.")
     return _build(known)
 
 

@@ -41,13 +41,13 @@ def check_outputs(
         if not path.absolute().parent.is_dir():
             raise InvalidFileError(f"{path}: the folder {path.absolute().parent} does not exist.")
         if path.is_dir():
-            raise InvalidFileError(f"{path}: is a folder; allowed is a file, which may be new.")
+            raise InvalidFileError(f"{path} must be a file, which may be new, not a folder.")
         for given, other in read:
             if place == other or (other.is_dir() and place.is_relative_to(other)) or _is_same(place, other):
                 way = "" if other == _place(given) else f", which {given} leads to"
-                raise InvalidFileError(f"{path}: is an input, or in one{way}; must be another file.")
+                raise InvalidFileError(f"{path} must be another file than an input, and not in one{way}.")
         if any(place == other or _is_same(place, other) for other in written):
-            raise InvalidFileError(f"{path}: is given for two outputs; allowed is a file for each output.")
+            raise InvalidFileError(f"{path} must be given for one output, not for two.")
         written.append(place)
         with written_beside(path) as beside:
             if beside != place:
@@ -56,7 +56,7 @@ def check_outputs(
                 free = shutil.disk_usage(beside.parent).free
                 if free < _LEAST_FREE:
                     raise InvalidFileError(
-                        f"{path}: its disk has {free / 1e6:.1f} MB left; at least {_LEAST_FREE / 1e6:g} MB are needed."
+                        f"{path}: its disk must have at least {_LEAST_FREE / 1e6:g} MB left, not {free / 1e6:.1f} MB."
                     )
 
 
@@ -82,7 +82,7 @@ def written_beside(path: Path) -> Iterator[Path]:
         finally:
             beside.unlink(missing_ok=True)
     except OSError as error:
-        raise InvalidFileError(f"{path}: cannot be written ({error.strerror or error}).") from None
+        raise InvalidFileError(f"{path} cannot be written ({error.strerror or error}).") from None
 
 
 def _behind(path: Path, outputs: list[Path]) -> Iterable[Path]:
@@ -102,7 +102,7 @@ def _place(path: Path) -> Path:
         place.exists()
     except (OSError, RuntimeError, ValueError) as error:
         reason = "its links lead in a circle" if isinstance(error, RuntimeError) else "it is not a path"
-        raise InvalidFileError(f"{path}: cannot be used ({getattr(error, 'strerror', None) or reason}).") from None
+        raise InvalidFileError(f"{path} cannot be used ({getattr(error, 'strerror', None) or reason}).") from None
     return place
 
 

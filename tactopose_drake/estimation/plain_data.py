@@ -49,9 +49,9 @@ def read_parts(owner: type, name: str, value: object, kind: type[Part]) -> tuple
         InvalidInputError: if the value is not a list or empty, or a part is invalid.
     """
     if not isinstance(value, list | tuple):
-        raise InvalidInputError(f"{name}: is {shown(value)}; must be a list of at least one.")
+        raise InvalidInputError(f"{name} must be a list of at least one, not {shown(value)}.")
     if not value:
-        raise InvalidInputError(f"{owner.__name__}.from_dict: has no {name}; must have at least one.")
+        raise InvalidInputError(f"{owner.__name__}.from_dict: {name} must be at least one, not none.")
     parts = []
     for i, part in enumerate(value):
         try:
@@ -92,17 +92,16 @@ def read_covariance(name: str, value: Any) -> FloatArray:
     covariance = finite_array(name, value, (6, 6))
     variance = np.diag(covariance)
     if variance.min() < 0.0:
-        raise InvalidInputError(f"{name}: has the variance {variance.min():g}; allowed are variances >= 0.")
+        raise InvalidInputError(f"{name} must have variances >= 0, not {variance.min():g}.")
     sigma = np.sqrt(np.where(variance > 0.0, variance, 1.0))
     with np.errstate(over="ignore", invalid="ignore"):  # An infinite or NaN correlation fails the check below.
         correlation = covariance / sigma[:, None] / sigma
         off = np.abs(correlation - correlation.T).max()
     if not off <= _ROUNDING:
-        raise InvalidInputError(f"{name}: must be symmetric.")
+        raise InvalidInputError(f"{name} must be symmetric.")
     if np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:
         raise InvalidInputError(
-            f"{name}: says that some combination of errors has a variance below 0; allowed are positive semidefinite "
-            "matrices."
+            f"{name} must be positive semidefinite, but some combination of errors has a variance below 0."
         )
     return covariance
 

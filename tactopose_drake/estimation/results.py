@@ -180,7 +180,7 @@ class PoseEstimate(PlainValue, Presentable):
         """
         instance_of("kept", kept, Collection)
         if len(kept) != len(self):
-            raise InvalidInputError(f"kept: has length {len(kept)}; allowed is one for each hypothesis, {len(self)}.")
+            raise InvalidInputError(f"kept must have an entry for each of {len(self)} hypotheses, not {len(kept)}.")
         hypotheses, mass = _weighed_among_themselves(
             [
                 each
@@ -204,20 +204,20 @@ def _check_together(hypotheses: Sequence[PoseHypothesis]) -> None:
     """Raises InvalidInputError if the probabilities do not sum to 1, or the numbers of contacts differ."""
     mass = sum(hypothesis.probability for hypothesis in hypotheses)
     if abs(mass - 1.0) > _ROUNDED:
-        raise InvalidInputError(f"hypotheses: have probabilities that sum to {mass:g}; allowed is 1.")
+        raise InvalidInputError(f"hypotheses must have probabilities that sum to 1, not {mass:g}.")
     count = len(hypotheses[0].inlier_probability)
     for i, hypothesis in enumerate(hypotheses):
         if len(hypothesis.inlier_probability) != count:
             raise InvalidInputError(
-                f"hypotheses[{i}]: inlier_probability: has length {len(hypothesis.inlier_probability)}; allowed is "
-                f"that of hypotheses[0], {count}."
+                f"hypotheses[{i}].inlier_probability must have the length of that of hypotheses[0], {count}, not "
+                f"{len(hypothesis.inlier_probability)}."
             )
 
 
 def _weighed_among_themselves(hypotheses: Sequence[PoseHypothesis]) -> tuple[tuple[PoseHypothesis, ...], float]:
     """Hypotheses with normalized probabilities, and the sum of their former ones."""
     if not hypotheses:
-        raise InvalidInputError("kept: keeps no hypothesis; must keep at least one.")
+        raise InvalidInputError("kept must keep at least one hypothesis, not none.")
     mass = sum(hypothesis.probability for hypothesis in hypotheses)
     return tuple(
         dataclasses.replace(hypothesis, probability=hypothesis.probability / mass if mass else 1.0 / len(hypotheses))

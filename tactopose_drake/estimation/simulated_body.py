@@ -13,7 +13,7 @@ from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from tactopose_drake.core.mesh.loading import RawMesh, load_mesh
 from tactopose_drake.core.mesh.primitives import box_mesh, capsule_mesh, cylinder_mesh, sphere_mesh
 from tactopose_drake.core.mesh.repair import MeshRepairWarning, repair_mesh
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, kind_name
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.hull_vertices import hull_vertices
 from tactopose_drake.resources import add_model, make_parser, passing_builder
@@ -70,7 +70,7 @@ def read_mass(path: Path) -> BodyMass:
 def _only_body(path: Path, plant: MultibodyPlant, instance: ModelInstanceIndex) -> RigidBody:
     bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
     if len(bodies) != 1:
-        raise InvalidFileError(f"{path}: holds {len(bodies)} links; allowed is one.")
+        raise InvalidFileError(f"{path} must hold 1 link, not {len(bodies)}.")
     return bodies[0]
 
 
@@ -87,7 +87,7 @@ def _union(path: Path, plant: MultibodyPlant, inspector: SceneGraphInspector, bo
         mesh.apply_transform(inspector.GetPoseInFrame(geometry).GetAsMatrix4())
         meshes.append(mesh)
     if not meshes:
-        raise InvalidFileError(f"{path}: has no collision shape.")
+        raise InvalidFileError(f"{path} must have a collision shape, but has none.")
     if len(meshes) == 1:
         return meshes[0]
     united: trimesh.Trimesh = trimesh.boolean.union([_closed(path, mesh) for mesh in meshes], engine="manifold")
@@ -126,4 +126,4 @@ def _mesh(path: Path, shape: Shape) -> trimesh.Trimesh:
         # Drake turns a glTF file's y axis up before it scales: (x, y, z) becomes (x, -z, y).
         vertices = raw.vertices[:, [0, 2, 1]] * [1.0, -1.0, 1.0] if shape.extension() == ".gltf" else raw.vertices
         return trimesh.Trimesh(vertices * scale, faces, process=False)
-    raise InvalidFileError(f"{path}: has a collision shape without an inside, a {type(shape).__name__}.")
+    raise InvalidFileError(f"{path} must have collision shapes with an inside, not {kind_name(type(shape))}.")

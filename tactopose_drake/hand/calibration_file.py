@@ -1,7 +1,6 @@
 """The result of a hand's calibration, and its YAML file, which the hand's own file names."""
 
 import dataclasses
-import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -9,8 +8,16 @@ from typing import Any
 import numpy as np
 import yaml
 
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
-from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
+from tactopose_drake.core.validation import (
+    FloatArray,
+    finite_array,
+    known_name,
+    limited,
+    positive_number,
+    positive_numbers,
+    told_of,
+)
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.resources import load_typed_yaml
 
@@ -93,18 +100,18 @@ class FingerCalibration:
             ("translation", _LARGEST["length"]),
         ):
             vector: MeasuredVector = getattr(self, name)
-            _check(f"{where}.{name}.value", vector.value, most)
-            _check(f"{where}.{name}.sigma", vector.sigma, math.inf, least=0.0)
-        _check(f"{where}.radius.value", [self.radius.value], _LARGEST["length"], count=1)
-        _check(f"{where}.radius.sigma", [self.radius.sigma], math.inf, least=0.0, count=1)
+            limited(f"{where}.{name}.value", vector.value, (3,), most=most)
+            positive_numbers(f"{where}.{name}.sigma", vector.sigma, (3,), allow_zero=True)
+        limited(f"{where}.radius.value", self.radius.value, (), most=_LARGEST["length"])
+        positive_number(f"{where}.radius.sigma", self.radius.sigma, allow_zero=True)
         size = len(self.joints) + 13
         if self.correlation:
             correlation = finite_array(f"{where}.correlation", self.correlation, (size, size))
             off = np.abs(correlation - correlation.T).max(), np.abs(np.diag(correlation) - 1.0).max()
             if max(off) > 1e-3 or np.linalg.eigvalsh(correlation)[0] < -1e-2:
                 raise InvalidInputError(
-                    f"{where}.correlation: must be a correlation matrix, symmetric with 1 on its "
-                    "diagonal and no eigenvalue below 0."
+                    f"{where}.correlation must be a correlation matrix, symmetric with 1 on its diagonal and no "
+                    "eigenvalue below 0."
                 )
 
 
@@ -133,13 +140,12 @@ class HandCalibration:
         """Raises InvalidInputError if a value is out of its range."""
         for joint, offset in self.joint_offsets.items():
             where = f"joint_offsets.{joint}"
-            _check(f"{where}.value", [offset.value], _LARGEST["joint_offset"], count=1)
-            _check(f"{where}.sigma", [offset.sigma], math.inf, least=0.0, count=1)
+            limited(f"{where}.value", offset.value, (), most=_LARGEST["joint_offset"])
+            positive_number(f"{where}.sigma", offset.sigma, allow_zero=True)
         for name, finger in self.fingers.items():
             finger.validate(f"fingers.{name}")
             for joint in finger.joints:
-                if joint not in self.joint_offsets:
-                    raise UnknownNameError(f"fingers.{name}.joints", joint, self.joint_offsets)
+                known_name(f"each name in fingers.{name}.joints", joint, self.joint_offsets)
         for field in dataclasses.fields(self.noise):
             positive_number(f"noise.{field.name}", getattr(self.noise, field.name))
 
@@ -147,11 +153,9 @@ class HandCalibration:
         """Raises UnknownNameError if it names a joint or finger that is not among these."""
         joints, fingers = list(joints), list(fingers)
         for joint in self.joint_offsets:
-            if joint not in joints:
-                raise UnknownNameError("joint_offsets", joint, joints)
+            known_name("each name in joint_offsets", joint, joints)
         for finger in self.fingers:
-            if finger not in fingers:
-                raise UnknownNameError("fingers", finger, fingers)
+            known_name("each name in fingers", finger, fingers)
 
 
 def load_calibration(path: Path) -> HandCalibration:
@@ -161,10 +165,8 @@ def load_calibration(path: Path) -> HandCalibration:
         InvalidFileError: if the file cannot be read, does not fit the format, or has a value out of range.
     """
     calibration = load_typed_yaml(HandCalibration, path)
-    try:
+    with told_of(f"{path}: ", InvalidFileError):
         calibration.validate()
-    except InvalidInputError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
     return calibration
 
 
@@ -186,11 +188,3 @@ def rounded(value: Any, digits: int = 6) -> Any:
     if isinstance(value, list | np.ndarray):
         return [rounded(item, digits) for item in value]
     return float(f"{float(value):.{digits}g}")
-
-
-def _check(name: str, values: list[float], most: float, *, least: float | None = None, count: int = 3) -> None:
-    array = finite_array(name, values, (count,))
-    lowest = -most if least is None else least
-    if np.any(array < lowest) or np.any(array > most):
-        allowed = f"numbers from {lowest:g} to {most:g}" if math.isfinite(most) else "numbers >= 0"
-        raise InvalidInputError(f"{name}: is {array.tolist()}; allowed are {allowed}.")

@@ -93,7 +93,9 @@ class GraspCloser:
             InvalidInputError: if fingers share a joint, since they are closed independently.
         """
         for joint, fingers in shared_joints(hand.config).items():
-            raise InvalidInputError(f"hand: {joint} moves {', '.join(fingers)}; the fingers must have separate joints.")
+            raise InvalidInputError(
+                f"hand must have fingers with separate joints, but {joint} moves {', '.join(fingers)}."
+            )
         self._plant, self._hand, self._errors, self._vector = plant, hand, errors, vector
         self._params = ClosedGraspParams() if params is None else params
         self._least = min(self._params.least_fingers, len(errors.fingers))
@@ -121,7 +123,8 @@ class GraspCloser:
         config = self._hand.config
         if not config.grip_low or not config.grip_high:
             raise InvalidInputError(
-                "hand: its file has no grip_low and grip_high; must have both, the corners of the grip region in P, m."
+                "hand must have grip_low and grip_high, the corners of the grip region in P, m, but its file lacks "
+                "them."
             )
         middle = 0.5 * (np.array(config.grip_low) + np.array(config.grip_high))
         for _ in range(_TRIES):

@@ -74,7 +74,7 @@ class HandCollision:
                     bodies.append(index)
                     X_BG.append(inspector.GetPoseInFrame(geometry).GetAsMatrix34())
         if not shapes:
-            raise InvalidInputError(f"hand: {hand.model} has no collision geometry.")
+            raise InvalidInputError(f"hand must have collision geometry, but {hand.model} has none.")
         self._links = [self._plant.get_body(index).name() for index in bodies]
         self._bodies, self._X_GB = list(map(int, bodies)), inverse(np.array(X_BG))
         palm = self._hand.palm_frame

@@ -58,10 +58,13 @@ def checked_limits(finger: FingerConfig, chain: SerialChain) -> str:
     shown = ", ".join(f"{name} {low:.3g} to {high:.3g} {unit}" for name, low, high, unit in limits)
     text = f"joint limits: {shown}"
     if not np.all(np.isfinite([*chain.lower, *chain.upper])) or not np.all(chain.lower < chain.upper):
-        raise InvalidInputError(f"finger {finger.name!r}: {text}; planned grasps need finite limits that differ.")
+        raise InvalidInputError(
+            f"finger {finger.name!r}: joint limits must be finite and differ for planned grasps, not {shown}."
+        )
     if np.any(np.maximum(-chain.lower, chain.upper)[~slides] > _MOST_TURNED):
         raise InvalidInputError(
-            f"finger {finger.name!r}: {text}; allowed for revolute joints are -2 pi to 2 pi rad (these may be degrees)."
+            f"finger {finger.name!r}: joint limits of revolute joints must be from -2 pi to 2 pi rad, not {shown} "
+            "(these may be degrees)."
         )
     return text
 
@@ -89,7 +92,7 @@ def _links(plant: MultibodyPlant, hand: Hand, finger: str) -> tuple[list[_Link],
     while body.index() not in on_palm:
         if body.index() not in joint_of_child:
             raise InvalidInputError(
-                f"finger {finger!r}: its sensor frame {sensor_frame.name()!r} is not carried by the palm's link "
+                f"finger {finger!r}: its sensor frame {sensor_frame.name()!r} must be carried by the palm's link "
                 f"{hand.palm_frame.body().name()!r}."
             )
         joint = joint_of_child[body.index()]
@@ -106,12 +109,13 @@ def _links(plant: MultibodyPlant, hand: Hand, finger: str) -> tuple[list[_Link],
             links.append(_Link(joint, X_parent, X_child))
         else:
             raise InvalidInputError(
-                f"joint {joint.name()!r}: is {joint.type_name()}; "
-                "allowed on a finger are revolute, prismatic and fixed joints."
+                f"joint {joint.name()!r} must be revolute, prismatic or fixed on a finger, not {joint.type_name()}."
             )
         body = joint.parent_body()
     if not links:
-        raise InvalidInputError(f"finger {finger!r}: no joint moves its sensor frame {sensor_frame.name()!r}.")
+        raise InvalidInputError(
+            f"finger {finger!r}: its sensor frame {sensor_frame.name()!r} must be moved by a joint, but none does."
+        )
     X_PBody = plant.CalcRelativeTransform(plant.CreateDefaultContext(), hand.palm_frame, body.body_frame())
     links[-1].X_parent = X_PBody @ links[-1].X_parent
     return links[::-1], X_last

@@ -8,8 +8,7 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Superquadric, Surface
-from tactopose_drake.core.validation import finite_array
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import finite_array, told_of
 from tactopose_drake.resources import fixed_pose
 
 
@@ -94,9 +93,7 @@ class SkinLayer:
             InvalidInputError: if a number is out of its range, or the skin is too thick for the fingertip; the message
                 begins with `name`.
         """
-        try:
+        with told_of(f"{name}."):
             layer = SoftLayer(thickness=self.thickness, stiffness=self.stiffness)
             layer.check_fits(surface.half_width)
-        except InvalidInputError as error:
-            raise InvalidInputError(f"{name}.{error}") from None
         return layer

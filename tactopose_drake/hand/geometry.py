@@ -67,17 +67,17 @@ class HandGeometry(hand_geometry.HandGeometry):
         instance_of("context", context, Context)
         instance_of("palm_frame", palm_frame, Frame)
         if not plant.is_finalized():
-            raise InvalidInputError("plant: is not finalized; allowed is one that is, and is part of a diagram.")
+            raise InvalidInputError("plant must be finalized, and part of a diagram.")
         query_port = plant.get_geometry_query_input_port()
         if not query_port.HasValue(context):
             raise InvalidInputError(
-                "context: its plant is not connected to a SceneGraph, which holds the hand's geometry; "
-                "allowed is the plant's context in a diagram."
+                "context must be the plant's context in a diagram, and connect it to a SceneGraph, which holds the "
+                "hand's geometry."
             )
         inspector = query_port.Eval(context).inspector()
         spheres = BodySpheres.from_inspector(plant, inspector, palm_frame.model_instance())
         if not len(spheres.radius):
-            raise InvalidInputError(f"palm_frame: the hand of {palm_frame.name()!r} has no collision geometry.")
+            raise InvalidInputError(f"palm_frame must be of a hand with collision geometry, not {palm_frame.name()!r}.")
         X_PW = palm_frame.CalcPoseInWorld(context).inverse()
         X_WB = plant.get_body_poses_output_port().Eval(context)
         return cls(X_PW.multiply(spheres.positions(X_WB).T).T, spheres.radius)

@@ -4,7 +4,7 @@ import dataclasses
 from pathlib import Path
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import finite_array
+from tactopose_drake.core.validation import either, finite_array, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.hand.recorded_grasps import RecordedGrasp
 from tactopose_drake.resources import load_typed_yaml
@@ -34,21 +34,19 @@ def load_grasp(path: Path, model: ObjectModel) -> RecordedGrasp:
         InvalidFileError: if the file cannot be read or does not fit the format; the message names file and key.
     """
     file = load_typed_yaml(GraspFile, path)
-    try:
+    with told_of(f"{path}: ", InvalidFileError):
         for key, wrenches in (("wrenches", file.wrenches), ("out_of_touch", file.out_of_touch)):
             for finger, wrench in wrenches.items():
                 finite_array(f"{key}.{finger}", wrench, (6,))
         if not file.joint_positions:
-            raise InvalidInputError("joint_positions: is empty; allowed is a number for each joint.")
+            raise InvalidInputError("joint_positions must have a number for each joint, but has none.")
         if not file.wrenches and not file.out_of_touch:
-            raise InvalidInputError("wrenches: is empty; allowed are six numbers for each finger that touches.")
+            raise InvalidInputError("wrenches must have six numbers for each finger that touches, but has none.")
         if both := file.wrenches.keys() & file.out_of_touch.keys():
             raise InvalidInputError(
-                f"out_of_touch: has {', '.join(sorted(both))}, as has wrenches; a finger must be in only one of them. "
-                "Give a reading from before the touch as a grasp of its own, without wrenches."
+                f"out_of_touch must not have {', '.join(sorted(both))}, as a finger must be in only one of it and "
+                "wrenches. Give a reading from before the touch as a grasp of its own, without wrenches."
             )
-    except InvalidInputError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
     return RecordedGrasp(model, file.joint_positions, file.wrenches, file.out_of_touch, time=file.time, name=str(path))
 
 
@@ -59,8 +57,8 @@ def load_grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:
         InvalidFileError: if there is no such folder or no grasp in it, or a file cannot be used.
     """
     if not folder.is_dir():
-        raise InvalidFileError(f"{folder}: there is no such folder; allowed is one that holds a file for each grasp.")
+        raise InvalidFileError(f"{folder} must hold a file for each grasp, but there is no such folder.")
     paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in GRASP_ENDINGS and path.is_file())
     if not paths:
-        raise InvalidFileError(f"{folder}: holds no grasp; allowed are files that end in {', '.join(GRASP_ENDINGS)}.")
+        raise InvalidFileError(f"{folder} must hold grasps, files that end in {either(GRASP_ENDINGS)}, but has none.")
     return tuple(load_grasp(path, model) for path in paths)

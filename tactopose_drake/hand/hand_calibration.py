@@ -20,7 +20,7 @@ from tactopose_drake.core.calibration.shared_least_squares import SharedProblem
 from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts, surface_rows
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT
-from tactopose_drake.core.validation import FloatArray, instance_of, positive_number, whole_number
+from tactopose_drake.core.validation import FloatArray, instance_of, kind_name, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.calibration_file import HandCalibration, save_calibration
 from tactopose_drake.hand.calibration_from_errors import calibration_of
@@ -156,24 +156,22 @@ def calibrate_hand(
     params = params_of(CalibrationParams, params)
     if not isinstance(hand, HandConfig | str | Path):
         raise InvalidInputError(
-            f"hand: is a {type(hand).__name__}; allowed are a HandConfig, a hand's name and the path of its file."
+            f"hand must be a HandConfig, a hand's name or the path of its file, not {kind_name(type(hand))}."
         )
     instance_of("grasps", grasps, Sequence)
     config = hand if isinstance(hand, HandConfig) else load_hand_config(hand, with_calibration=False)
     if len(grasps) < _FEWEST:
-        raise InvalidInputError(f"grasps: there are {len(grasps)}; must be at least {_FEWEST}.")
+        raise InvalidInputError(f"grasps must be at least {_FEWEST}, not {len(grasps)}.")
     plant, parts = make_hand_plant(dataclasses.replace(config, calibration=""))
     check_grasps(plant, parts, grasps)
     uncertainty = HandUncertainty() if config.uncertainty is None else config.uncertainty
     errors = HandErrors.of(plant, parts, uncertainty, _time_span(grasps))
     if not len(errors.free):
-        raise InvalidInputError("uncertainty: every error is 0; allowed is at least one above 0.")
+        raise InvalidInputError("uncertainty must have at least one error above 0, but every one is 0.")
     check_silence(errors, grasps)
     felt = FeltGrasps(plant, parts, errors, grasps)
     if not len(felt.grasp):
-        raise InvalidInputError(
-            "grasps: no finger with a force-torque sensor touches in any of them; some must have one that does."
-        )
+        raise InvalidInputError("grasps must have fingers with a force-torque sensor that touch, but none does in any.")
     _check_contacts(felt, len(grasps), len(errors.free))
     rows, measured = felt.readings(grasps)
     models = [grasp.model for grasp in grasps]
@@ -194,8 +192,8 @@ def _check_contacts(felt: FeltGrasps, count: int, errors: int) -> None:
             f" No wrench of {finger} gives one: {reason}." for finger, reason in felt.without_contact(none).items()
         )
         raise InvalidInputError(
-            f"grasps: {touched} of {count} have a contact; must be at least {_FEWEST}.{reasons} Allowed are wrenches "
-            "on the fingertip about its sensor's origin, moments in N m before forces in N."
+            f"grasps must have a contact in at least {_FEWEST}, not in {touched} of {count}.{reasons} Wrenches must be "
+            "those on the fingertip about its sensor's origin, moments in N m before forces in N."
         )
 
 
@@ -205,9 +203,9 @@ def _check_fit(found: PoseFit, count: int) -> None:
     explained = np.intersect1d(at.touches.grasp[at.touches.valid], np.flatnonzero(at.grasp_weights >= USED))
     if len(explained) < _FEWEST:
         raise InvalidInputError(
-            f"grasps: {len(explained)} of {count} can be explained together, each by a pose of the object; the least "
-            f"is {_FEWEST}. The usual causes are another object, readings in other units or another order, and errors "
-            "larger than the hand's `uncertainty` says."
+            f"grasps must be explained together in at least {_FEWEST}, each by a pose of the object, not in "
+            f"{len(explained)} of {count}. The usual causes are another object, readings in other units or another "
+            "order, and errors larger than the hand's `uncertainty` says."
         )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from tactopose_drake.core.geometry_checks import points_near
-from tactopose_drake.core.validation import MOST_ALPHA, finite_array, known_name, positive_number, told_of
+from tactopose_drake.core.validation import MOST_ALPHA, check_count, finite_array, known_name, positive_number, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.calibration_file import load_calibration
 from tactopose_drake.hand.fingertip_surfaces import (
@@ -118,52 +118,45 @@ class HandConfig:
         """
         if not self.model:
             raise InvalidInputError(
-                "HandConfig.model: is not given; allowed is the path of the hand's SDF, URDF or MJCF file, or its "
-                "package:// URL."
+                "HandConfig.model must be the path of the hand's SDF, URDF or MJCF file, or its package:// URL, not "
+                "empty."
             )
         for name, value in (("base_link", self.base_link), ("palm_frame", self.palm_frame)):
             if not value:
-                raise InvalidInputError(f"HandConfig.{name}: is not given; allowed is a name in the hand's model.")
+                raise InvalidInputError(f"HandConfig.{name} must be a name in the hand's model, not empty.")
         names = [finger.name for finger in self.fingers]
         if "" in names:
-            raise InvalidInputError(f"HandConfig.fingers[{names.index('')}].name: is empty; allowed is a name.")
+            raise InvalidInputError(f"HandConfig.fingers[{names.index('')}].name must be a name, not empty.")
         if not names or len(set(names)) < len(names):
-            raise InvalidInputError(f"HandConfig.fingers: have the names {names}; allowed are different names.")
+            raise InvalidInputError(f"HandConfig.fingers must have different names, at least one, not {names}.")
         for finger in self.fingers:
-            if not finger.joints:
-                raise InvalidInputError(
-                    f"HandConfig.fingers[{finger.name}].joints: is empty; must have at least one joint."
-                )
+            where = f"HandConfig.fingers[{finger.name}]"
+            check_count(f"{where}.joints", len(finger.joints), "names")
             if len(set(finger.joints)) < len(finger.joints):
-                raise InvalidInputError(
-                    f"HandConfig.fingers[{finger.name}].joints: are {finger.joints}; allowed are different names."
-                )
+                raise InvalidInputError(f"{where}.joints must be different names, not {finger.joints}.")
             for coupling in finger.couplings:
                 positive_number(f"coupling of {coupling.joint!r}: ratio", abs(coupling.ratio))
                 finite_array(f"coupling of {coupling.joint!r}: offset", [coupling.offset], (1,))
-                if coupling.follows not in finger.joints:
-                    raise UnknownNameError(f"coupling of {coupling.joint!r}: follows", coupling.follows, finger.joints)
+                known_name(f"coupling of {coupling.joint!r}: follows", coupling.follows, finger.joints)
             if bool(finger.sensor_frame) != bool(finger.weld):
-                given, lacking = ("sensor_frame", "weld") if finger.sensor_frame else ("weld", "sensor_frame")
-                raise InvalidInputError(
-                    f"HandConfig.fingers[{finger.name}]: has a {given} and no {lacking}; allowed are both or neither."
-                )
-            with told_of(f"HandConfig.fingers[{finger.name}].surface."):
+                given = "sensor_frame" if finger.sensor_frame else "weld"
+                raise InvalidInputError(f"{where} must have both sensor_frame and weld, or neither, not {given} alone.")
+            with told_of(f"{where}.surface."):
                 surface = finger.surface.make()
             if finger.layer is not None:
-                finger.layer.make(f"HandConfig.fingers[{finger.name}].layer", surface)
+                finger.layer.make(f"{where}.layer", surface)
         self._check_sensors()
         if self.uncertainty is not None:
             self.uncertainty.validate()
         pads = [pad.name for pad in self.pads]
         if "" in pads or len(set(pads)) < len(pads):
-            raise InvalidInputError(f"HandConfig.pads: have the names {pads}; allowed are different names.")
+            raise InvalidInputError(f"HandConfig.pads must have different names, none of them empty, not {pads}.")
         for pad in self.pads:
             positive_number(f"HandConfig.pads[{pad.name}].alpha", pad.alpha, most=MOST_ALPHA)
         driven = list(dict.fromkeys(joint for finger in self.fingers for joint in finger.joints))
         self._check_followers(driven)
         for joint, position in self.rest_positions.items():
-            known_name("HandConfig.rest_positions", joint, driven)
+            known_name("each name in HandConfig.rest_positions", joint, driven)
             finite_array(f"HandConfig.rest_positions[{joint}]", [position], (1,))
         self._check_grip()
 
@@ -175,8 +168,8 @@ class HandConfig:
                 name = getattr(finger, key)
                 if name and name in owners:
                     raise InvalidInputError(
-                        f"HandConfig.fingers[{finger.name}].{key}: is {name!r}, as is that of the finger "
-                        f"{owners[name]!r}; must be different."
+                        f"HandConfig.fingers[{finger.name}].{key} must differ from that of the finger "
+                        f"{owners[name]!r}, but both are {name!r}."
                     )
                 owners[name] = finger.name
 
@@ -185,23 +178,21 @@ class HandConfig:
         for finger in self.fingers:
             for coupling in finger.couplings:
                 joint, leader = coupling.joint, coupling.follows
-                where = f"HandConfig.fingers[{finger.name}].couplings: coupling of {joint!r}"
+                where = f"HandConfig.fingers[{finger.name}].couplings: the coupling of {joint!r}"
                 if joint in driven:
                     raise InvalidInputError(
-                        f"{where}: follows {leader!r}, and is among the joints of a finger; allowed there are joints "
-                        f"that follow none. Couple joints that follow {joint!r} to {leader!r} as well."
+                        f"{where} must be of a joint that is not among the joints of a finger, which follow none. "
+                        f"Couple joints that follow {joint!r} to {leader!r} as well."
                     )
                 if coupling != self.couplings[joint]:
-                    raise InvalidInputError(
-                        f"{where}: differs between fingers; allowed is the same coupling of a joint in all fingers "
-                        "that share it."
-                    )
+                    raise InvalidInputError(f"{where} must be the same in all fingers that share it, but differs.")
 
     def _check_grip(self) -> None:
         """Raises InvalidInputError if the grip region has only one corner, is inverted, or is in millimetres."""
         if bool(self.grip_low) != bool(self.grip_high):
             raise InvalidInputError(
-                f"HandConfig: has grip_low {self.grip_low} and grip_high {self.grip_high}; allowed are both or neither."
+                f"HandConfig must have both grip_low and grip_high, or neither, not {self.grip_low} and "
+                f"{self.grip_high}."
             )
         if not self.grip_low:
             return
@@ -209,8 +200,8 @@ class HandConfig:
         high = points_near("HandConfig.grip_high", [self.grip_high], (1, 3))
         if not np.all(low < high):
             raise InvalidInputError(
-                f"HandConfig.grip_low: is {self.grip_low}; allowed is less than grip_high {self.grip_high} along each "
-                "axis."
+                f"HandConfig.grip_low must be less than grip_high {self.grip_high} along each axis, not "
+                f"{self.grip_low}."
             )
 
     @property
@@ -244,10 +235,8 @@ def load_hand_config(name_or_path: str | Path, *, with_calibration: bool = True)
     """
     path = named_file(name_or_path, "hands", model_path("hands").glob("*/*.hand.yaml"), ".hand.yaml")
     config = load_typed_yaml(HandConfig, path)
-    try:
+    with told_of(f"{path}: ", InvalidFileError):
         config.validate()
-    except InvalidInputError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
     if "://" not in config.model:
         config.model = str(path.parent / config.model)
     for pad in config.pads:

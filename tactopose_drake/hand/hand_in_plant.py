@@ -20,7 +20,7 @@ from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Surface
 from tactopose_drake.core.validation import known_name, told_of
-from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.hand.calibration_file import HandCalibration, load_calibration
 from tactopose_drake.hand.contact_gains import thicker
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty
@@ -75,7 +75,7 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
             finger's weld is a moving joint and its sensor frame is not on the link that this moves.
     """
     if plant.is_finalized():
-        raise InvalidInputError("plant: is finalized; allowed is one that is not finalized yet.")
+        raise InvalidInputError("plant must not be finalized yet, but is.")
     config.validate()
     model_instance = add_model(make_parser(plant, config.packages), config.model)
     hand = find_hand(plant, config, model_instance)
@@ -131,8 +131,8 @@ def _fix_base(plant: MultibodyPlant, hand: Hand, X_WBase: RigidTransform) -> Non
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(base, hand.model_instance), X_WBase)
     elif not _pose_of_child(joint).IsNearlyEqualTo(X_WBase, _SAME_POSE):
         raise InvalidInputError(
-            f"X_WBase: is not where the joint {joint.name()!r} of {hand.config.model} fixes {base!r} to the world; "
-            "allowed are None and that pose, or any pose if this joint is removed from the model."
+            f"X_WBase must be None, or the pose in which the joint {joint.name()!r} of {hand.config.model} fixes "
+            f"{base!r} to the world, or any pose if this joint is removed from the model."
         )
 
 
@@ -144,13 +144,13 @@ def _check_base(plant: MultibodyPlant, hand: Hand) -> None:
         root = joints[root.index()].parent_body()
     if root.index() != base.index():
         raise InvalidInputError(
-            f"HandConfig.base_link: is {name!r}, which the joint {joints[base.index()].name()!r} carries; allowed is "
-            f"the model's root, {root.name()!r}."
+            f"HandConfig.base_link must be the model's root, {root.name()!r}, not {name!r}, which the joint "
+            f"{joints[base.index()].name()!r} carries."
         )
     if base.index() in joints and not isinstance(joints[base.index()], WeldJoint):
         raise InvalidInputError(
-            f"HandConfig.base_link: is {name!r}, which the joint {joints[base.index()].name()!r} moves in the world; "
-            "allowed is a fixed joint, or none."
+            f"HandConfig.base_link must have a fixed joint to the world, or none, not {name!r}, which the joint "
+            f"{joints[base.index()].name()!r} moves in the world."
         )
 
 
@@ -181,8 +181,7 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
         needed = [*finger.joints, *(coupling.joint for coupling in finger.couplings)]
         needed += [finger.weld] if finger in sensing else []
         for name in needed:
-            if name not in joints:
-                raise UnknownNameError(f"joint of finger {finger.name!r}", name, sorted(joints))
+            known_name(f"each joint of finger {finger.name!r}", name, sorted(joints))
     pads = {pad.name: pad.frame for pad in config.pads}
     named = {"base_link": config.base_link, "palm_frame": config.palm_frame}
     named |= {f"fingers[{finger.name}].sensor_frame": finger.sensor_frame for finger in sensing}
@@ -194,8 +193,8 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
         if not is_fixed and frames[finger.sensor_frame].body().index() != tip.index():
             fixed = ", ".join(sorted(name for name, joint in joints.items() if isinstance(joint, WeldJoint))) or "none"
             raise InvalidInputError(
-                f"HandConfig.fingers[{finger.name}].weld: the joint {finger.weld!r} moves; allowed are those that are "
-                f"fixed ({fixed}), or a sensor frame on the link {tip.name()!r} that it moves."
+                f"HandConfig.fingers[{finger.name}].weld must be a joint that is fixed ({fixed}), not {finger.weld!r}, "
+                f"which moves. Or give a sensor frame on the link {tip.name()!r} that it moves."
             )
     return Hand(
         config,
@@ -227,10 +226,8 @@ def make_hand_plant(config: HandConfig) -> tuple[MultibodyPlant, Hand]:
             calibration.fingers[name] = calibration.fingers[name].after_tare(
                 uncertainty.sensor_moment, uncertainty.sensor_force
             )
-        try:
+        with told_of(f"{config.calibration}: ", InvalidFileError):
             hand = _calibrated(plant, hand, calibration)
-        except InvalidInputError as error:
-            raise InvalidFileError(f"{config.calibration}: {error}") from None
     plant.Finalize()
     return plant, hand
 
@@ -247,8 +244,8 @@ def _calibrated(plant: MultibodyPlant, hand: Hand, calibration: HandCalibration)
         slides = isinstance(plant.GetJointByName(name, hand.model_instance), PrismaticJoint)
         if slides and abs(offset.value) > _LARGEST_SLIDE:
             raise InvalidInputError(
-                f"joint_offsets.{name}.value: is {offset.value:g} m; allowed for a prismatic joint are numbers from "
-                f"{-_LARGEST_SLIDE:g} to {_LARGEST_SLIDE:g} m."
+                f"joint_offsets.{name}.value must be from {-_LARGEST_SLIDE:g} to {_LARGEST_SLIDE:g} m for a prismatic "
+                f"joint, not {offset.value:g} m."
             )
     frames, surfaces = dict(hand.sensor_frames), dict(hand.surfaces)
     for finger, found in calibration.fingers.items():

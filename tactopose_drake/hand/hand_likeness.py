@@ -54,9 +54,9 @@ def _move(
         name, kind = joint.name(), joint.type_name()
         same = plant.GetJointByName(name, hand.model_instance) if name in names else None
         if same is None or same.type_name() != kind:
-            is_there = "is not there" if same is None else f"is {same.type_name()}"
+            given = "but lacks it" if same is None else f"not a {same.type_name()} one"
             raise InvalidInputError(
-                f"plant: the hand's joint {name!r} {is_there}; allowed is a {kind} one, as in {hand.config.model}."
+                f"plant must have the hand's joint {name!r} as a {kind} one, like {hand.config.model}, {given}."
             )
         moved = _at(joint.position_lower_limits()[0], joint.position_upper_limits()[0], share)
         q_alone[joint.position_start()] = q[same.position_start()] = moved
@@ -75,7 +75,7 @@ def _check_near(name: str, X: RigidTransform) -> None:
     moved, turned = float(np.linalg.norm(X.translation())), math.degrees(X.rotation().ToAngleAxis().angle())
     if moved > _NEAR or turned > _NEAR_DEG:
         raise InvalidInputError(
-            f"plant: the {name} is {1e3 * moved:.1f} mm and {turned:.1f} deg from where the HandConfig's model has it "
-            f"in the palm; allowed are {1e3 * _NEAR:g} mm and {_NEAR_DEG:g} deg. Without `plant=` the "
-            "ports can be connected one by one."
+            f"plant must have the {name} within {1e3 * _NEAR:g} mm and {_NEAR_DEG:g} deg of where the HandConfig's "
+            f"model has it in the palm, not {1e3 * moved:.1f} mm and {turned:.1f} deg off. Without `plant=` the ports "
+            "can be connected one by one."
         )

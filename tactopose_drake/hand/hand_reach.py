@@ -56,8 +56,8 @@ def make_hand_reach(config: HandConfig, params: ReachParams) -> HandReach:
     sensing = [finger.name for finger in config.fingers if finger.sensor_frame]
     if len(sensing) < 2:
         raise InvalidInputError(
-            f"HandConfig.fingers: {len(sensing)} of them have a force-torque sensor; planned grasps are closed by the "
-            "wrenches of two or more fingertips. Close a hand with other sensors by Scenario.grip."
+            f"HandConfig.fingers must have a force-torque sensor on 2 or more fingers, not on {len(sensing)}: planned "
+            "grasps are closed by their wrenches. Close a hand with other sensors by Scenario.grip."
         )
     with passing_builder() as builder:
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
@@ -111,7 +111,7 @@ def check_within_limits(name: str, positions: Mapping[str, float], plant: Multib
         low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
         if not low - REST_ROUNDING <= position <= high + REST_ROUNDING:
             raise InvalidInputError(
-                f"{name}[{joint_name}]: is {position:g}, beyond the joint's limits; allowed is {low:.3g} to {high:.3g}."
+                f"{name}[{joint_name}] must be within the joint's limits, {low:.3g} to {high:.3g}, not {position:g}."
             )
 
 

@@ -80,7 +80,7 @@ def _rest(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
             continue
         verdict: Verdict = "fault" if name in said else "note"
         what = f"has {name!r} at" if name in said else f"lacks {name!r}, which rests at"
-        text = f"`rest_positions` {what} {position:g}, beyond its limits; allowed is {low:.3g} to {high:.3g}"
+        text = f"`rest_positions` {what} {position:g}, beyond its limits, {low:.3g} to {high:.3g}"
         yield Finding("joints", text, verdict)
 
 

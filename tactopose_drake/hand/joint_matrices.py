@@ -7,8 +7,8 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint
 
-from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.core.validation import FloatArray, known_name
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand
 
 
@@ -33,15 +33,16 @@ def joint_matrix(plant: MultibodyPlant, hand: Hand, measured: Sequence[str]) -> 
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
     start = {joint.name(): joint.position_start() for joint in joints if joint.num_positions() == 1}
     for name in measured:
-        if name not in start:
-            raise UnknownNameError("measured joint", name, sorted(start))
+        known_name("each name in measured", name, sorted(start))
     if len(set(measured)) < len(measured):
-        raise InvalidInputError(f"measured: holds {list(measured)}; allowed are different joints.")
+        raise InvalidInputError(f"measured must be different joints, not {list(measured)}.")
     matrix = np.zeros((plant.num_positions(), len(measured)))
     for name, row in start.items():
         leader, ratio, _ = _leader(hand, name, measured)
         if leader not in measured:
-            raise InvalidInputError(f"measured: lacks {leader!r}, which follows none of {list(measured)}.")
+            raise InvalidInputError(
+                f"measured must have {leader!r}, which follows no joint, not only {list(measured)}."
+            )
         matrix[row, list(measured).index(leader)] = ratio
     return matrix
 

@@ -31,15 +31,15 @@ def read_mimics(path: Path) -> tuple[Mimic, ...] | None:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise InvalidFileError(f"{path}: cannot be read ({error.strerror}).") from None
+        raise InvalidFileError(f"{path} cannot be read ({error.strerror}).") from None
     if b"<!ENTITY" in content:
-        raise InvalidFileError(f"{path}: declares entities; allowed are plain elements.")
+        raise InvalidFileError(f"{path} must be of plain elements, and not declare entities.")
     if len(content) > _LARGEST:
-        raise InvalidFileError(f"{path}: has {len(content)} bytes; must be at most {_LARGEST}.")
+        raise InvalidFileError(f"{path} must have at most {_LARGEST} bytes, not {len(content)}.")
     try:
         root = ElementTree.fromstring(content)
     except ElementTree.ParseError as error:
-        raise InvalidFileError(f"{path}: must be XML ({error}).") from None
+        raise InvalidFileError(f"{path} must be XML ({error}).") from None
     if root.tag not in ("robot", "sdf"):
         return None
     found = [(joint, mimic) for joint in root.iter("joint") for mimic in joint.iterfind(".//{*}mimic")]
@@ -49,7 +49,7 @@ def read_mimics(path: Path) -> tuple[Mimic, ...] | None:
             for entry in found
         ]
     except ValueError as error:
-        raise InvalidFileError(f"{path}: a mimic entry has an invalid number ({error}).") from None
+        raise InvalidFileError(f"{path}: a mimic entry must have valid numbers ({error}).") from None
     of_joint = {mimic.joint: mimic for mimic in entries}
     return tuple(_of_leader(path, mimic, of_joint) for mimic in entries)
 
@@ -60,7 +60,8 @@ def _of_leader(path: Path, mimic: Mimic, of_joint: dict[str, Mimic]) -> Mimic:
     while mimic.follows in of_joint:
         if mimic.follows in passed:
             raise InvalidFileError(
-                f"{path}: the joints {', '.join(passed)} follow each other in a circle; one of them must follow none."
+                f"{path}: one of the joints {', '.join(passed)} must follow none, but they follow each other in a "
+                "circle."
             )
         passed.append(mimic.follows)
         inner = of_joint[mimic.follows]

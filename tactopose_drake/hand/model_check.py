@@ -74,7 +74,7 @@ def _too_far(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> Iter
     for body in np.unique(spheres.body[reach > _FARTHEST]):
         name = plant.get_body(BodyIndex(body)).name()
         text = f"the collision shapes of {name!r} reach {reach[spheres.body == body].max():.3g} m from the palm"
-        yield Finding("model", f"{text}; must be at most {_FARTHEST:g} m", "fault")
+        yield Finding("model", f"{text}, which must be at most {_FARTHEST:g} m", "fault")
 
 
 def _times(count: int) -> str:

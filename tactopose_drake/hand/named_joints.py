@@ -86,8 +86,8 @@ class NamedJoints:
             told, coupled = values[joint], coupling.ratio * values[coupling.follows] + coupling.offset
             if abs(told - coupled) > give:
                 raise InvalidInputError(
-                    f"{name}[{joint}]: is {told:.4g} {unit}, and by the coupling with {coupling.follows} {coupled:.4g} "
-                    f"{unit}; must be left out, as it follows another joint, or differ by at most {give:g} {unit}."
+                    f"{name}[{joint}] must be left out, as it follows another joint, or within {give:g} {unit} of "
+                    f"{coupled:.4g} {unit}, by the coupling with {coupling.follows}, not {told:.4g} {unit}."
                 )
 
     def _in_order(self, name: str, values: Mapping[str, float] | ArrayLike) -> FloatArray:
@@ -95,7 +95,7 @@ class NamedJoints:
             return number_array(name, values, (self._size,))
         ordered = np.full(self._size, np.nan)
         for joint, value in values.items():
-            known_name(name, joint, self.names)
+            known_name(f"each name in {name}", joint, self.names)
             ordered[self._place[joint]] = number_array(f"{name}[{joint}]", value, ())
         for joint, coupling in self._couplings.items():
             if joint not in values:
@@ -123,6 +123,6 @@ def check_near_limits(name: str, values: Mapping[str, float], plant: MultibodyPl
         if not np.isnan(value) and not least <= value <= most:
             low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
             raise InvalidInputError(
-                f"{name}[{joint_name}]: is {value:g} {unit}; the joint's limits are {low:.4g} and {high:.4g}, and "
-                f"allowed is from {least:.4g} to {most:.4g}."
+                f"{name}[{joint_name}] must be from {least:.4g} to {most:.4g} {unit}, near the joint's limits, "
+                f"{low:.4g} and {high:.4g}, not {value:g}."
             )

@@ -92,9 +92,9 @@ def check_mounting(hand: Hand, X_SM: Mapping[str, RigidTransform], X_TM: Mapping
     moved = {name for name, X in senses if not X.IsNearlyIdentity(_STILL)}
     if twice := sorted(name for name in moved if bodies.count(name) > 1):
         raise InvalidInputError(
-            f"SimulatedErrors: {', '.join(twice)} has two sensors, which cannot move apart; they must have no "
-            "mounting error: `mounting: [0, 0, 0]` and `mounting_deg: [0, 0, 0]` of each in "
-            "`errors.fingers` and `errors.pads`, or 0 of both in the hand's `uncertainty`, which errors are drawn from."
+            f"SimulatedErrors must have no mounting error of the two sensors of {', '.join(twice)}, which cannot move "
+            "apart: `mounting: [0, 0, 0]` and `mounting_deg: [0, 0, 0]` of each in `errors.fingers` and `errors.pads`, "
+            "or 0 of both in the hand's `uncertainty`, which errors are drawn from."
         )
 
 

@@ -149,7 +149,7 @@ def find_alpha(*, modulus: float, thickness: float, cell: float = 0.001) -> Alph
         for press in simulate_presses(name, shape, layout, modulus=modulus, thickness=thickness)
     )
     if np.all(np.isnan(tilt_errors(layout, presses, thickness / modulus))):
-        raise InvalidInputError(f"thickness: is {thickness:g} m; allowed are layers whose presses reach three cells.")
+        raise InvalidInputError(f"thickness must be of a layer whose presses reach three cells, not {thickness:g} m.")
     return fit_alpha(layout, presses, thickness / modulus)
 
 
@@ -174,7 +174,7 @@ def pressed_pad(cell: float) -> TactileLayout:
     positive_number("cell", cell)
     rows, columns = (round(size / cell) for size in PAD_SIZE)
     if columns < 3:
-        raise InvalidInputError(f"cell: is {cell:g} m; allowed are numbers up to {PAD_SIZE[1] / 3:g} m.")
+        raise InvalidInputError(f"cell must be at most {PAD_SIZE[1] / 3:g} m, not {cell:g} m.")
     places = cell * (np.arange(rows) - 0.5 * (rows - 1))
     pattern = [CellRow(center=[float(x), 0.0, 0.0], count=columns, cell=[cell, cell]) for x in places]
     return RowPattern(pitch=cell, rows=pattern).make()

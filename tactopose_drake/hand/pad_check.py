@@ -42,7 +42,7 @@ def _depth(part: str, alpha: float, most: float) -> Iterator[Finding]:
     depth = alpha * most
     text = f"at the array's range, {most:g} Pa, it is pressed in by {1e3 * depth:.3g} mm by alpha = {alpha:g} m/Pa"
     if depth > DEEPEST:
-        yield Finding(part, f"{text}; must be at most {1e3 * DEEPEST:g} mm", "fault")
+        yield Finding(part, f"{text}, which must be at most {1e3 * DEEPEST:g} mm", "fault")
     else:
         yield Finding(part, text, "ok" if _SHALLOW < depth < _THICK else "note")
 

@@ -9,8 +9,8 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import MOST_MEASURED_FORCE, finite_array, instance_of
-from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.core.validation import MOST_MEASURED_FORCE, finite_array, instance_of, known_name
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_errors import HandErrors
 from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
 from tactopose_drake.hand.joint_matrices import joint_matrix
@@ -64,12 +64,11 @@ def check_grasps(plant: MultibodyPlant, hand: Hand, grasps: Sequence[RecordedGra
                 joint for joint, k in zip(joints, moves, strict=True) if k and joint not in grasp.joint_positions
             ]
             raise InvalidInputError(
-                f"{where}: joint_positions: lack {', '.join(lacking)}; must have a number for each."
+                f"{where}: joint_positions must have a number for each joint, but lack {', '.join(lacking)}."
             )
         for key, wrenches in (("wrenches", grasp.wrenches), ("out_of_touch", grasp.out_of_touch)):
             for finger, wrench in wrenches.items():
-                if finger not in hand.sensor_frames:
-                    raise UnknownNameError(f"{where}: {key}", finger, hand.sensor_frames)
+                known_name(f"{where}: each name in {key}", finger, hand.sensor_frames)
                 _check_wrench(f"{where}: {key}.{finger}", wrench)
         if grasp.time is not None:
             finite_array(f"{where}: time", [grasp.time], (1,))
@@ -90,10 +89,10 @@ def check_silence(errors: HandErrors, grasps: Sequence[RecordedGrasp]) -> None:
             for part, unit, rows in (("moment", "N m", slice(0, 3)), ("force", "N", slice(3, 6))):
                 if bias[rows].any() and np.any(np.abs(wrench[rows]) > most[rows]):
                     raise InvalidInputError(
-                        f"{grasp.name or f'grasps[{i}]'}: out_of_touch.{finger}: the {part} is "
-                        f"{wrench[rows].tolist()} {unit}; allowed is up to {most[rows][0]:.3g} {unit}, {_MOST_BIAS:g} "
-                        f"times the `sensor_{part}` of the hand's `uncertainty`. Either the finger touches something, "
-                        "its fingertip's weight is not subtracted, or its bias is larger than the hand's file says."
+                        f"{grasp.name or f'grasps[{i}]'}: out_of_touch.{finger} must be a {part} up to "
+                        f"{most[rows][0]:.3g} {unit}, {_MOST_BIAS:g} times the `sensor_{part}` of the hand's "
+                        f"`uncertainty`, not {wrench[rows].tolist()} {unit}. Either the finger touches something, its "
+                        "fingertip's weight is not subtracted, or its bias is larger than the hand's file says."
                     )
 
 
@@ -102,8 +101,8 @@ def _check_wrench(name: str, wrench: ArrayLike) -> None:
     values = finite_array(name, wrench, (6,))
     if np.any(np.abs(values) > _MOST_WRENCH):
         raise InvalidInputError(
-            f"{name}: is {values.tolist()}; allowed are moments up to {_MOST_WRENCH[0]:g} N m, then forces up to "
-            f"{_MOST_WRENCH[-1]:g} N."
+            f"{name} must be moments up to {_MOST_WRENCH[0]:g} N m, then forces up to {_MOST_WRENCH[-1]:g} N, not "
+            f"{values.tolist()}."
         )
 
 
@@ -118,13 +117,13 @@ def _check_different(grasps: Sequence[RecordedGrasp]) -> None:
         readings = (grasp.time, tuple(sorted(grasp.joint_positions.items())), *wrenches)
         where = grasp.name or f"grasps[{i}]"
         if readings in seen:
-            raise InvalidInputError(f"{where}: has the readings of {seen[readings]}; must be another grasp.")
+            raise InvalidInputError(f"{where} must be another grasp than {seen[readings]}, not have its readings.")
         seen[readings] = where
         for finger, wrench in grasp.wrenches.items():
             touch = (finger, tuple(np.asarray(wrench, dtype=float).tolist()))
             if touch in seen:
                 raise InvalidInputError(
-                    f"{where}: wrenches.{finger}: is identical to that of {seen[touch]}; allowed are different ones. "
-                    "A sensor whose reading never changes is frozen."
+                    f"{where}: wrenches.{finger} must differ from that of {seen[touch]}, not be identical. A sensor "
+                    "whose reading never changes is frozen."
                 )
             seen[touch] = where

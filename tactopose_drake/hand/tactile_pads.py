@@ -81,11 +81,11 @@ def _check_metres(layout: TactileLayout) -> None:
     edges = np.linalg.norm(np.roll(layout.corners, -1, axis=1) - layout.corners, axis=2).max(axis=1)
     distances = np.linalg.norm(layout.p_TC, axis=1)
     for lengths, most, what in (
-        (edges, _LONGEST, "has an edge of"),
-        (distances, _FARTHEST, "is off its frame by"),
+        (edges, _LONGEST, "have edges of"),
+        (distances, _FARTHEST, "be off its frame by"),
     ):
         if lengths.max() > most:
             raise InvalidInputError(
-                f"pattern: cell {lengths.argmax()} {what} {lengths.max():g} m; must be at most {most:g} m. "
-                "Multiply by 0.001 what is in millimetres."
+                f"pattern: cell {lengths.argmax()} must {what} at most {most:g} m, not {lengths.max():g} m. Multiply "
+                "by 0.001 what is in millimetres."
             )

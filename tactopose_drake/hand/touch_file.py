@@ -9,7 +9,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.poses import identity_poses, transform_points
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.data_checks import (
     check_list,
@@ -77,7 +77,7 @@ def load_touch(path: Path) -> LoadedTouch:
     """
     data = check_mapping(path, "", read_data(path), (), ("contacts", "patches", "planes", *SIGMA_KEYS))
     if "contacts" not in data and "patches" not in data:
-        raise InvalidFileError(f"{path}: has neither contacts nor patches; allowed are one or both.")
+        raise InvalidFileError(f"{path} must have contacts, patches or both, but has neither.")
     contacts = contacts_in(path, data) if "contacts" in data else Contacts.empty()
     patches, planes = (check_list(path, key, data[key], one) if key in data else [] for key, one in _PARTS.items())
     return LoadedTouch(
@@ -90,7 +90,7 @@ def load_touch(path: Path) -> LoadedTouch:
 def _plane(path: Path, where: str, entry: Any) -> PlaneContact:
     given = check_mapping(path, where, entry, ("point", "normal"), ("sigma",))
     point, normal = (check_vector(path, f"{where}.{key}", given[key], 3) for key in ("point", "normal"))
-    sigma = {"sigma": check_number(path, "sigma", given, where)} if "sigma" in given else {}
+    sigma = {"sigma": check_number(path, f"{where}.sigma", given["sigma"])} if "sigma" in given else {}
     try:
         return PlaneContact(point, normal, **sigma)
     except InvalidInputError as error:
@@ -103,11 +103,13 @@ def _patch(path: Path, where: str, entry: Any) -> Patch:
     given = check_mapping(path, where, entry, (*own, "pressures", "alpha"), (*optional, "X_PT", *_LIMITS))
     pad = _array_pad(path, where, given) if is_array else _own_pad(path, where, given)
     X_PT = check_pose(path, f"{where}.X_PT", given["X_PT"]) if "X_PT" in given else identity_poses(1)[0]
-    alpha = check_number(path, "alpha", given, where)
-    limits = {key: check_number(path, key, given, where) for key in _LIMITS if key in given}
+    alpha = check_number(path, f"{where}.alpha", given["alpha"])
+    limits = {key: check_number(path, f"{where}.{key}", given[key]) for key in _LIMITS if key in given}
     pressure = _pressures(path, f"{where}.pressures", given["pressures"])
     if len(pressure) != len(pad.points):
-        raise InvalidFileError(f"{path}: {where}.pressures: are {len(pressure)}; the pad has {len(pad.points)} cells.")
+        raise InvalidFileError(
+            f"{path}: {where}.pressures must be {len(pad.points)}, one for each cell of the pad, not {len(pressure)}."
+        )
     if pad.array is not None:
         limits.setdefault("saturation", pad.array.model.range)
         pressure = _known(path, f"{where}.pressures", pad.array, pressure)
@@ -139,11 +141,9 @@ def _array_pad(path: Path, where: str, given: dict[str, Any]) -> _Pad:
 
     array = given["array"]
     if not isinstance(array, str):
-        raise InvalidFileError(f"{path}: {where}.array: is {shown(array)}; allowed is a name or a path.")
-    try:
+        raise InvalidFileError(f"{path}: {where}.array must be a name or a path, not {shown(array)}.")
+    with told_of(f"{path}: {where}.array: ", InvalidFileError):
         pad = load_tactile_pad(path.parent / array if Path(array).suffix else array)
-    except InvalidInputError as error:
-        raise InvalidFileError(f"{path}: {where}.array: {error}") from None
     return _Pad(pad.layout.p_TC, pad.layout.n_T, pad)
 
 
@@ -153,8 +153,8 @@ def _known(path: Path, where: str, array: "TactilePad", pressure: FloatArray) ->
     if beyond.any():
         i = int(np.argmax(beyond))
         raise InvalidFileError(
-            f"{path}: {where}[{i}]: is {pressure[i]:g}; allowed are numbers up to the array's range, "
-            f"{array.model.range:g} Pa, and null for a cell that is dead."
+            f"{path}: {where}[{i}] must be a number up to the array's range, {array.model.range:g} Pa, or null for a "
+            f"cell that is dead, not {pressure[i]:g}."
         )
     return known
 
@@ -171,5 +171,5 @@ def _pressures(path: Path, where: str, value: Any) -> FloatArray:
     known = [i for i, cell in enumerate(cells) if cell is not None]
     pressure = np.full(len(cells), np.nan)
     for i in known:
-        pressure[i] = check_vector(path, f"{where}[{i}]", cells[i], 1)[0]
+        pressure[i] = check_number(path, f"{where}[{i}]", cells[i])
     return pressure

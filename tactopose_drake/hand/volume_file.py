@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.data_checks import (
     check_list,
@@ -56,7 +56,7 @@ def load_hand_volume(path: Path, config: HandConfig | None = None) -> HandVolume
         InvalidFileError: if the file, or the hand's, cannot be read or does not fit the format.
     """
     if path.name.endswith(".hand.yaml"):
-        raise InvalidFileError(f"{path}: is a hand's file; allowed is one that names it, by its key `hand`.")
+        raise InvalidFileError(f"{path} must name a hand's file by its key `hand`, not be one.")
     data = read_data(path)
     is_of_hand = isinstance(data, dict) and bool({"hand", "joints"} & data.keys())
     return _of_hand(path, data, config) if is_of_hand else _of_spheres(path, data)
@@ -65,8 +65,8 @@ def load_hand_volume(path: Path, config: HandConfig | None = None) -> HandVolume
 def _of_spheres(path: Path, data: Any) -> HandVolumes:
     given = check_mapping(path, "", data, (), ("spheres", "untouched", "sigma"))
     if not {"spheres", "untouched"} & given.keys():
-        raise InvalidFileError(f"{path}: has neither hand nor spheres nor untouched; at least one of them is needed.")
-    sigma = {"sigma": check_number(path, "sigma", given)} if "sigma" in given else {}
+        raise InvalidFileError(f"{path} must have at least one of hand, spheres and untouched, but has none.")
+    sigma = {"sigma": check_number(path, "sigma", given["sigma"])} if "sigma" in given else {}
 
     def volume(key: str) -> HandGeometry | None:
         if key not in given:
@@ -74,11 +74,11 @@ def _of_spheres(path: Path, data: Any) -> HandVolumes:
         entries = check_list(path, key, given[key], "sphere")
         spheres = [check_mapping(path, f"{key}[{i}]", entry, ("center", "radius")) for i, entry in enumerate(entries)]
         centers = [check_vector(path, f"{key}[{i}].center", sphere["center"], 3) for i, sphere in enumerate(spheres)]
-        radii = [check_number(path, "radius", sphere, f"{key}[{i}]") for i, sphere in enumerate(spheres)]
+        radii = [check_number(path, f"{key}[{i}].radius", sphere["radius"]) for i, sphere in enumerate(spheres)]
         try:
             return HandGeometry(np.array(centers), np.array(radii), **sigma)
         except InvalidInputError as error:
-            raise fault_in(path, "", error, {"p_PH": f"{key}[{{}}].center", "radius": f"{key}: radius"}) from None
+            raise fault_in(path, "", error, {"p_PH": f"{key}[{{}}].center", "radius": f"{key}[{{}}].radius"}) from None
 
     return HandVolumes(volume("spheres"), volume("untouched"))
 
@@ -90,14 +90,12 @@ def _of_hand(path: Path, data: dict[str, Any], config: HandConfig | None) -> Han
     config = _named_hand(path, given["hand"]) if config is None else config
     plant, hand = make_hand_plant(config)
     told = _positions(path, joints)
-    try:
+    with told_of(f"{path}: ", InvalidFileError):
         named = NamedJoints(plant, hand)
         q = named.positions("joints", told)
         check_near_limits("joints", told, plant, hand)
         named.check_couplings("joints", told, clutches=True)
         tips = _tips(hand, untouched)
-    except InvalidInputError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
     spheres = BodySpheres.of_hand(config)
     kinematics = HandKinematics(plant, hand.palm_frame)
     kinematics.move(q - reading_offsets(plant, hand))
@@ -107,15 +105,15 @@ def _of_hand(path: Path, data: dict[str, Any], config: HandConfig | None) -> Han
 
 def _named_hand(path: Path, name: Any) -> HandConfig:
     if not isinstance(name, str):
-        raise InvalidFileError(f"{path}: hand: is {shown(name)}; allowed is a name or a path.")
+        raise InvalidFileError(f"{path}: hand must be a name or a path, not {shown(name)}.")
     return load_hand_config(path.parent / name if Path(name).suffix else name)
 
 
 def _positions(path: Path, joints: Any) -> dict[str, float]:
     """Positions by the joints' names, rad and m."""
     if not isinstance(joints, dict):
-        raise InvalidFileError(f"{path}: joints: is {shown(joints)}; allowed is a mapping of names to positions.")
-    return {name: check_number(path, name, joints, "joints") for name in joints}
+        raise InvalidFileError(f"{path}: joints must be a mapping of names to positions, not {shown(joints)}.")
+    return {name: check_number(path, f"joints.{name}", position) for name, position in joints.items()}
 
 
 def _tips(hand: Hand, untouched: Any) -> list[int]:
@@ -123,7 +121,7 @@ def _tips(hand: Hand, untouched: Any) -> list[int]:
     tips = {finger: int(weld.child_body().index()) for finger, weld in hand.welds.items()}
     if not isinstance(untouched, list) or not all(isinstance(name, str) and name in tips for name in untouched):
         raise InvalidInputError(
-            f"untouched: is {shown(untouched)}; allowed is a list of fingers with a sensor: {', '.join(tips)}."
+            f"untouched must be a list of fingers with a sensor, {', '.join(tips)}, not {shown(untouched)}."
         )
     return [tips[name] for name in untouched]
 

@@ -80,7 +80,7 @@ def add_model(parser: Parser, model: str | Path) -> ModelInstanceIndex:
         InvalidFileError: if there is no such file, Drake cannot read it, or it does not hold exactly one model.
     """
     if "://" not in str(model) and not os.path.exists(model):
-        raise InvalidFileError(f"{model}: there is no such file; allowed is an SDF, URDF or MJCF.")
+        raise InvalidFileError(f"{model} must be an SDF, URDF or MJCF, but there is no such file.")
     try:
         instances = parser.AddModels(url=model) if "://" in str(model) else parser.AddModels(str(model))
     except (
@@ -93,9 +93,9 @@ def add_model(parser: Parser, model: str | Path) -> ModelInstanceIndex:
         if "unknown package" in reason:
             known = ", ".join(sorted(parser.package_map().GetPackageNames()))
             advice = f" Known are {known}: of folders on ROS_PACKAGE_PATH the <name> in their package.xml counts."
-        raise InvalidFileError(f"{model}: must be a model that Drake can read ({reason}).{advice}") from None
+        raise InvalidFileError(f"{model} must be a model that Drake can read ({reason}).{advice}") from None
     if len(instances) != 1:
-        raise InvalidFileError(f"{model}: holds {len(instances)} models; allowed is one.")
+        raise InvalidFileError(f"{model} must hold 1 model, not {len(instances)}.")
     return instances[0]
 
 
@@ -106,13 +106,13 @@ def fixed_pose(name: str, transform: Transform) -> RigidTransform:
         InvalidInputError: if it is random, has a base frame, or is not a pose.
     """
     if not transform.IsDeterministic():  # Drake would abort the process.
-        raise InvalidInputError(f"{name}: is random; allowed is a fixed pose.")
+        raise InvalidInputError(f"{name} must be a fixed pose, not a random one.")
     if transform.base_frame not in (None, "", "world"):
-        raise InvalidInputError(f"{name}.base_frame: is {transform.base_frame!r}; must be left out.")
+        raise InvalidInputError(f"{name}.base_frame must be left out, not {transform.base_frame!r}.")
     try:
         return _sound(name, transform.GetDeterministicValue())
     except RuntimeError as error:
-        raise InvalidInputError(f"{name}: must be a pose ({' '.join(str(error).split())}).") from None
+        raise InvalidInputError(f"{name} must be a pose ({' '.join(str(error).split())}).") from None
 
 
 def drawn_pose(name: str, transform: Transform, seed: int) -> RigidTransform:
@@ -124,7 +124,7 @@ def drawn_pose(name: str, transform: Transform, seed: int) -> RigidTransform:
     try:
         return _sound(name, transform.Sample(RandomGenerator(seed)))
     except RuntimeError as error:
-        raise InvalidInputError(f"{name}: must be a pose ({' '.join(str(error).split())}).") from None
+        raise InvalidInputError(f"{name} must be a pose ({' '.join(str(error).split())}).") from None
 
 
 def _sound(name: str, X: RigidTransform) -> RigidTransform:
@@ -132,5 +132,5 @@ def _sound(name: str, X: RigidTransform) -> RigidTransform:
     matrix = X.GetAsMatrix34()
     R, p = matrix[:, :3], matrix[:, 3]
     if not np.isfinite(matrix).all() or np.abs(R.T @ R - np.eye(3)).max() > 1e-6 or np.linalg.norm(p) > _FARTHEST:
-        raise InvalidInputError(f"{name}: must be a pose of a rotation and at most {_FARTHEST:g} m.")
+        raise InvalidInputError(f"{name} must be a pose of a rotation and at most {_FARTHEST:g} m.")
     return X

@@ -38,8 +38,9 @@ def named_file(name_or_path: str | Path, files: str, shipped: Iterable[Path], en
     known = {path.name.removesuffix(ending): path for path in shipped}
     path = known.get(str(name_or_path), Path(name_or_path))
     if os.path.isdir(path) or not os.path.exists(path):
-        missing = "is a folder; allowed is a YAML file" if os.path.isdir(path) else "there is no such file"
-        raise InvalidFileError(f"{path}: {missing}; the package's {files} are {', '.join(sorted(known))}.")
+        allowed = f"a YAML file, or one of the package's {files}, {', '.join(sorted(known))}"
+        given = "not a folder" if os.path.isdir(path) else "but there is no such file"
+        raise InvalidFileError(f"{path} must be {allowed}, {given}.")
     return path
 
 
@@ -58,5 +59,5 @@ def sensor_file(name_or_path: str | Path, key: str) -> Path:
     of_kind = [file for file in files if f"\n{key}:" in file.read_text(encoding="utf-8")]
     if str(name_or_path) in {file.stem for file in files} - {file.stem for file in of_kind}:
         known = ", ".join(sorted(file.stem for file in of_kind))
-        raise InvalidFileError(f"{name_or_path}: is a sensor of another kind; the package's of this kind are {known}.")
+        raise InvalidFileError(f"{name_or_path} must be one of the package's sensors of this kind, {known}.")
     return named_file(name_or_path, "sensors of this kind", of_kind, ".yaml")

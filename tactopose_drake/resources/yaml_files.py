@@ -56,15 +56,15 @@ def read_text(path: Path, max_bytes: int) -> str:
         with path.open("rb") as file:
             content = file.read(max_bytes + 1)
     except OSError as error:
-        raise InvalidFileError(f"{path}: cannot be read ({error.strerror}).") from None
+        raise InvalidFileError(f"{path} cannot be read ({error.strerror}).") from None
     except ValueError:  # a path with a NUL in it
-        raise InvalidFileError(f"{path}: cannot be read (it is not a path).") from None
+        raise InvalidFileError(f"{path} cannot be read (it is not a path).") from None
     if len(content) > max_bytes:
-        raise InvalidFileError(f"{path}: is too long; must be at most {max_bytes} bytes.")
+        raise InvalidFileError(f"{path} must have at most {max_bytes} bytes, not more.")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InvalidFileError(f"{path}: cannot be read (it is not text in UTF-8, at byte {error.start}).") from None
+        raise InvalidFileError(f"{path} cannot be read (it is not text in UTF-8, at byte {error.start}).") from None
 
 
 def parse_yaml(text: str) -> yaml.Node | None:
@@ -79,7 +79,7 @@ def parse_yaml(text: str) -> yaml.Node | None:
         mark = getattr(error, "problem_mark", None)
         where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         reason = " ".join(str(getattr(error, "problem", None) or error).split())
-        raise InvalidFileError(f"is not YAML{where} ({reason}).") from None
+        raise InvalidFileError(f"the content is not YAML{where} ({reason}).") from None
 
 
 class _Composer:
@@ -97,7 +97,7 @@ class _Composer:
         for event in self._events:
             if isinstance(event, yaml.DocumentStartEvent):
                 if root is not None:
-                    raise InvalidFileError(f"{_line(event)}begins a second document; allowed is one.")
+                    raise InvalidFileError(f"{_line(event)}the file must hold 1 document, not begin a second one.")
                 root = self._node(next(self._events), 0)
         return root
 
@@ -111,7 +111,7 @@ class _Composer:
             self._add(event, found[1])
             return found[0]
         if depth > MAX_DEPTH:
-            raise InvalidFileError(f"{_line(event)}is nested too deeply; must be at most {MAX_DEPTH} deep.")
+            raise InvalidFileError(f"{_line(event)}values must be nested at most {MAX_DEPTH} deep, not deeper.")
         self._add(event, 1)
         anchor = event.anchor
         if anchor is not None:
@@ -130,18 +130,20 @@ class _Composer:
                 pairs.append((self._node(inner, depth + 1), self._node(next(self._events), depth + 1)))
             node = yaml.MappingNode(self._tag(yaml.MappingNode, event), _merged(pairs), mark)
         if node.tag.startswith("tag:") and node.tag not in _PLAIN_TAGS:
-            raise InvalidFileError(f"{_line(event)}has the tag {bare(node.tag)}; allowed are plain data.")
+            raise InvalidFileError(f"{_line(event)}the tag must be one of plain data, not {bare(node.tag)}.")
         if anchor is not None:
             self._anchors[anchor] = node, self._count - before
         return node
 
     def _scalar(self, event: Any) -> yaml.ScalarNode:
         if any(ord(letter) < 32 or 127 <= ord(letter) < 160 for letter in event.value):
-            raise InvalidFileError(f"{_line(event)}{shown(event.value)} has a control character, or more than a line.")
+            raise InvalidFileError(
+                f"{_line(event)}{shown(event.value)} must be in one line, and without control characters."
+            )
         if len(event.value) > MAX_LETTERS:
             raise InvalidFileError(
-                f"{_line(event)}{shown(event.value)} has more than {MAX_LETTERS} letters; allowed are fewer. No file "
-                "of this package has such a text: this may be a mesh, or another file that is not YAML."
+                f"{_line(event)}{shown(event.value)} must have at most {MAX_LETTERS} letters, not {len(event.value)}. "
+                "No file of this package has such a text: this may be a mesh, or another file that is not YAML."
             )
         return yaml.ScalarNode(
             self._tag(yaml.ScalarNode, event), event.value, event.start_mark, event.end_mark, event.style
@@ -155,7 +157,7 @@ class _Composer:
     def _add(self, event: Any, count: int) -> None:
         self._count += count
         if self._count > MAX_NODES:
-            raise InvalidFileError(f"{_line(event)}holds too many values; must be at most {MAX_NODES}.")
+            raise InvalidFileError(f"{_line(event)}the file must hold at most {MAX_NODES} values, not more.")
 
 
 def _merged(pairs: list[tuple[yaml.Node, yaml.Node]]) -> list[tuple[yaml.Node, yaml.Node]]:
@@ -164,9 +166,9 @@ def _merged(pairs: list[tuple[yaml.Node, yaml.Node]]) -> list[tuple[yaml.Node, y
     brought: list[tuple[yaml.Node, yaml.Node]] = []
     for key, value in pairs:
         if not isinstance(key, yaml.ScalarNode):
-            raise InvalidFileError(f"{_line(key)}has a list or mapping for a key; allowed is text.")
+            raise InvalidFileError(f"{_line(key)}a key must be text, not a list or mapping.")
         if (key.tag, key.value) in own:
-            raise InvalidFileError(f"{_line(key)}key {shown(key.value)} is given twice; must be given once.")
+            raise InvalidFileError(f"{_line(key)}the key {shown(key.value)} must be given once, not twice.")
         own[key.tag, key.value] = key, value
         if key.tag == YAML + "merge":
             maps = value.value if isinstance(value, yaml.SequenceNode) else [value]
@@ -190,7 +192,7 @@ def plain_data(node: yaml.Node | None, place: str = "") -> Any:
     if node is None:
         return None
     if node.tag.startswith("!"):
-        raise InvalidFileError(f"{where(node, place)}the tag {bare(node.tag)} is unknown; no tag is allowed here.")
+        raise InvalidFileError(f"{where(node, place)} must have no tag, not {bare(node.tag)}.")
     if isinstance(node, yaml.SequenceNode):
         return [plain_data(item, f"{place}[{i}]") for i, item in enumerate(node.value)]
     if isinstance(node, yaml.MappingNode):
@@ -214,22 +216,22 @@ def number_of(node: yaml.Node, place: str, *, whole: bool = False) -> float | in
     Raises:
         InvalidFileError: if the node is not such a number.
     """
-    allowed = "integers" if whole else "numbers"
+    allowed = "an integer" if whole else "a number"
     if not isinstance(node, yaml.ScalarNode):
-        raise InvalidFileError(f"{where(node, place)}is a list or mapping; allowed are {allowed}.")
+        raise InvalidFileError(f"{where(node, place)} must be {allowed}, not a list or mapping.")
     if _INTEGER.fullmatch(node.value):
         # Numbers with more digits than 64 bits can have are not parsed, because that may take long.
         number = int(node.value, 0) if len(node.value) <= 20 else 2**63
         if -(2**63) <= number < 2**63:
             return number
-        allowed = "integers of 64 bits"
+        allowed = "an integer of 64 bits"
     elif DECIMAL.fullmatch(node.value) and not whole and not _is_octal(node.value):
         if abs(decimal := float(node.value)) <= LARGEST:
             return decimal
-        allowed = f"numbers up to {LARGEST:g}"
+        allowed = f"a number from {-LARGEST:g} to {LARGEST:g}"
     elif NOT_FINITE.fullmatch(node.value) and not whole:
-        allowed = "finite numbers"
-    raise InvalidFileError(f"{where(node, place)}is {shown(node.value)}; allowed are {allowed}.")
+        allowed = "a finite number"
+    raise InvalidFileError(f"{where(node, place)} must be {allowed}, not {shown(node.value)}.")
 
 
 def _is_octal(text: str) -> bool:
@@ -250,12 +252,14 @@ def bare(text: str) -> str:
 def check_key(key: yaml.Node, place: str) -> None:
     """Raises InvalidFileError if a key is not a string."""
     if key.tag != YAML + "str":
-        raise InvalidFileError(f"{where(key, place)}key {shown(key.value)} must be text; put it in quotes.")
+        raise InvalidFileError(
+            f"{where(key, place)} must have keys of text, in quotes if need be, not {bare(key.value)}."
+        )
 
 
 def where(node: yaml.Node, place: str) -> str:
-    """The beginning of a message: the line, and the place in the file."""
-    return _line(node) + (f"{place}: " if place else "")
+    """The beginning of a message: the line, and the place in the file, which is the subject of the sentence."""
+    return _line(node) + (place or "the content")
 
 
 def _line(node: Any) -> str:

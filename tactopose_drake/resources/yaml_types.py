@@ -56,7 +56,7 @@ def _load(schema: Any, text: str) -> Any:
     """The content of a text, cached, because commands read the same files many times, and Drake's loader is slow."""
     root = parse_yaml(text)
     if root is None:
-        raise InvalidFileError("is empty.")
+        raise InvalidFileError("the file must not be empty.")
     check_type(schema, root)
     return yaml_load_typed(schema=schema, data=text)
 
@@ -78,8 +78,8 @@ def check_type(kind: Any, node: yaml.Node, place: str = "") -> None:
     if node.tag.startswith("!") and not _is_drakes(options[0]):
         tag, names = node.tag.removeprefix("!"), [option.__name__ for option in options] if len(options) > 1 else []
         if tag not in names:
-            allowed = f"allowed are {', '.join(f'!{name}' for name in names)}" if names else "no tag is allowed here"
-            raise InvalidFileError(f"{where(node, place)}the tag {bare(node.tag)} is unknown; {allowed}.")
+            allowed = f"one of the tags {', '.join(f'!{name}' for name in names)}" if names else "no tag"
+            raise InvalidFileError(f"{where(node, place)} must have {allowed}, not {bare(node.tag)}.")
         options = tuple(option for option in options if option.__name__ == tag)
     kind = options[0]
     if dataclasses.is_dataclass(kind):
@@ -88,12 +88,12 @@ def check_type(kind: Any, node: yaml.Node, place: str = "") -> None:
         _check_drakes(kind, node, place)
     elif typing.get_origin(kind) is list:
         if not isinstance(node, yaml.SequenceNode):
-            raise InvalidFileError(f"{where(node, place)}must be a list.")
+            raise InvalidFileError(f"{where(node, place)} must be a list, not {_shown_node(node)}.")
         for i, item in enumerate(node.value):
             check_type(typing.get_args(kind)[0], item, f"{place}[{i}]")
     elif typing.get_origin(kind) is dict:
         if not isinstance(node, yaml.MappingNode):
-            raise InvalidFileError(f"{where(node, place)}must be a mapping.")
+            raise InvalidFileError(f"{where(node, place)} must be a mapping, not {_shown_node(node)}.")
         for key, value in node.value:
             check_key(key, place)
             check_type(typing.get_args(kind)[1], value, f"{place}.{key.value}")
@@ -105,14 +105,15 @@ def _check_dataclass(kind: type, node: yaml.Node, place: str, others: Sequence[s
     """Checks the mapping of a dataclass; `others` are the tags with which another dataclass would be read."""
     types_of = typing.get_type_hints(kind)
     if not isinstance(node, yaml.MappingNode):
-        raise InvalidFileError(f"{where(node, place)}must be a mapping, whose keys may be {', '.join(types_of)}.")
+        keys = f"whose keys may be {', '.join(types_of)}"
+        raise InvalidFileError(f"{where(node, place)} must be a mapping, {keys}, not {_shown_node(node)}.")
     for key, value in node.value:
         if not place and key.value.startswith("_"):  # values that other keys refer to by anchors
             continue
         if key.value not in types_of:
-            allowed = ", ".join(types_of) or "none"
-            allowed += f"; with a tag, {', '.join(others)}, its own" if others else ""
-            raise InvalidFileError(f"{where(key, place)}key {shown(key.value)} is unknown; allowed are {allowed}.")
+            allowed = f"only the keys {', '.join(types_of)}" if types_of else "no keys"
+            allowed += f" (or, with a tag, {', '.join(others)}, its own)" if others else ""
+            raise InvalidFileError(f"{where(key, place)} must have {allowed}, not {shown(key.value)}.")
         check_type(types_of[key.value], value, f"{place}.{key.value}".lstrip("."))
 
 
@@ -121,14 +122,14 @@ def _check_scalar(options: tuple[Any, ...], node: yaml.Node, place: str) -> None
     name = node.tag.removeprefix(YAML)
     if {int, float}.intersection(options) and (name in ("int", "float") or not {str, bool}.intersection(options)):
         if name == "bool":
-            raise InvalidFileError(f"{where(node, place)}is {shown(node.value)}, a yes or no; allowed are numbers.")
+            raise InvalidFileError(f"{where(node, place)} must be a number, not {shown(node.value)}, a yes or no.")
         number_of(node, place, whole=float not in options)
         if name == "str" and DECIMAL.fullmatch(node.value) is None:  # Drake's loader reads 0x20 only without quotes.
-            raise InvalidFileError(f"{where(node, place)}is {shown(node.value)}, in quotes; must be without quotes.")
+            raise InvalidFileError(f"{where(node, place)} must be a number without quotes, not {shown(node.value)}.")
     elif str in options and name != "str" and not (name == "bool" and bool in options):
-        raise InvalidFileError(f"{where(node, place)}is {_shown_node(node)}; allowed is text, in quotes if need be.")
+        raise InvalidFileError(f"{where(node, place)} must be text, in quotes if need be, not {_shown_node(node)}.")
     elif str not in options and name != "bool" and node.value not in ("true", "false"):
-        raise InvalidFileError(f"{where(node, place)}is {_shown_node(node)}; allowed are true and false.")
+        raise InvalidFileError(f"{where(node, place)} must be true or false, not {_shown_node(node)}.")
 
 
 def _check_drakes(kind: type, node: yaml.Node, place: str) -> None:
@@ -138,7 +139,7 @@ def _check_drakes(kind: type, node: yaml.Node, place: str) -> None:
     except Exception:  # it raises AttributeError, AssertionError, RuntimeError ... on bad content
         keys = ", ".join(field.name for field in kind.__fields__)  # type: ignore[attr-defined]
         tag = " A rotation has a tag, as in `rotation: !Rpy {deg: [180, -90, 0]}`." if "rotation" in keys else ""
-        message = f"{where(node, place)}does not fit Drake's {kind.__name__}; its keys may be {keys}.{tag}"
+        message = f"{where(node, place)} must fit Drake's {kind.__name__}, whose keys may be {keys}.{tag}"
         raise InvalidFileError(message) from None
 
 
@@ -167,4 +168,6 @@ def _is_drakes(kind: Any) -> bool:
 
 
 def _shown_node(node: yaml.Node) -> str:
-    return shown(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"
+    if isinstance(node, yaml.ScalarNode):
+        return shown(node.value)
+    return "a list" if isinstance(node, yaml.SequenceNode) else "a mapping"

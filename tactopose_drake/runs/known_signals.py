@@ -55,8 +55,8 @@ def known_signals(scenario: Scenario) -> dict[str, Signal]:
         signals["joint_positions"] = _unknown_in_gaps(table[:, 0], list(positions), unknown)
     elif senses.barrett_hand is None:
         raise InvalidInputError(
-            "CanSenses.joints: is not given, or !JointPort, for which joint positions come through an input port of "
-            "your own diagram; allowed for a run of the scenario by itself are !FixedJoints and !JointFile."
+            "CanSenses.joints must be !FixedJoints or !JointFile for a run of the scenario by itself, not left out or "
+            "!JointPort, for which joint positions come through an input port of your own diagram."
         )
     return signals
 
@@ -80,14 +80,13 @@ def check_spans(scenario: Scenario, signals: Mapping[str, Signal], end: float) -
     for name, path in (("joint_positions", joints), ("palm_pose", senses.palm)):
         if path and signals[name].times[0] > max_age:
             raise InvalidInputError(
-                f"{path}: begins at {signals[name].times[0]:.10g} s; allowed is a file that begins with the run, whose "
-                "time 0 is its start."
+                f"{path} must begin with the run, whose time 0 is its start, not at {signals[name].times[0]:.10g} s."
             )
         if path and signals[name].times[-1] + max_age < end:
-            run = f"the run ends at {end:g} s" if np.isfinite(end) else "the run has no end"
+            run = f"the run ends, at {end:g} s" if np.isfinite(end) else "the run ends, which has no end"
             raise InvalidInputError(
-                f"{path}: ends at {signals[name].times[-1]:g} s, and {run}; allowed are a file that goes on until "
-                "the run ends, or a shorter duration."
+                f"{path} must go on until {run}, not end at {signals[name].times[-1]:g} s. Or choose a shorter "
+                "duration."
             )
 
 
@@ -129,7 +128,7 @@ def _palm(path: Path) -> Signal:
     if np.any(np.abs(lengths - 1.0) > 1e-3):
         wrong = int(np.abs(lengths - 1.0).argmax())
         raise InvalidFileError(
-            f"{path}: at {table[wrong, 0]:g} s, the quaternion has the length {lengths[wrong]:g}; allowed is 1."
+            f"{path}: the quaternion at {table[wrong, 0]:g} s must have the length 1, not {lengths[wrong]:g}."
         )
     turns = [Quaternion(q / length) for q, length in zip(table[:, 4:], lengths, strict=True)]
     poses = [RigidTransform(*pose) for pose in zip(turns, p, strict=True)]
@@ -139,4 +138,4 @@ def _palm(path: Path) -> Signal:
 def _check_columns(path: Path, names: list[str], allowed: list[str]) -> None:
     """Raises InvalidFileError if a file's columns are not the allowed ones."""
     if names != allowed:
-        raise InvalidFileError(f"{path}: has the columns {', '.join(names)}; allowed are {', '.join(allowed)}.")
+        raise InvalidFileError(f"{path} must have the columns {', '.join(allowed)}, not {', '.join(names)}.")

@@ -11,7 +11,7 @@ from pathlib import Path
 import yaml
 from pydrake.common.yaml import yaml_dump_typed
 
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.resources import load_typed_yaml, read_yaml
 from tactopose_drake.resources.yaml_files import bare
@@ -40,10 +40,10 @@ class Manifest:
     def validate(self) -> None:
         """Raises InvalidInputError if the manifest is incomplete, or does not fit its scenario's devices."""
         if not self.versions:  # They come after the scenario; without them, the scenario may be incomplete.
-            raise InvalidInputError("Manifest.versions: are missing, so the file is cut off; it must be complete.")
+            raise InvalidInputError("Manifest.versions must be there, but are missing: the file is cut off.")
         senses = self.scenario.senses
         if isinstance(senses, RecordedSenses):
-            raise InvalidInputError("Manifest.scenario.senses: must not be !RecordedSenses.")
+            raise InvalidInputError("Manifest.scenario.senses must not be !RecordedSenses.")
         buses, fingers = (senses.buses, senses.fingers) if isinstance(senses, CanSenses) else ({}, {})
         for name, given, needed in (
             ("buses", set(self.buses), set(buses)),
@@ -51,8 +51,8 @@ class Manifest:
         ):
             if given != needed:
                 raise InvalidInputError(
-                    f"Manifest.{name}: are of {', '.join(sorted(given)) or 'none'}; allowed are those of the "
-                    f"scenario's senses, {', '.join(sorted(needed)) or 'none'}."
+                    f"Manifest.{name} must be those of the scenario's senses, {', '.join(sorted(needed)) or 'none'}, "
+                    f"not {', '.join(sorted(given)) or 'none'}."
                 )
         for finger, bias in self.biases.items():
             finite_array(f"Manifest.biases[{finger}]", bias, (6,))
@@ -79,15 +79,20 @@ class Manifest:
             is_moved = os.path.isabs(recorded) and os.path.isabs(given) and Path(given).name == Path(recorded).name
             if given != recorded and not is_moved:
                 raise InvalidInputError(
-                    f"{folder}: was recorded with the {name} {recorded!r}; the scenario has {given!r}."
+                    f"{folder} must be replayed with the {name} that it was recorded with, {recorded!r}, not {given!r}."
                 )
         given, recorded = scenario.senses, self.scenario.senses
         if isinstance(given, CanSenses) and not isinstance(recorded, CanSenses):
-            raise InvalidInputError(f"{folder}: was recorded from the simulator; the scenario has CAN devices.")
+            raise InvalidInputError(
+                f"{folder} must be replayed without CAN devices, as it was recorded from the simulator."
+            )
         if isinstance(given, CanSenses) and isinstance(recorded, CanSenses):
             for part in ("fingers", "barrett_hand"):
                 if getattr(given, part) != getattr(recorded, part):
-                    raise InvalidInputError(f"{folder}: was recorded with other devices; senses.{part} differ.")
+                    raise InvalidInputError(
+                        f"{folder} must be replayed with the devices that it was recorded with, but senses.{part} "
+                        "differ."
+                    )
 
 
 def versions() -> dict[str, str]:
@@ -114,7 +119,7 @@ def save_manifest(
     try:
         (folder / MANIFEST).write_text(yaml_dump_typed(manifest))
     except OSError as error:
-        raise InvalidFileError(f"{folder / MANIFEST}: cannot be written ({error.strerror}).") from None
+        raise InvalidFileError(f"{folder / MANIFEST} cannot be written ({error.strerror}).") from None
 
 
 def load_manifest(folder: Path) -> Manifest:
@@ -124,16 +129,16 @@ def load_manifest(folder: Path) -> Manifest:
         InvalidFileError: if the folder is not a recording, or has another format.
     """
     if not os.path.isfile(folder / MANIFEST):
-        raise InvalidFileError(f"{folder}: must be a recording, but has no {MANIFEST}.")
+        raise InvalidFileError(f"{folder} must be a recording, but has no {MANIFEST}.")
     _check_format(folder / MANIFEST)
     manifest = load_typed_yaml(Manifest, folder / MANIFEST)
-    try:
+    with told_of(f"{folder / MANIFEST}: ", InvalidFileError):
         manifest.validate()
-    except InvalidInputError as error:
-        raise InvalidFileError(f"{folder / MANIFEST}: {error}") from None
     for name, file in manifest.buses.items():
         if Path(file).name != file or not os.path.isfile(folder / file):
-            raise InvalidFileError(f"{folder / MANIFEST}: the log {file!r} of the bus {name!r} is not in the folder.")
+            raise InvalidFileError(
+                f"{folder / MANIFEST}: the log of the bus {name!r} must be in its folder, not {file!r}."
+            )
     return manifest
 
 
@@ -143,7 +148,7 @@ def _check_format(path: Path) -> None:
     pairs = root.value if isinstance(root, yaml.MappingNode) else []
     for key, value in pairs:
         if key.value == "format" and value.value != str(_FORMAT):
-            raise InvalidFileError(f"{path}: has the format {bare(str(value.value))}; allowed is {_FORMAT}.")
+            raise InvalidFileError(f"{path} must have the format {_FORMAT}, not {bare(str(value.value))}.")
 
 
 def prepare_folder(folder: Path) -> bool:
@@ -158,15 +163,16 @@ def prepare_folder(folder: Path) -> bool:
     try:
         is_new = not folder.exists()
         if not is_new and (not folder.is_dir() or any(folder.iterdir())):
-            raise InvalidInputError(f"{folder}: exists; allowed for a recording is a folder that is new or empty.")
+            raise InvalidInputError(f"{folder} must be new, or an empty folder, for a recording, but is neither.")
         folder.mkdir(parents=True, exist_ok=True)
         free = shutil.disk_usage(folder).free
         if free < _LEAST_FREE and is_new:
             folder.rmdir()
     except OSError as error:
-        raise InvalidInputError(f"{folder}: cannot be made ({error.strerror}).") from None
+        raise InvalidInputError(f"{folder} cannot be made ({error.strerror}).") from None
     if free < _LEAST_FREE:
         raise InvalidInputError(
-            f"{folder}: its disk has {free / 1e6:.1f} MB left; allowed for a recording are {_LEAST_FREE / 1e6:g} MB."
+            f"{folder}: its disk must have at least {_LEAST_FREE / 1e6:g} MB left for a recording, not "
+            f"{free / 1e6:.1f} MB."
         )
     return is_new

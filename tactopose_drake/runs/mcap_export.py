@@ -72,8 +72,8 @@ def write_mcap(run: RecordedRun, path: Path) -> None:
     last = run.manifest.start + messages[-1].time
     if last >= _END_OF_STAMPS:
         raise InvalidInputError(
-            f"Manifest.start: is {run.manifest.start:.10g} s since the epoch, and the recording lasts until "
-            f"{last:.10g}; allowed in mcap are times before {_END_OF_STAMPS}, in 2038, where ROS 2's stamps end."
+            f"Manifest.start must be early enough that the recording ends before {_END_OF_STAMPS} s since the epoch, "
+            f"in 2038, where ROS 2's stamps end, not {run.manifest.start:.10g} s, with which it ends at {last:.10g} s."
         )
     with written_beside(path) as beside, beside.open("wb") as file:
         out = Writer(file)

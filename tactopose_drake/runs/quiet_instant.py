@@ -33,19 +33,19 @@ def quiet_grasp(run: RecordedRun, model: ObjectModel, name: str) -> RecordedGras
     """
     wrenches = {key.removeprefix(_WRENCH): signal for key, signal in run.signals.items() if key.startswith(_WRENCH)}
     if "joint_positions" not in run.signals or not wrenches:
-        raise InvalidFileError(f"{name}: holds no joint positions or no wrench; allowed are recordings with both.")
+        raise InvalidFileError(f"{name} must hold joint positions and wrenches, but lacks one of them.")
     signals = [run.signals["joint_positions"], *wrenches.values()]
     first, last = max(signal.times[0] for signal in signals), max(signal.times[-1] for signal in signals)
     times = np.arange(first, last + 1e-9, _STEP)
     if len(times) < _WINDOW:
-        raise InvalidFileError(f"{name}: has all readings for only {last - first:.2f} s; must be at least 0.3 s.")
+        raise InvalidFileError(f"{name} must have all readings for at least 0.3 s, not for {last - first:.2f} s.")
     q = _sampled(signals[0], times)
     F = np.stack([_sampled(signal, times) for signal in wrenches.values()], axis=1)  # (t, fingers, 6)
     windows = np.arange(len(times) - _WINDOW + 1)[:, None] + np.arange(_WINDOW)
     touching = np.all(np.linalg.norm(F[windows, :, 3:], axis=3) > _TOUCHES, axis=1)
     count = touching.sum(axis=1)
     if not count.any():
-        raise InvalidFileError(f"{name}: no finger presses with more than {_TOUCHES} N for 0.3 s.")
+        raise InvalidFileError(f"{name}: a finger must press with more than {_TOUCHES} N for 0.3 s, but none does.")
     # Avoid windows in which a joint is unknown that is known at other times.
     gaps = np.isnan(q[windows]).any(axis=1)[:, np.isfinite(q).any(axis=0)].sum(axis=1)
     unrest = np.nansum(np.ptp(q[windows], axis=1) / run.units, axis=1) / math.radians(1.0) + _A_GAP * gaps

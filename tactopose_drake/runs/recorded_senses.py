@@ -63,7 +63,7 @@ def read_recording(folder: Path) -> RecordedRun:
     signals, cut = read_signals(folder / SIGNALS)
     problems = [cut] if cut else []
     if missing := missing_signals(signals, manifest.scenario):
-        problems.append(f"{folder / SIGNALS}: has no {', '.join(missing)}, which the run has recorded.")
+        problems.append(f"{folder / SIGNALS} has no {', '.join(missing)}, which the run has recorded.")
     if isinstance(manifest.scenario.senses, CanSenses):
         played, ends = _play(folder, manifest, signals)
         signals, problems = signals | played, problems + ends
@@ -110,18 +110,18 @@ def _play(folder: Path, manifest: Manifest, signals: dict[str, Signal]) -> tuple
 def _read_estimates(path: Path) -> tuple[tuple[dict[str, Any], ...], list[str]]:
     """The lines up to the first damaged one, and messages on problems."""
     if not path.is_file():
-        return (), [f"{path}: is missing, so there are no estimates."]
+        return (), [f"{path} is missing, so there are no estimates."]
     try:
         texts = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise InvalidFileError(f"{path}: cannot be read ({' '.join(str(error).split())}).") from None
+        raise InvalidFileError(f"{path} cannot be read ({' '.join(str(error).split())}).") from None
     lines: list[dict[str, Any]] = []
     for text in texts:
         try:
             line = json.loads(text)
             _check_estimate(line)
         except (LookupError, RecursionError, TypeError, ValueError):
-            return tuple(lines), [f"{path}: cannot be read from line {len(lines) + 1} on."]
+            return tuple(lines), [f"{path} cannot be read from line {len(lines) + 1} on."]
         lines.append(line)
     return tuple(lines), []
 

@@ -11,8 +11,9 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
+from tactopose_drake.core.validation import told_of
 from tactopose_drake.drivers.device_bus import DeviceBus
-from tactopose_drake.errors import EndOfLogError, InvalidFileError, InvalidInputError
+from tactopose_drake.errors import EndOfLogError, InvalidFileError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.resources import fixed_pose
@@ -83,7 +84,7 @@ def replay(
     last = max((signal.times[-1] for signal in signals.values()), default=0.0)  # Nothing is known after that.
     signals.pop(TRUE_POSE, None)
     run = dataclasses.replace(manifest.scenario, hand=scenario.hand)  # The hand's file may have moved.
-    _check_signals(signals, run, cut or f"{folder / SIGNALS}: is whole.")
+    _check_signals(signals, run, cut or f"{folder / SIGNALS} is whole.")
     devices = logged_devices(folder, manifest)
     tell("reading the object")
     with contextlib.ExitStack() as parts:
@@ -144,10 +145,8 @@ def _make_station(
         InvalidFileError: if the recording's signals do not fit the scenario.
     """
     model = scenario.object_model()
-    try:
+    with told_of(f"{folder}: ", InvalidFileError):
         return make_hardware_station(scenario, devices, signals, model=model)
-    except InvalidInputError as error:
-        raise InvalidFileError(f"{folder}: {error}") from None
 
 
 def as_recorded(scenario: Scenario, manifest: Manifest) -> Scenario:
@@ -179,8 +178,8 @@ def logged_devices(folder: Path, manifest: Manifest) -> CanDevices | None:
     first = min(bus.clock.time() for bus in devices.buses.values())
     if manifest.start < first - _LONGEST_SILENCE:
         raise InvalidFileError(
-            f"{folder / MANIFEST}: start: is {first - manifest.start:.0f} s before the logs' first frame; "
-            f"must be at most {_LONGEST_SILENCE:g} s."
+            f"{folder / MANIFEST}: start must be at most {_LONGEST_SILENCE:g} s before the logs' first frame, not "
+            f"{first - manifest.start:.0f} s."
         )
     return devices
 
@@ -188,11 +187,11 @@ def logged_devices(folder: Path, manifest: Manifest) -> CanDevices | None:
 def _check_signals(signals: Mapping[str, Signal], scenario: Scenario, state: str) -> None:
     """Raises InvalidFileError if a signal of the run is missing or has another type, which would change estimates."""
     for name in missing_signals(signals, scenario):
-        raise InvalidFileError(f"{state} It has no {name}, which the run has recorded.")
+        raise InvalidFileError(f"{state} It must have the {name}, which the run has recorded, but lacks it.")
     for name, signal in signals.items():
         kind = {"prior": PosePrior, "palm_pose": RigidTransform}.get(name, np.ndarray)
         if not all(isinstance(value, kind) or (value is None and name == "prior") for value in signal.values):
-            raise InvalidFileError(f"{state} Its {name} has another kind of value; allowed is a {_KINDS[kind]}.")
+            raise InvalidFileError(f"{state} Its {name} must be a {_KINDS[kind]}, not another kind of value.")
 
 
 def missing_signals(signals: Mapping[str, Signal], scenario: Scenario) -> list[str]:

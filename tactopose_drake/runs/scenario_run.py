@@ -57,13 +57,13 @@ def run_scenario(
         if isinstance(scenario.senses, kind):
             if record is not None:
                 raise InvalidInputError(
-                    f"record: is given, but the senses come over {bus}; allowed is None. Record them by `{recorder}`."
+                    f"record must be None if the senses come over {bus}. Record them by `{recorder}`."
                 )
             return run_messages(scenario, duration, observer, tell)
     observer = publishing(scenario, observer)
     if isinstance(scenario.senses, RecordedSenses):
         if record is not None:
-            raise InvalidInputError("record: is given, but the scenario's senses are a recording; allowed is None.")
+            raise InvalidInputError("record must be None if the scenario's senses are a recording.")
         return replay(Path(scenario.senses.folder), scenario, duration=duration, observer=observer, tell=tell).view
     devices = scenario.senses if isinstance(scenario.senses, CanSenses) else None
     if devices is None or devices.simulated == SimulatedDevices():

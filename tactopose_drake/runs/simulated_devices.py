@@ -117,7 +117,7 @@ class SimulatedRig:
                     end = can.Bus(interface=bus.interface, channel=bus.channel, ignore_config=True, **options)
                 except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
                     place = f"bus {name!r}, {bus.channel!r} of {bus.interface}"
-                    raise BusError(f"{place}: cannot be opened for the simulated devices ({error}).") from error
+                    raise BusError(f"{place} cannot be opened for the simulated devices ({error}).") from error
                 servers.enter_context(DeviceServer(end, self.on_bus(name)))
             self._servers = servers.pop_all()
         return self

@@ -46,8 +46,8 @@ def live_buses(senses: CanSenses) -> dict[str, DeviceBus]:
     for name, bus in senses.buses.items():
         if not re.fullmatch(r"\w[\w .-]{0,59}", name):
             raise InvalidInputError(
-                f"CanSenses.buses: has the name {name!r}; allowed, since it also names the log, are up to 60 letters, "
-                "digits, '_', '-', '.' and spaces, the first of which is a letter, a digit or '_'."
+                "CanSenses.buses must have names that can name a log, of up to 60 letters, digits, '_', '-', '.' and "
+                f"spaces, the first of which is a letter, a digit or '_', not {name!r}."
             )
         with told_of(f"CanSenses.buses[{name}]."):
             _check_options(bus.options)
@@ -59,7 +59,7 @@ def live_buses(senses: CanSenses) -> dict[str, DeviceBus]:
 def _check_options(options: Iterable[str]) -> None:
     for option in options:
         if option in _NO_OPTIONS:
-            raise InvalidInputError(f"options: has {option!r}; allowed are the interface's own, such as bitrate.")
+            raise InvalidInputError(f"options must be the interface's own, such as bitrate, not {option!r}.")
 
 
 def check_drivers(senses: CanSenses) -> None:

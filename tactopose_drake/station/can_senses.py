@@ -3,8 +3,8 @@
 import dataclasses
 import os
 
-from tactopose_drake.core.validation import positive_number, whole_number
-from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.core.validation import known_name, positive_number, whole_number
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import HandConfig
 
 
@@ -107,28 +107,25 @@ class CanSenses:
     def validate(self, hand: HandConfig) -> None:
         """Raises InvalidInputError if a value is out of its range or a name is unknown; drivers check their own."""
         if not self.fingers and self.barrett_hand is None:
-            raise InvalidInputError("CanSenses: has neither fingers nor barrett_hand; allowed are one or both.")
+            raise InvalidInputError("CanSenses must have fingers, barrett_hand or both, but has neither.")
         whole_number("CanSenses.tare_samples", self.tare_samples, least=0)
         self._check_buses()
         sensing = [finger.name for finger in hand.fingers if finger.sensor_frame]
         for name, board in self.fingers.items():
-            if name not in sensing:
-                raise UnknownNameError("CanSenses.fingers", name, sensing)
+            known_name("each name in CanSenses.fingers", name, sensing)
             self._check_device(f"CanSenses.fingers[{name}]", board)
         if self.barrett_hand is not None:
             self._check_device("CanSenses.barrett_hand", self.barrett_hand)
             if not isinstance(self.joints, JointPort):
-                raise InvalidInputError(
-                    "CanSenses.joints: is given, but Barrett's hand measures its own; must be left out."
-                )
+                raise InvalidInputError("CanSenses.joints must be left out, as Barrett's hand measures its own.")
         if self.palm and self.simulated == SimulatedDevices():
             raise InvalidInputError(
-                "CanSenses.palm: is given, but the simulated devices replay a hand with a fixed base; must be left "
-                "out, or the simulated devices must have a folder."
+                "CanSenses.palm must be left out, as the simulated devices replay a hand with a fixed base, unless "
+                "they have a folder."
             )
         joints = self.joints.path if isinstance(self.joints, JointFile) else ""
         if isinstance(self.joints, JointFile) and not joints:
-            raise InvalidInputError("CanSenses.joints.path: is not given; allowed is a CSV file of joint positions.")
+            raise InvalidInputError("CanSenses.joints.path must be a CSV file of joint positions, not empty.")
         for key, path in {"prior": self.prior, "palm": self.palm, "joints.path": joints}.items():
             if path and not os.path.isfile(path):
                 raise InvalidInputError(f"CanSenses.{key}: there is no file {path}.")
@@ -142,16 +139,15 @@ class CanSenses:
             first = names.setdefault((bus.interface, bus.channel), name)
             if first != name:
                 raise InvalidInputError(
-                    f"CanSenses.buses[{name}]: is on {bus.interface} {bus.channel!r}, as is {first}; allowed is one "
-                    "bus for each channel."
+                    f"CanSenses.buses[{name}] must have a channel of its own, not {bus.channel!r} of {bus.interface}, "
+                    f"which {first} is on."
                 )
 
     def _check_device(self, name: str, device: ForceTorqueBoard | BarrettPucks) -> None:
-        if device.bus not in self.buses:
-            raise UnknownNameError(f"{name}.bus", device.bus, self.buses)
+        known_name(f"{name}.bus", device.bus, self.buses)
         for what in ("period", "timeout", "max_age"):
             positive_number(f"{name}.{what}", getattr(device, what))
         if device.max_age < device.period:
             raise InvalidInputError(
-                f"{name}.max_age: is {device.max_age:g} s; must be at least its period, {device.period:g} s."
+                f"{name}.max_age must be at least its period, {device.period:g} s, not {device.max_age:g} s."
             )

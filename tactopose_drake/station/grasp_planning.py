@@ -39,8 +39,8 @@ def plan_scenario(scenario: Scenario, model: ObjectModel | None = None) -> list[
     plans = plan_grasps(model, reach, load_P, scenario.planner, generator, refusals, touches_itself)
     if not plans:
         raise InvalidInputError(
-            f"Scenario.object: the hand {scenario.hand!r} finds no way to hold {model.name!r}, "
-            f"{refusals.explanation()}; allowed are objects that fit between its fingers.{grip_advice(scenario)}"
+            f"Scenario.object must fit between the hand's fingers, but the hand {scenario.hand!r} finds no way to hold "
+            f"{model.name!r}, {refusals.explanation()}.{grip_advice(scenario)}"
         )
     return plans
 

@@ -11,7 +11,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import known_name
 from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
-from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
@@ -136,10 +136,9 @@ def _add_signals(
     sizes["joint_positions"] = plant.num_positions()
     ports = {}
     for name, signal in signals.items():
-        if name not in sizes and name not in _POSES:
-            raise UnknownNameError("signal", name, [*sizes, *_POSES])
+        known_name("each name in signals", name, [*sizes, *_POSES])
         if name in sizes and signal.size != sizes[name]:
-            raise InvalidInputError(f"signal {name!r}: has {signal.size} numbers; allowed are {sizes[name]}.")
+            raise InvalidInputError(f"signal {name!r} must have {sizes[name]} numbers, not {signal.size}.")
         player = PlayedValue(signal) if name in _POSES else PlayedVector(signal)
         ports[name] = builder.AddNamedSystem(f"played_{name}", player).get_output_port()
     return ports
@@ -149,10 +148,13 @@ def check_barrett_pads(scenario: Scenario, hand: Hand) -> None:
     """Checks that a scenario's hand has all pads of Barrett's hand.
 
     Raises:
-        UnknownNameError: if it lacks one.
+        InvalidInputError: if it lacks one.
     """
-    for pad in PADS:
-        known_name(f"scenario: the hand {scenario.hand!r} lacks a pad", pad, hand.pad_frames)
+    if lacking := [pad for pad in PADS if pad not in hand.pad_frames]:
+        raise InvalidInputError(
+            f"Scenario.hand must have the pads of Barrett's hand, {', '.join(PADS)}, but {scenario.hand!r} lacks "
+            f"{', '.join(lacking)}."
+        )
 
 
 def _add_barrett_hand(
@@ -237,5 +239,5 @@ def _add_tracking(
 
 def _senses(scenario: Scenario) -> CanSenses:
     if not isinstance(scenario.senses, CanSenses):
-        raise InvalidInputError("Scenario.senses: has no devices; allowed with devices is !CanSenses.")
+        raise InvalidInputError("Scenario.senses must be !CanSenses with devices.")
     return scenario.senses

@@ -4,8 +4,8 @@ import dataclasses
 import re
 from collections.abc import Mapping
 
-from tactopose_drake.core.validation import positive_number, whole_number
-from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.core.validation import known_name, positive_number, whole_number
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import HandConfig
 
 
@@ -66,13 +66,12 @@ class Ros2Senses:
         pads = [pad.name for pad in hand.pads]
         for what, given, known in (("wrenches", self.wrenches, sensing), ("pressures", self.pressures, pads)):
             for name in given:
-                if name not in known:
-                    raise UnknownNameError(f"Ros2Senses.{what}", name, known)
+                known_name(f"each name in Ros2Senses.{what}", name, known)
         for key, topic in self.topics().items():
             _check_topic(key, topic)
         _check_different("topic", self.topics())
         if not self.wrenches and not self.pressures:
-            raise InvalidInputError("Ros2Senses: has neither wrenches nor pressures; allowed are one or both.")
+            raise InvalidInputError("Ros2Senses must have wrenches, pressures or both, but has neither.")
 
     def topics(self) -> dict[str, str]:
         """The topics that are received, by their keys."""
@@ -123,16 +122,16 @@ def _check_domain(name: str, domain: int) -> None:
 def _check_lcm(name: str, url: str, channel: str) -> None:
     if not url:
         raise InvalidInputError(
-            f"{name}.url: is not given; allowed is LCM's, such as udpm://239.255.76.67:7667?ttl=0, which accepts "
-            "messages from any machine that can send to the group."
+            f"{name}.url must be LCM's, such as udpm://239.255.76.67:7667?ttl=0, which accepts messages from any "
+            "machine that can send to the group, not empty."
         )
     if not channel:
-        raise InvalidInputError(f"{name}.channel: is empty; allowed is a text.")
+        raise InvalidInputError(f"{name}.channel must be a text, not empty.")
 
 
 def _check_topic(name: str, topic: str) -> None:
     if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", topic):
-        raise InvalidInputError(f"{name}: the topic is {topic!r}; allowed are names such as /hand/joint_states.")
+        raise InvalidInputError(f"{name} must be a topic such as /hand/joint_states, not {topic!r}.")
 
 
 def _check_different(kind: str, names: Mapping[str, str]) -> None:
@@ -140,4 +139,4 @@ def _check_different(kind: str, names: Mapping[str, str]) -> None:
     keys: dict[str, str] = {}
     for key, name in names.items():
         if keys.setdefault(name, key) != key:
-            raise InvalidInputError(f"{key}: is the {kind} {name!r}, as is {keys[name]}; allowed are different ones.")
+            raise InvalidInputError(f"{key} must be another {kind} than {keys[name]}, but both are {name!r}.")

@@ -10,7 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, kind_name
 from tactopose_drake.errors import InvalidInputError
 
 _WAVES = 40
@@ -49,8 +49,8 @@ def change_object(
                 scene_graph.ChangeShape(source_id, geometry, _other_mesh(shape, X_OG, middle_O, scale, waves))
             elif geometry in colliding:
                 raise InvalidInputError(
-                    f"SimulatedErrors.object_scale, object_surface_sigma: the collision shape of {body.name()!r} is a "
-                    f"{type(shape).__name__}; allowed are meshes of OBJ files."
+                    f"SimulatedErrors.object_scale, object_surface_sigma: the collision shape of {body.name()!r} must "
+                    f"be the mesh of an OBJ file, not {kind_name(type(shape))}."
                 )
             elif isinstance(shape, Mesh):
                 p_OG = middle_O + scale * (X_OG.translation() - middle_O)

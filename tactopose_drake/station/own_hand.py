@@ -93,7 +93,7 @@ def object_axis(reach: HandReach) -> FloatArray:
 def _palm_middle(reach: HandReach) -> FloatArray:
     centres, _ = reach.palm_spheres
     if not len(centres):
-        raise InvalidInputError("hand: its palm must have collision geometry, to keep the object out.")
+        raise InvalidInputError("hand must have collision geometry on its palm, to keep the object out.")
     middle: FloatArray = centres.mean(axis=0)
     return middle
 

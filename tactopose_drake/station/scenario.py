@@ -180,8 +180,8 @@ class Scenario:
             self.errors.validate(hand)
             if self.errors.vision_degrees_of_freedom is not None and isinstance(self.vision, DepthTrackerParams):
                 raise InvalidInputError(
-                    "SimulatedErrors.vision_degrees_of_freedom: is of simulated vision; allowed is null with a depth "
-                    "tracker, whose errors are those of its images."
+                    "SimulatedErrors.vision_degrees_of_freedom must be null with a depth tracker, whose errors are "
+                    "those of its images."
                 )
         if isinstance(self.senses, CanSenses | Ros2Senses):
             self.senses.validate(hand)
@@ -197,26 +197,26 @@ class Scenario:
             check_apart(self.senses, self.publish)
         self._check_object()
         if self.grip is not None and self.exploration is not None:
-            raise InvalidInputError("Scenario.exploration: needs a planned grasp; allowed is None with a grip.")
+            raise InvalidInputError("Scenario.exploration must be None with a grip, as it needs a planned grasp.")
         if self.grip is not None and self.object not in self.grip.X_PO:
             raise InvalidInputError(
-                f"Scenario.object: is {self.object!r}, for which Scenario.grip.X_PO has no pose in the hand "
-                f"{self.hand!r}; it has poses for {', '.join(sorted(self.grip.X_PO)) or 'none'}."
+                f"Scenario.object must be one that Scenario.grip.X_PO has a pose for in the hand {self.hand!r}, "
+                f"{', '.join(sorted(self.grip.X_PO)) or 'none'}, not {self.object!r}."
             )
 
     def _check_object(self) -> None:
         """Raises InvalidInputError if a file of the object is missing."""
-        known = f"the package's objects are {', '.join(shipped_objects())}."
+        known = f"one of the package's objects, {', '.join(shipped_objects())}, or an SDF with an OBJ beside it"
         if not Path(self.object).suffix and not self.object_sdf().is_file():
-            raise InvalidInputError(f"Scenario.object: there is no object {self.object!r}; {known}")
+            raise InvalidInputError(f"Scenario.object must be {known}, not {self.object!r}.")
         if Path(self.object).suffix.lower() in (".stl", ".ply", ".glb", ".gltf", ".off", ".dae"):
             raise InvalidInputError(
-                f"Scenario.object: {self.object} is a mesh alone; allowed is an SDF with an OBJ of the same name "
-                f"beside it. `tactopose demo --object {self.object}` writes both."
+                f"Scenario.object must be an SDF with an OBJ of the same name beside it, not {self.object}, a mesh "
+                f"alone. `tactopose demo --object {self.object}` writes both."
             )
         for path in (self.object_sdf(), self.object_mesh()):
             if not os.path.isfile(path):
-                raise InvalidInputError(f"Scenario.object: {path} does not exist; {known}")
+                raise InvalidInputError(f"Scenario.object must be {known}, but {path} does not exist.")
 
     def object_sdf(self) -> Path:
         """Path of the object's model for the simulator."""
@@ -265,8 +265,6 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     path = scenario_file(name_or_path)
     scenario = load_typed_yaml(Scenario, path)
     count_paths_from(path.parent, scenario)
-    try:
+    with told_of(f"{path}: ", InvalidFileError):
         scenario.validate()
-    except InvalidInputError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
     return scenario

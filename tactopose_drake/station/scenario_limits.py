@@ -5,7 +5,7 @@ from typing import Any
 
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 
-from tactopose_drake.core.validation import positive_number
+from tactopose_drake.core.validation import known_name, limited, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import passing_builder
 
@@ -37,29 +37,23 @@ def check_limits(name: str, value: Any) -> None:
     elif isinstance(value, float | int) and not isinstance(value, bool):
         last = name.rpartition(".")[2]
         if last == "seed":
-            if not isinstance(value, int) or not 0 <= value < 2**63:
-                raise InvalidInputError(f"{name}: is {value}; allowed are integers from 0 to 2^63 - 1.")
-        elif last == "period" and positive_number(name, value) < _SHORTEST:
-            raise InvalidInputError(f"{name}: is {value:g}; allowed are numbers >= {_SHORTEST:g}.")
-        elif isinstance(value, int) and not abs(value) <= _MOST:
-            raise InvalidInputError(f"{name}: is {value}; allowed are integers up to {_MOST}.")
-        elif not abs(value) <= _LARGEST:
-            raise InvalidInputError(f"{name}: is {value:g}; allowed are numbers up to {_LARGEST:g}.")
+            whole_number(name, value, least=0, most=2**63 - 1)
+        elif last == "period":
+            positive_number(name, value, least=_SHORTEST, most=_LARGEST)
+        elif isinstance(value, int):
+            whole_number(name, value, least=-_MOST, most=_MOST)
+        else:
+            limited(name, value, (), most=_LARGEST)
 
 
 def check_plant(name: str, config: MultibodyPlantConfig) -> None:
     """Raises InvalidInputError if the simulator would not accept its configuration."""
-    step = positive_number(f"{name}.time_step", config.time_step)
-    if not _SHORTEST <= step <= _LONGEST_STEP:
-        raise InvalidInputError(
-            f"{name}.time_step: is {step:g}; allowed are numbers from {_SHORTEST:g} to {_LONGEST_STEP:g}."
-        )
+    positive_number(f"{name}.time_step", config.time_step, least=_SHORTEST, most=_LONGEST_STEP)
     for key in ("penetration_allowance", "stiction_tolerance", "sap_near_rigid_threshold"):
         allow_zero = key == "sap_near_rigid_threshold"
         check_limits(f"{name}.{key}", positive_number(f"{name}.{key}", getattr(config, key), allow_zero=allow_zero))
     for key, allowed in _PLANT_CHOICES.items():
-        if getattr(config, key) not in allowed:
-            raise InvalidInputError(f"{name}.{key}: is {getattr(config, key)!r}; allowed are {', '.join(allowed)}.")
+        known_name(f"{name}.{key}", getattr(config, key), allowed)
     try:
         with passing_builder() as builder:
             AddMultibodyPlant(config=config, builder=builder)

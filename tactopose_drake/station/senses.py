@@ -19,4 +19,4 @@ class RecordedSenses:
     def validate(self) -> None:
         """Raises InvalidInputError if no folder is named."""
         if not self.folder:
-            raise InvalidInputError("RecordedSenses.folder: is not given; allowed is one that `run --record` made.")
+            raise InvalidInputError("RecordedSenses.folder must be one that `run --record` made, not empty.")

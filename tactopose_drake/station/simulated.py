@@ -205,10 +205,10 @@ def finish_plant(plant: MultibodyPlant, scene_graph: SceneGraph, scenario: Scena
     try:
         plant.Finalize()
     except RuntimeError as error:
-        raise InvalidInputError(f"Scenario: cannot be simulated ({' '.join(str(error).split())}).") from None
+        raise InvalidInputError(f"Scenario cannot be simulated ({' '.join(str(error).split())}).") from None
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(object_instance)]
     if len(joints) != 1 or joints[0].num_positions() != 7:
-        raise InvalidInputError(f"{scenario.object_sdf()}: has joints; allowed is one free body.")
+        raise InvalidInputError(f"{scenario.object_sdf()} must be one free body, without joints.")
     if scenario.plant.contact_model == "hydroelastic":
         _check_compliance(plant, scene_graph, hand, object_instance)
     return joints[0]
@@ -224,9 +224,9 @@ def _check_compliance(
     )
     if of_hand and of_object:
         raise InvalidInputError(
-            f"{hand.config.model}: says that {', '.join(of_hand)} is rigid, as the object is; with the contact_model "
-            "hydroelastic one of the two must be compliant. Leave out <drake:rigid_hydroelastic/>, or choose "
-            "the contact_model hydroelastic_with_fallback."
+            f"{hand.config.model} must say that {', '.join(of_hand)} is compliant, not rigid, as the object is rigid "
+            "and the contact_model hydroelastic. Leave out <drake:rigid_hydroelastic/>, or choose the contact_model "
+            "hydroelastic_with_fallback."
         )
 
 

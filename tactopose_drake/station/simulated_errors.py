@@ -8,8 +8,8 @@ import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
 from tactopose_drake.core.poses import exp_so3
-from tactopose_drake.core.validation import FloatArray, limited, positive_number
-from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.core.validation import FloatArray, known_name, limited, positive_number
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 
@@ -76,23 +76,20 @@ class SimulatedErrors:
         name = "SimulatedErrors"
         if self.drawn and hand.uncertainty is None:
             raise InvalidInputError(
-                f"{name}.drawn: is true, but the hand's file declares no `uncertainty` to draw from; allowed is false."
+                f"{name}.drawn must be false, not true, as the hand's file declares no `uncertainty` to draw from."
             )
         joints = {joint for finger in hand.fingers for joint in finger.joints}
         for joint, offset in self.joint_offsets_deg.items():
-            if joint not in joints:
-                raise UnknownNameError(f"{name}.joint_offsets_deg", joint, sorted(joints))
+            known_name(f"each name in {name}.joint_offsets_deg", joint, sorted(joints))
             limited(f"{name}.joint_offsets_deg[{joint}]", offset, (), most=_MOST_OFFSET)
         for key in ("encoder_noise_deg", "encoder_step_deg"):
             positive_number(f"{name}.{key}", getattr(self, key), allow_zero=True, most=_MOST_OFFSET)
         known = {finger.name: finger for finger in hand.fingers if finger.sensor_frame}
         for finger, errors in self.fingers.items():
-            if finger not in known:
-                raise UnknownNameError(f"{name}.fingers", finger, sorted(known))
+            known_name(f"each name in {name}.fingers", finger, sorted(known))
             _check_finger(f"{name}.fingers[{finger}]", errors, known[finger].surface.make().half_width)
         for pad, of_pad in self.pads.items():
-            if pad not in (names := [config.name for config in hand.pads]):
-                raise UnknownNameError(f"{name}.pads", pad, sorted(names))
+            known_name(f"each name in {name}.pads", pad, sorted(config.name for config in hand.pads))
             _check_vectors(f"{name}.pads[{pad}]", of_pad, ("mounting", "mounting_deg"))
         positive_number(f"{name}.object_scale", self.object_scale, least=_LEAST_SCALE, most=_MOST_SCALE)
         positive_number(f"{name}.object_surface_sigma", self.object_surface_sigma, allow_zero=True, most=_MOST_SHIFT)
@@ -105,8 +102,8 @@ def _check_finger(name: str, errors: FingerErrors, half_width: float) -> None:
         limited(f"{name}.radius", errors.radius, (), most=_MOST_SHIFT)
         if errors.radius < (_LEAST_RADIUS - 1.0) * half_width:
             raise InvalidInputError(
-                f"{name}.radius: is {errors.radius:g}, of a fingertip with a half-width of {half_width:g} m; allowed "
-                f"are numbers >= {(_LEAST_RADIUS - 1.0) * half_width:g}."
+                f"{name}.radius must be a number >= {(_LEAST_RADIUS - 1.0) * half_width:g} for a fingertip with a "
+                f"half-width of {half_width:g} m, not {errors.radius:g}."
             )
     _check_vectors(name, errors, _VECTORS)
 

@@ -20,7 +20,7 @@ from tactopose_drake.core.poses import log_so3
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import FASTEST, Frame, PoseMeasurement
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, kind_name
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.shape_errors import with_shape_errors
@@ -147,7 +147,7 @@ class BeliefInputs:
     def _read_touch(self, context: Context) -> tuple[Contacts, tuple[Patch, ...], tuple[str, ...]]:
         """Contacts, patches, and the names of the fingers and pads that touch."""
         if not (self._contacts.HasValue(context) or self._patches.HasValue(context)):
-            raise PortTypeError(f"{port_name(self._contacts)}: is not connected; it needs a Contacts.")
+            raise PortTypeError(f"{port_name(self._contacts)} must hold a Contacts, but is not connected.")
         contacts = eval_optional_input(self._contacts, context, Contacts) or Contacts.empty()
         patches = eval_items(self._patches, context, Patch)
         fingers = self._read_names(self._fingers, context, [f"contact {i}" for i in range(len(contacts))])
@@ -163,8 +163,8 @@ class BeliefInputs:
         if not all(isinstance(name, str) for name in names) or len(names) != len(rows) or len({*names}) != len(rows):
             touches = "contacts" if port is self._fingers else "patches"
             raise PortTypeError(
-                f"{port_name(port)}: holds {names!r}; allowed are as many different names as there are {touches}, "
-                f"{len(rows)}."
+                f"{port_name(port)} must hold as many different names as there are {touches}, {len(rows)}, not "
+                f"{names!r}."
             )
         return names
 
@@ -174,8 +174,8 @@ class BeliefInputs:
             return seen, before
         if not isinstance(seen, PosePrior):
             raise PortTypeError(
-                f"{port_name(self._vision)}: holds a {type(seen).__name__}; allowed are PoseMeasurement, PosePrior "
-                "and None."
+                f"{port_name(self._vision)} must hold a PoseMeasurement, a PosePrior or None, not "
+                f"{kind_name(type(seen))}."
             )
         now = context.get_time()
         if seen is not before.seen:

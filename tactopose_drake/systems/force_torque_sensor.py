@@ -13,9 +13,9 @@ from pydrake.multibody.tree import Frame, Joint
 from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel, measure, shift_matrix, weight_matrix
-from tactopose_drake.core.validation import positive_number
+from tactopose_drake.core.validation import known_name, positive_number
 from tactopose_drake.drivers.device import NO_SAMPLE
-from tactopose_drake.errors import InvalidFileError, UnknownNameError
+from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.hand.fingertip_weights import fingertip_mass
 from tactopose_drake.resources import load_typed_yaml, sensor_file
 from tactopose_drake.systems.collectable_system import CollectableSystem
@@ -42,8 +42,7 @@ def load_force_torque_model(calibration: str = "SI-12-0.12", name_or_path: str |
         InvalidInputError: if a value is out of its range.
     """
     path, calibrations = _read(name_or_path)
-    if calibration not in calibrations:
-        raise UnknownNameError(f"{path}: calibration", calibration, sorted(calibrations))
+    known_name(f"{path}: calibration", calibration, sorted(calibrations))
     model = calibrations[calibration]
     model.validate()
     return model
@@ -62,7 +61,7 @@ def sufficient_calibration(force: float, moment: float, name_or_path: str | Path
     """
     path, calibrations = _read(name_or_path)
     if not calibrations:
-        raise InvalidFileError(f"{path}: calibrations: is empty; must have at least one.")
+        raise InvalidFileError(f"{path}: calibrations must be at least one, not none.")
     load = np.repeat([moment, force], 3)
     spare = {name: float(np.min(np.asarray(model.range) / load)) for name, model in calibrations.items()}
     bearing = {name: share for name, share in spare.items() if share >= 1.0}

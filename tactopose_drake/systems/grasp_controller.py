@@ -18,8 +18,7 @@ from tactopose_drake.core.grasping.grasp_law import (
 )
 from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.parameter_checks import check_numbers, params_of
-from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.errors import UnknownNameError
+from tactopose_drake.core.validation import FloatArray, known_name
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.systems.collectable_system import CollectableSystem
@@ -98,8 +97,7 @@ class GraspController(CollectableSystem):
         super().__init__()
         self._params = params_of(GraspControllerParams, params)
         for finger in motions:
-            if finger not in hand.fingers:
-                raise UnknownNameError("motions: finger", finger, hand.fingers)
+            known_name("each name in motions", finger, hand.fingers)
         self._motions = dict(motions)
         self._law = GraspLaw(push_rate=self._params.push_rate)
         self._q_rest = np.array(q_rest, dtype=np.float64)

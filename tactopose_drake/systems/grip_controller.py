@@ -11,8 +11,8 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Even
 from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.grasping.stall_law import close_until_stalled
 from tactopose_drake.core.parameter_checks import params_of
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
-from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.core.validation import FloatArray, finite_array, known_name, positive_number
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.systems.collectable_system import CollectableSystem
@@ -39,9 +39,7 @@ class GripControllerParams:
             finite_array(f"GripControllerParams.fixed[{joint}]", position, ())
         for joint in self.falling:
             if joint in self.fixed:
-                raise InvalidInputError(
-                    f"GripControllerParams.falling: has {joint!r}, which is fixed; allowed is either."
-                )
+                raise InvalidInputError(f"GripControllerParams.falling must not have {joint!r}, which is fixed.")
 
 
 def set_motor_gains(plant: MultibodyPlant, hand: Hand, params: GripControllerParams) -> None:
@@ -109,8 +107,7 @@ class GripController(CollectableSystem):
         names = joints.actuated
         for key in ("fixed", "falling"):
             for name in getattr(self._params, key):
-                if name not in names:
-                    raise UnknownNameError(f"GripControllerParams.{key}: joint", name, names)
+                known_name(f"each name in GripControllerParams.{key}", name, names)
         self._joints = joints.positions(names)
         self._arms = np.array([_arm(plant.GetJointByName(name, hand.model_instance)) for name in names])
         self._signs = np.array([-1.0 if name in self._params.falling else 1.0 for name in names])

@@ -111,7 +111,8 @@ class HandVolume(CollectableSystem):
         for finger in fingers:
             if finger not in self._on_tip:
                 raise PortTypeError(
-                    f"{port_name(self._fingers_untouched)}: holds {finger!r}; allowed are {', '.join(self._on_tip)}."
+                    f"{port_name(self._fingers_untouched)} must hold names among {', '.join(self._on_tip)}, not "
+                    f"{finger!r}."
                 )
             chosen |= self._on_tip[finger]
         placed = self._placed.Eval(context)

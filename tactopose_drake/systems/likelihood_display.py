@@ -9,8 +9,7 @@ from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import positive_number
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import check_count, positive_number
 from tactopose_drake.estimation.identities import Identification
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_optional_input
@@ -65,8 +64,7 @@ class LikelihoodDisplay(CollectableSystem):
         super().__init__()
         check_meshcat(meshcat)
         self._params = params_of(LikelihoodDisplayParams, params)
-        if not models:
-            raise InvalidInputError("models: is empty; must have at least one object.")
+        check_count("models", len(models), "objects")
         self._meshcat, self._models = meshcat, tuple(models)
         self._identities = self.DeclareAbstractInputPort("identities", AbstractValue.Make(None))
         self.DeclareInitializationPublishEvent(self._make_rows)

@@ -25,7 +25,7 @@ class LineFile:
         try:
             self._file: TextIO = path.open("w", encoding="utf-8", buffering=1)
         except OSError as error:
-            raise InvalidFileError(f"{path}: cannot be written ({error.strerror}).") from None
+            raise InvalidFileError(f"{path} cannot be written ({error.strerror}).") from None
 
     def write(self, line: str) -> None:
         """Adds a line; does nothing once an earlier line could not be written."""
@@ -46,4 +46,4 @@ class LineFile:
             self._fail(error)
 
     def _fail(self, error: OSError) -> None:
-        self.problem = self.problem or f"{self._path}: ends after {self.count} lines ({error.strerror})."
+        self.problem = self.problem or f"{self._path} ends after {self.count} lines ({error.strerror})."

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from types import NoneType
 from typing import NoReturn
 
 import numpy as np
@@ -14,7 +15,7 @@ from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
-from tactopose_drake.core.validation import LATEST, FloatArray, known_name, number_array, positive_number
+from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, known_name, number_array, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
@@ -112,10 +113,7 @@ class ObjectTracker:
         if self.diagram.HasInputPort("joint_velocities"):
             values["joint_velocities"] = velocities
         time = positive_number("time", time, allow_zero=True, most=LATEST)
-        if vision is not None and not isinstance(vision, PoseMeasurement | PosePrior):
-            raise InvalidInputError(
-                f"vision: is a {type(vision).__name__}; allowed are PoseMeasurement, PosePrior and None."
-            )
+        instance_of("vision", vision, PoseMeasurement, PosePrior, NoneType)
         objects: dict[str, object] = {"vision": vision}
         if palm_pose is not None:
             objects["palm_pose"] = _palm_pose(palm_pose)
@@ -138,16 +136,15 @@ class ObjectTracker:
     def _readings(self, kind: str, argument: str, given: Mapping[str, ArrayLike | None]) -> dict[str, FloatArray]:
         """The values for all input ports of a kind ("wrench" or "pressures"), by port name."""
         sizes = self._sizes[kind]
-        if not isinstance(given, Mapping):
-            raise InvalidInputError(f"{argument}: is a {type(given).__name__}; allowed is a mapping by name.")
+        instance_of(argument, given, Mapping)
         if given and not sizes:
             parts = {"wrench": "force-torque sensors", "pressures": "tactile pads"}[kind]
             raise InvalidInputError(
-                f"{argument}: are given for {list(given)}, but the hand has no {parts}; must be left out."
+                f"{argument} must be left out, as the hand has no {parts}, not be given for {list(given)}."
             )
         values = {f"{kind}_{name}": np.full(size, np.nan) for name, size in sizes.items()}
         for name, value in given.items():
-            known_name(argument, name, sizes)
+            known_name(f"each name in {argument}", name, sizes)
             if value is not None:
                 values[f"{kind}_{name}"] = number_array(f"{argument}[{name}]", value, (sizes[name],))
         return values

@@ -44,8 +44,7 @@ class PatchDescriptorParams:
         positive_number("PatchDescriptorParams.threshold", self.threshold, allow_zero=True)
         if not 0 <= self.threshold_share < 1:
             raise InvalidInputError(
-                f"PatchDescriptorParams.threshold_share: is {self.threshold_share:g}; allowed are numbers from 0 to "
-                "below 1."
+                f"PatchDescriptorParams.threshold_share must be a number >= 0 and < 1, not {self.threshold_share:g}."
             )
 
 
@@ -107,7 +106,7 @@ class PatchDescriptor(CollectableSystem):
         super().__init__()
         self._params = params_of(PatchDescriptorParams, params)
         if not hand.pad_frames:
-            raise InvalidInputError("hand: has no tactile pads; must have at least one.")
+            raise InvalidInputError("hand must have at least one tactile pad, not none.")
         self._pad_frames, self._uncertainty = hand.pad_frames, uncertainty
         self._pads = {pad.name: load_tactile_pad(pad.array) for pad in hand.config.pads}
         self._alpha = {pad.name: pad.alpha for pad in hand.config.pads}
@@ -139,18 +138,18 @@ class PatchDescriptor(CollectableSystem):
         most, noise, params = pad.model.range, pad.model.noise, self._params
         if most <= params.threshold:
             raise InvalidInputError(
-                f"PatchDescriptorParams.threshold: is {params.threshold:g} Pa; allowed on pad {name!r} are numbers "
-                f"below its range, {most:g} Pa."
+                f"PatchDescriptorParams.threshold must be below the range of pad {name!r}, {most:g} Pa, not "
+                f"{params.threshold:g} Pa."
             )
         if most <= _NOISES * noise:
             raise InvalidInputError(
-                f"TactileModel.noise: is {noise:g} Pa; allowed on pad {name!r} are numbers below a quarter of its "
-                f"range, {most:g} Pa."
+                f"TactileModel.noise must be below a quarter of the range of pad {name!r}, {most:g} Pa, not {noise:g} "
+                "Pa."
             )
         if pad.period > params.max_age:
             raise InvalidInputError(
-                f"PatchDescriptorParams.max_age: is {params.max_age:g} s; allowed are numbers from {pad.period:g} s, "
-                f"the period of pad {name!r}."
+                f"PatchDescriptorParams.max_age must be at least the period of pad {name!r}, {pad.period:g} s, not "
+                f"{params.max_age:g} s."
             )
         return max(params.threshold, _NOISES * noise)
 

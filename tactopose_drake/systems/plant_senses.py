@@ -109,9 +109,7 @@ def add_with_plant(
     hand = _find_in(plant, config)
     plant = hand.palm_frame.GetParentPlant()
     if not any(system is plant for system in builder.GetSystems()):
-        raise InvalidInputError(
-            "plant: is not among the builder's systems; allowed is one that was added to the same builder."
-        )
+        raise InvalidInputError("plant must be one that was added to the same builder, but is not among its systems.")
     alone, hand_alone = make_hand_plant(dataclasses.replace(config, calibration=""))
     check_likeness(plant, hand, alone, hand_alone)
     check_name_is_free(builder, name, _parts(estimation, hand, felt))
@@ -160,7 +158,7 @@ def _find_in(place: MultibodyPlant | Hand, config: HandConfig) -> Hand:
     plant = place.palm_frame.GetParentPlant() if isinstance(place, Hand) else place
     instance_of("plant", plant, MultibodyPlant)
     if not plant.is_finalized():
-        raise InvalidInputError("plant: is not finalized; allowed is one that is.")
+        raise InvalidInputError("plant must be finalized.")
     if isinstance(place, Hand):
         return find_hand(plant, config, place.model_instance)
     every = [ModelInstanceIndex(index) for index in range(plant.num_model_instances())]
@@ -173,11 +171,12 @@ def _find_in(place: MultibodyPlant | Hand, config: HandConfig) -> Hand:
             reasons.append(f"{plant.GetModelInstanceName(instance)}: {error}")
     if not hands:
         reasons = reasons or ["None of them has a joint."]
-        raise InvalidInputError(f"plant: none of its models is the hand. {' '.join(reasons)}")
+        raise InvalidInputError(f"plant must have a model that is the hand, but none is. {' '.join(reasons)}")
     if len(hands) > 1:
         names = ", ".join(plant.GetModelInstanceName(hand.model_instance) for hand in hands)
         raise InvalidInputError(
-            f"plant: its models {names} are all such hands; pass the hand itself, as `add_hand` returns it."
+            f"plant must have one model that is the hand, not several, {names}. Pass the hand itself, as `add_hand` "
+            "returns it."
         )
     return hands[0]
 

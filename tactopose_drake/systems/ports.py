@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 
 from pydrake.systems.framework import Context, DiagramBuilder, InputPort, System
 
-from tactopose_drake.core.validation import instance_of
+from tactopose_drake.core.validation import instance_of, kind_name
 from tactopose_drake.errors import InvalidInputError, PortTypeError
 
 Kind = TypeVar("Kind")
@@ -32,17 +32,16 @@ def check_name_is_free(builder: DiagramBuilder, name: str, others: Iterable[str]
     instance_of("builder", builder, DiagramBuilder)
     instance_of("name", name, str)
     if not name:
-        raise InvalidInputError("name: must not be empty.")
+        raise InvalidInputError("name must not be empty.")
     taken = {system.get_name() for system in builder.GetSystems()}
     if name in taken:
         raise InvalidInputError(
-            f"name: is {name!r}, which another system of the builder has; allowed is an unused one, such as "
-            f"name={name + '_2'!r}."
+            f"name must be one that no other system of the builder has, such as {name + '_2'!r}, not {name!r}."
         )
     if clash := sorted(taken & {f"{name}_{other}" for other in others}):
         raise InvalidInputError(
-            f"name: is {name!r}, but another system of the builder is called {clash[0]!r}, as one that is added would "
-            f"be; allowed is a name such as {name + '_2'!r}."
+            f"name must be one such as {name + '_2'!r}, not {name!r}, as another system of the builder is called "
+            f"{clash[0]!r}, as one that is added would be."
         )
 
 
@@ -60,7 +59,7 @@ def eval_input(port: InputPort, context: Context, kind: type[Kind]) -> Kind:
         PortTypeError: if the port is not connected or holds another type; the message names the port.
     """
     if not port.HasValue(context):
-        raise PortTypeError(f"{port_name(port)}: is not connected; it needs a {kind.__name__}.")
+        raise PortTypeError(f"{port_name(port)} must hold {kind_name(kind)}, but is not connected.")
     return _checked(port, port.Eval(context), kind)
 
 
@@ -104,12 +103,11 @@ def _check_items(port: InputPort, container: str, items: Iterable[Any], kind: ty
     for item in items:
         if not isinstance(item, kind):
             raise PortTypeError(
-                f"{port_name(port)}: holds a {container} with a {type(item).__name__}; allowed is a {container} of "
-                f"{kind.__name__}."
+                f"{port_name(port)} must hold a {container} of {kind.__name__}, not one with {kind_name(type(item))}."
             )
 
 
 def _checked(port: InputPort, value: Any, kind: type[Kind]) -> Kind:
     if not isinstance(value, kind):
-        raise PortTypeError(f"{port_name(port)}: holds a {type(value).__name__}; allowed is a {kind.__name__}.")
+        raise PortTypeError(f"{port_name(port)} must hold {kind_name(kind)}, not {kind_name(type(value))}.")
     return value

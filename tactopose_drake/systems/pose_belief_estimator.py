@@ -258,8 +258,8 @@ class PoseBeliefEstimator(CollectableSystem):
         palm = eval_optional_input(self._inputs.palm, context, RigidTransform)
         if palm is None:
             raise PortTypeError(
-                f"input port 'palm_pose' of system {self.get_name()!r}: is not connected; "
-                "object_pose_in_world needs it."
+                f"input port 'palm_pose' of system {self.get_name()!r} must hold a RigidTransform for "
+                "object_pose_in_world, but is not connected."
             )
         output.set_value(palm @ _pose(self._belief(context)))
 

@@ -191,7 +191,6 @@ class PoseDisplay(CollectableSystem):
             return RigidTransform()
         if self._palm_body is None:
             raise PortTypeError(
-                f"{port_name(self._body_poses)}: is connected, but the display has no palm_frame; allowed is both or "
-                "neither."
+                f"{port_name(self._body_poses)} must not be connected to a display without a palm_frame, but is."
             )
         return X_WB[self._palm_body] @ self._X_BP

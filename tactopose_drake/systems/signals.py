@@ -17,7 +17,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.geometry_checks import pose_matrix
-from tactopose_drake.core.validation import FloatArray, finite_array, instance_of, number_array
+from tactopose_drake.core.validation import FloatArray, check_count, finite_array, instance_of, kind_name, number_array
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.resources.yaml_files import shown
@@ -51,16 +51,13 @@ class Signal:
     def __post_init__(self) -> None:
         times = number_array("times", self.times, (None,))
         if len(times) != len(self.values):
-            raise InvalidInputError(
-                f"times: are {len(times)}, but values are {len(self.values)}; allowed are equal numbers of both."
-            )
-        if not len(times):
-            raise InvalidInputError("times: is empty; must have at least one.")
+            raise InvalidInputError(f"times must be as many as the values, {len(self.values)}, not {len(times)}.")
+        check_count("times", len(times), "entries")
         wrong = np.isnan(times)
         wrong[1:] |= times[1:] < times[:-1]
         if wrong.any():
             row = int(wrong.argmax())
-            raise InvalidInputError(f"times[{row}]: is {times[row]:g} s; allowed are times in ascending order.")
+            raise InvalidInputError(f"times must be in ascending order, but times[{row}] is {times[row]:g} s.")
 
     @classmethod
     def constant(cls, value: Value) -> Self:
@@ -135,12 +132,12 @@ class SignalRecorder:
         try:
             _check_like(value, known)
         except ValueError as error:
-            raise InvalidInputError(f"value of {name!r}: {error}; allowed are values like these, and None.") from None
+            raise InvalidInputError(f"value of {name!r} must be like the others, or None, but {error}.") from None
         text = json.dumps(_encode(value), allow_nan=False)
         if self._last.get(name) == text:
             return
         if time < self._time:
-            raise InvalidInputError(f"time: is {time:g} s, after {self._time:g} s; allowed are times that do not fall.")
+            raise InvalidInputError(f"time must be at least the last one, {self._time:g} s, not {time:g} s.")
         self._last[name], self._time = text, time
         if value is not None and not known:
             known.append(value)
@@ -162,7 +159,7 @@ def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InvalidFileError(f"{path}: cannot be read ({' '.join(str(error).split())}).") from None
+        raise InvalidFileError(f"{path} cannot be read ({' '.join(str(error).split())}).") from None
     whole, newline, rest = text.rpartition("\n")
     signals: dict[str, Signal] = {}
     lines = whole.split("\n") if newline else []
@@ -178,7 +175,7 @@ def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
             reason = shown(" ".join(str(error).split()))[1:-1]
             raise InvalidFileError(f"{path}: line {number} must be a signal ({reason}).") from None
         _append(signals, name, time, value)
-    return signals, f"{path}: is cut off after {len(lines)} whole lines." if rest else ""
+    return signals, f"{path} is cut off after {len(lines)} whole lines." if rest else ""
 
 
 def _as_value(name: str, value: Value) -> Value:
@@ -189,7 +186,7 @@ def _as_value(name: str, value: Value) -> Value:
         return value
     if not isinstance(value, np.ndarray | list | tuple):
         raise InvalidInputError(
-            f"{name}: is a {type(value).__name__}; allowed are a vector, a RigidTransform, a PosePrior and None."
+            f"{name} must be a vector, a RigidTransform, a PosePrior or None, not {kind_name(type(value))}."
         )
     return number_array(name, value, (None,))
 

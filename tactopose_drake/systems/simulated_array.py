@@ -69,9 +69,9 @@ class TactileArray(CollectableSystem):
         self._geometries = {geometry.get_value() for geometry in plant.GetCollisionGeometriesForBody(body)}
         if not self._geometries:
             raise InvalidInputError(
-                f"pad_frame: is {pad_frame.name()!r}, whose body {body.name()!r} has no collision geometry to be "
-                "touched; allowed are frames of a body that has: in a URDF <frame link= name= xyz= rpy=/>, in an SDF "
-                "<frame attached_to=>."
+                "pad_frame must be a frame of a body with collision geometry to be touched (in a URDF <frame link= "
+                f"name= xyz= rpy=/>, in an SDF <frame attached_to=>), not {pad_frame.name()!r}, whose body "
+                f"{body.name()!r} has none."
             )
         self._pad, self._body = pad, body.index()
         self._X_BT = pad_frame.GetFixedPoseInBodyFrame()

@@ -37,8 +37,8 @@ class TouchExplorationParams:
         check_parts(self, estimator=PoseEstimatorParams, chooser=NextTouchParams, explorer=TouchExplorerParams)
         if self.estimator.balance:
             raise InvalidInputError(
-                "TouchExplorationParams.estimator.balance: is True; allowed is False, because touches of several "
-                "instants do not balance."
+                "TouchExplorationParams.estimator.balance must be False, not True, because touches of several instants "
+                "do not balance."
             )
 
 

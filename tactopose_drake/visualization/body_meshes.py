@@ -110,7 +110,7 @@ class BodyMeshes:
         query_port = plant.get_geometry_query_input_port()
         if not query_port.HasValue(context):
             raise InvalidInputError(
-                "context: its plant is not connected to a SceneGraph, which holds the hand's shapes."
+                "context must be of a plant that is connected to a SceneGraph, which holds the hand's shapes."
             )
         inspector = query_port.Eval(context).inspector()
         meshes = cls.from_inspector(plant, inspector, palm_frame.model_instance(), colliding=colliding)

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
-from tactopose_drake.core.validation import FloatArray, instance_of
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import FloatArray, check_count, instance_of
 from tactopose_drake.estimation.output_files import written_beside
 
 _DPI = 100
@@ -58,8 +57,7 @@ def save_layout_picture(path: str | Path, layouts: Mapping[str, TactileLayout]) 
         InvalidInputError: if there is no array, or a value has another type.
         InvalidFileError: if the file cannot be written.
     """
-    if not layouts:
-        raise InvalidInputError("layouts: is empty; must have at least one array.")
+    check_count("layouts", len(layouts), "arrays")
     rows = {name: panels_of(layout) for name, layout in layouts.items()}
     sizes = {name: [_size(layouts[name], view, cells) for view, cells in panels] for name, panels in rows.items()}
     widths = [sum(width + _MARGIN[0] for width, _ in row) for row in sizes.values()]

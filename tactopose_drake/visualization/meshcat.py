@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, kind_name
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.visualization.appearance import HAND
 from tactopose_drake.visualization.frame_marks import add_frames
@@ -30,8 +30,8 @@ def check_meshcat(meshcat: object) -> None:
     """
     if not hasattr(meshcat, "SetTransform"):
         raise InvalidInputError(
-            f"meshcat: is a {type(meshcat).__name__}; allowed are a Meshcat, such as from `StartMeshcat`, and objects "
-            "with its methods."
+            "meshcat must be a Meshcat, such as from `StartMeshcat`, or an object with its methods, not "
+            f"{kind_name(type(meshcat))}."
         )
 
 

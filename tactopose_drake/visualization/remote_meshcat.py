@@ -12,7 +12,7 @@ import zmq
 from pydrake.geometry import Box, Cylinder, MeshcatCone, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, kind_name
 from tactopose_drake.errors import InvalidInputError
 
 _ANSWER_TIME = 2000  # timeout of an answer, ms
@@ -101,7 +101,7 @@ class _Connection:
         except zmq.ZMQError as error:
             self.close()
             raise InvalidInputError(
-                f"meshcat URL: {url!r} must be a URL such as tcp://127.0.0.1:6000 ({error})."
+                f"meshcat URL must be one such as tcp://127.0.0.1:6000, not {url!r} ({error})."
             ) from error
         except InvalidInputError:
             self.close()
@@ -137,7 +137,5 @@ def _mesh(shape: Shape) -> trimesh.Trimesh:
         # Drake's cone stands on its tip: flipping two axes keeps the faces outward.
         mesh.vertices = (mesh.vertices - [0.0, 0.0, 1.0]) * [shape.a(), -shape.b(), -shape.height()]
     else:
-        raise InvalidInputError(
-            f"shape: is a {type(shape).__name__}; allowed are Sphere, Cylinder, Box and MeshcatCone."
-        )
+        raise InvalidInputError(f"shape must be a Sphere, Cylinder, Box or MeshcatCone, not {kind_name(type(shape))}.")
     return mesh

@@ -141,8 +141,8 @@ def scene_of(estimate: PoseEstimate) -> Scene:
     """
     if estimate.question is None:
         raise InvalidInputError(
-            "estimate: does not hold the inputs it was made from; allowed are an estimate that `estimate_pose` has "
-            "made in this process, and a `visualization.Scene`."
+            "estimate must hold the inputs it was made from: one that `estimate_pose` has made in this process, or a "
+            "`visualization.Scene`."
         )
     evidence = estimate.question.evidence
     prior, hand, patches = evidence.prior, evidence.hand, tuple(evidence.patches)

@@ -114,13 +114,16 @@ def test_offsets_are_shown_in_degrees_and_of_joints_that_slide_in_millimetres() 
     ("content", "said"),
     [
         ("joint_positions: {FFJ4: 0.1}\nwrenches: {first: [1, 2]}", "wrenches.first"),
-        ("joint_positions: {FFJ4: 0.1}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "joint_positions: lack"),
+        (
+            "joint_positions: {FFJ4: 0.1}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}",
+            "joint_positions must have a number for each joint, but lack",
+        ),
         ("joint_positions: {FFJ9: 0.1}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "FFJ9"),
-        ("joint_positions: {FFJ2: 60.5}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", "joint_positions[FFJ2]: is 60.5 rad;"),
-        ("joint_positions: [0.1]", "joint_positions: must be a mapping"),
+        ("joint_positions: {FFJ2: 60.5}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}", ", not 60.5."),
+        ("joint_positions: [0.1]", "joint_positions must be a mapping"),
         (
             "joint_positions: {FFJ2: 1.44, FFJ1: 0.1}\nwrenches: {first: [0, 0, 0, 0, 0, 1]}",
-            "joint_positions[FFJ1]: is 0.1 rad, and by the coupling with FFJ2 1.44 rad; must be left out",
+            "joint_positions[FFJ1] must be left out, as it follows another joint, or within",
         ),
     ],
 )
@@ -146,7 +149,7 @@ def test_a_grasp_that_is_there_twice_is_refused(
     assert run("calibrate", *files, "--out", tmp_path / "calibration.yaml") == 2
     (line,) = capsys.readouterr().err.splitlines()
     first, second = grasps / "copy.yaml", grasps / "grasp_1.yaml"
-    assert f"{second}: has the readings of {first}; must be another grasp." in line
+    assert f"{second} must be another grasp than {first}, not have its readings." in line
 
 
 def calibrate_with_forces_first(folder: Path, tmp_path: Path, fingers: Collection[str]) -> int:
@@ -203,9 +206,9 @@ def test_a_hand_that_names_its_calibration_is_calibrated_anew(
     assert f"Replaced: {out}" in " ".join(capsys.readouterr().out.split())
     assert out.read_text() == first
     assert run("calibrate", *files, "--out", tmp_path / "other.yaml", "--html", out) == 2
-    assert "is an input, or in one" in capsys.readouterr().err
+    assert "must be another file than an input, and not in one" in capsys.readouterr().err
     assert run("calibrate", *files, "--out", hand) == 2
-    assert "is an input, or in one" in capsys.readouterr().err
+    assert "must be another file than an input, and not in one" in capsys.readouterr().err
 
 
 def test_readings_before_touches_are_grasps_that_nothing_is_said_of(
@@ -230,7 +233,7 @@ def test_what_makes_no_contact_is_said_and_no_calibration_is_written(
     assert calibrate_with_forces_first(folder, tmp_path, fingers) == 2
     captured = capsys.readouterr()
     (line,) = captured.err.splitlines()
-    assert "0 of 5 have a contact" in line
+    assert "grasps must have a contact in at least 3, not in 0 of 5" in line
     assert "No wrench of thumb gives one: the force is below min_force" in line
     assert not captured.out
     assert not (tmp_path / "calibration.yaml").exists()
@@ -244,6 +247,8 @@ def test_folders_and_outputs_are_checked_before_the_work(
     assert "there is no such folder" in capsys.readouterr().err
     (tmp_path / "manifest.yaml").write_text("format: 1\n")
     assert run("calibrate", *hand, "--grasps", tmp_path, "--out", folder / "c.yaml") == 2
-    assert f"{tmp_path}: is a recording itself; allowed is a folder that holds one" in capsys.readouterr().err
+    assert (
+        f"{tmp_path} must be a folder that holds a recording for each grasp, not one itself" in capsys.readouterr().err
+    )
     assert calibrate(folder, "--out", folder / "grasps" / "calibration.yaml") == 2
-    assert "is an input, or in one" in capsys.readouterr().err
+    assert "must be another file than an input, and not in one" in capsys.readouterr().err

@@ -154,11 +154,15 @@ def test_unusable_input_has_status_two_and_one_line(folder: Path, capsys: pytest
     planes = "planes: [{point: [0, 0, 0], normal: [0, 0, 1]}]\n"
     (folder / "planes.yaml").write_text((folder / "contacts.yaml").read_text() + planes)
     for library, contacts, said in [
-        (empty, folder / "contacts.yaml", "holds no object that can be used"),
+        (empty, folder / "contacts.yaml", "must hold at least one object that can be used, but holds none"),
         (folder / "missing", folder / "contacts.yaml", "there is no such folder or manifest"),
-        (folder / "library", folder / "none.yaml", "allowed is a list of at least one contact"),
+        (folder / "library", folder / "none.yaml", "contacts must be a list of at least one contact, not"),
         (folder / "library", folder / "missing.yaml", "cannot be read"),
-        (folder / "library", folder / "planes.yaml", "planes: are not used to identify objects"),
+        (
+            folder / "library",
+            folder / "planes.yaml",
+            "planes must be left out, as they are not used to identify objects",
+        ),
     ]:
         assert run(library, contacts) == 2
         out, err = capsys.readouterr()
@@ -171,4 +175,4 @@ def test_unusable_input_has_status_two_and_one_line(folder: Path, capsys: pytest
 
 def test_a_prior_that_is_none_has_status_two(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(folder / "library", folder / "contacts.yaml", "--unknown-prior", "1") == 2
-    assert "error: --unknown-prior: is 1; allowed are numbers >= 0 and < 1." in capsys.readouterr().err
+    assert "error: --unknown-prior must be a number >= 0 and < 1, not 1." in capsys.readouterr().err

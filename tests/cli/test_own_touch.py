@@ -109,9 +109,9 @@ def test_a_hand_is_named_on_the_command_line_or_in_its_volume_s_file(
     assert results[0] == results[1]
     assert results[2] == results[3] == results[4] != results[0]
     for options, text in (
-        (["--hand", "glove"], "glove: there is no such file; the package's hands are"),
-        (["--hand-volume", folder / "bare.yaml", "--hand", "barrett"], "'FFJ4' is unknown; valid names: finger_1"),
-        (["--hand-volume", folder / "bare.yaml"], "bare.yaml: key 'hand' is missing"),
+        (["--hand", "glove"], "glove must be a YAML file, or one of the package's hands,"),
+        (["--hand-volume", folder / "bare.yaml", "--hand", "barrett"], "must be one of finger_1"),
+        (["--hand-volume", folder / "bare.yaml"], "bare.yaml: the content must have the key 'hand', but lacks it"),
     ):
         assert run(*common, *options) == 2
         assert text in capsys.readouterr().err
@@ -122,13 +122,22 @@ def test_what_does_not_go_together_is_one_line(folder: Path, capsys: pytest.Capt
     bare.write_text("contacts: [{position: [0.02, 0, 0]}]")
     common = ["--object", folder / "box.obj"]
     for options, text in (
-        (["--contacts", bare, "--friction", 0.5], "contacts: have no forces; friction needs them."),
-        (["--contacts", folder / "touch.yaml", "--friction", -1], "friction: is -1"),
-        (["--contacts", folder / "touch.yaml", "--outlier-probability", 1], "outlier_probability: is 1; allowed"),
-        (["--contacts", folder / "touch.yaml", "--gravity", 0, 0, -9.81], "--gravity: the mass of"),
-        (["--contacts", folder / "touch.yaml", "--gravity", 0, 0, "nan"], "--gravity: gravity_P[2]: is nan"),
-        (["--contacts", folder / "touch.yaml", "--mass", -1], "mass: is -1"),
-        (["--contacts", folder / "touch.yaml", "--hand-volume", folder / "none.yaml"], "none.yaml: cannot be read"),
+        (["--contacts", bare, "--friction", 0.5], "contacts must have forces f_PC for the friction, not None."),
+        (["--contacts", folder / "touch.yaml", "--friction", -1], "friction must be a number >= 0, not -1"),
+        (
+            ["--contacts", folder / "touch.yaml", "--outlier-probability", 1],
+            "outlier_probability must be a number from 0 to 0.99, not 1",
+        ),
+        (
+            ["--contacts", folder / "touch.yaml", "--gravity", 0, 0, -9.81],
+            "--gravity must come with a mass, but that of",
+        ),
+        (
+            ["--contacts", folder / "touch.yaml", "--gravity", 0, 0, "nan"],
+            "--gravity: gravity_P[2] must be a finite number, not nan",
+        ),
+        (["--contacts", folder / "touch.yaml", "--mass", -1], "mass must be a number > 0, not -1"),
+        (["--contacts", folder / "touch.yaml", "--hand-volume", folder / "none.yaml"], "none.yaml cannot be read"),
     ):
         assert run("estimate", *common, *options) == 2
         (line,) = capsys.readouterr().err.strip().splitlines()

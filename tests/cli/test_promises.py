@@ -43,13 +43,16 @@ def test_an_output_never_destroys_an_input(files: Path, capsys: pytest.CaptureFi
     (files / "symlink.yaml").symlink_to(files / "contacts.yaml")
     (files / "circle").symlink_to(files / "circle")
     for options, message in (
-        (["--out", files / "contacts.yaml"], "is an input, or in one"),
-        (["--out", files / "link.yaml"], "is an input, or in one"),
-        (["--html", files / "symlink.yaml"], "is an input, or in one"),
-        (["--html", files / "cube.obj"], "is an input, or in one"),
-        (["--out", files / "x", "--html", files / "x"], "is given for two outputs"),
-        (["--out", files / "x", "--html", files / ".." / files.name / "x"], "is given for two outputs"),
-        (["--out", files], "is a folder"),
+        (["--out", files / "contacts.yaml"], "must be another file than an input, and not in one"),
+        (["--out", files / "link.yaml"], "must be another file than an input, and not in one"),
+        (["--html", files / "symlink.yaml"], "must be another file than an input, and not in one"),
+        (["--html", files / "cube.obj"], "must be another file than an input, and not in one"),
+        (["--out", files / "x", "--html", files / "x"], "must be given for one output, not for two"),
+        (
+            ["--out", files / "x", "--html", files / ".." / files.name / "x"],
+            "must be given for one output, not for two",
+        ),
+        (["--out", files], "must be a file, which may be new, not a folder"),
         (["--out", files / "absent" / "x"], "does not exist"),
         (["--out", "/proc/x"], "cannot be written"),
         (["--out", files / ("x" * 300)], "cannot be used (File name too long)"),
@@ -72,7 +75,7 @@ def test_a_disk_without_room_for_a_result_is_told_before_the_work(
         assert run("estimate", *inputs(files), option, files / "result") == 2
         printed = capsys.readouterr()
         assert printed.out == ""
-        assert "result: its disk has 0.1 MB left; at least 5 MB are needed" in " ".join(printed.err.split())
+        assert "result: its disk must have at least 5 MB left, not 0.1 MB" in " ".join(printed.err.split())
     assert not (files / "result").exists()
 
 
@@ -83,7 +86,7 @@ def test_a_replay_writes_nothing_into_its_recording(tmp_path: Path, capsys: pyte
     arguments = ["replay", tmp_path / "rec", "--scenario", tmp_path / "own.scenario.yaml", "--out"]
     for out in (tmp_path / "rec" / "signals.jsonl", tmp_path / "rec" / "new.jsonl", tmp_path / "own.scenario.yaml"):
         assert run(*arguments, out) == 2
-        assert "is an input, or in one" in capsys.readouterr().err
+        assert "must be another file than an input, and not in one" in capsys.readouterr().err
     assert (tmp_path / "rec" / "signals.jsonl").read_text() == "precious\n"
     assert os.listdir(tmp_path / "rec") == ["signals.jsonl"]
 
@@ -97,7 +100,7 @@ def test_what_was_there_stays_until_all_is_written(tmp_path: Path) -> None:
             beside.write_text("half")
             raise OSError(28, "No space left on device")
 
-    with pytest.raises(InvalidFileError, match=r"result.json: cannot be written \(No space left on device\)"):
+    with pytest.raises(InvalidFileError, match=r"result.json cannot be written \(No space left on device\)"):
         fail()
     assert path.read_text() == "old"
     with written_beside(path) as beside:
@@ -134,7 +137,7 @@ def end_with(estimate: object, monkeypatch: pytest.MonkeyPatch) -> None:
     """Lets runs and replays end at once, with an estimate or None."""
     view = RunView(Station(estimate), Station(estimate))
     monkeypatch.setattr("tactopose_drake.cli.run_command.run_scenario", lambda *_, **__: view)
-    played = Replay(view, ("fingers.blf: ended after 3 frames.",), whole=True, difference="")
+    played = Replay(view, ("fingers.blf ended after 3 frames.",), whole=True, difference="")
     monkeypatch.setattr("tactopose_drake.cli.replay_command.replay_recording", lambda *_, **__: played)
     monkeypatch.setattr("tactopose_drake.cli.run_command.estimate_line", lambda _: "held: 0 contacts")
 
@@ -167,7 +170,7 @@ def test_only_what_is_written_is_said_to_replace_something(
     beside.write_text("old")
     assert run(*COMMANDS[command], "--html", page, other, beside) == 1
     printed = capsys.readouterr().out
-    assert f"{page}: not written, since there was no estimate." in printed
+    assert f"{page} is not written, since there was no estimate." in printed
     assert page.read_text() == "old"
     assert ("Replaced" in printed) == (other == "--out")
     assert printed.count(str(page)) == 1

@@ -55,7 +55,7 @@ def test_a_limit_that_is_none_is_unusable_input(
 ) -> None:
     monkeypatch.setenv(model_cache.LIMIT_VARIABLE, "plenty")
     assert run("cache") == 2
-    assert "TACTOPOSE_CACHE_GB: is 'plenty'" in capsys.readouterr().err
+    assert "TACTOPOSE_CACHE_GB must be a number of gigabytes >= 0, not 'plenty'" in capsys.readouterr().err
 
 
 def test_a_folder_of_the_cache_that_is_none_is_said(
@@ -64,7 +64,7 @@ def test_a_folder_of_the_cache_that_is_none_is_said(
     (tmp_path / "file").write_text("")
     monkeypatch.setenv(model_cache.FOLDER_VARIABLE, str(tmp_path / "file"))
     assert run("cache") == 2
-    assert "which is not a folder: nothing is cached." in " ".join(capsys.readouterr().err.split())
+    assert "which is none: nothing is cached." in " ".join(capsys.readouterr().err.split())
 
 
 def test_what_is_not_compiled_is_compiled_elsewhere(

@@ -166,7 +166,7 @@ def test_arrays_are_counted_only_where_some_are_made() -> None:
 
     own, borrowed = (Kernel(py_func=function, targetoptions={"nopython": True}) for function in (own_row, same))
     np.testing.assert_array_equal(own(np.eye(3)), [1.0, 0.0, 0.0])
-    with pytest.raises(TypeError, match="not its own"):
+    with pytest.raises(TypeError, match="must return an array of its own"):
         borrowed(np.eye(3))
     assert not _counts(retract)
     assert _counts(descend)

@@ -98,7 +98,7 @@ def test_a_motion_is_never_sent_later_than_it_was_asked_for() -> None:
 def test_a_motion_of_what_is_no_puck_is_refused(puck: object) -> None:
     with virtual_bus(make_hand()) as bus, BarrettHand(bus) as hand:
         hand.read()
-        with pytest.raises(InvalidInputError, match=r"puck: is .*; allowed are integers from 11 to 14"):
+        with pytest.raises(InvalidInputError, match=r"puck must be an integer from 11 to 14, not .*"):
             hand.initialize(puck)
 
 

@@ -39,7 +39,7 @@ def test_an_answer_that_is_contradicted_in_its_round_is_taken_back() -> None:
         assert is_whole(hand.read())
         simulated.faults = [contradict]
         sample = hand.read()
-        assert sample.status == "F1: motor position: is 1000000 counts; allowed are -219000 to 219000."
+        assert sample.status == "F1: motor position must be from -219000 to 219000 counts, not 1000000."
         np.testing.assert_array_equal(np.isnan(sample.joint_positions), np.isin(range(7), [0, 3]))
         assert has_no_wrong_number(sample)
 
@@ -50,7 +50,7 @@ def test_a_position_that_was_cut_to_the_motors_part_is_refused() -> None:
         assert is_whole(hand.read())
         simulated.faults = [faults.wrong_length(3)]
         sample = hand.read()
-        assert "F1: position: lacks the joint's encoder" in sample.status
+        assert "F1: position lacks the joint's encoder" in sample.status
         assert np.isnan(sample.joint_positions[:6]).all()
         assert has_no_wrong_number(sample)
 
@@ -110,11 +110,11 @@ def test_a_hand_that_is_not_there() -> None:
 FAULTS = [
     (faults.silence, "no puck of the hand answers", False),
     (faults.missing_frame, "no ", False),
-    (faults.out_of_order, "expected was", False),
-    (faults.duplicates, "expected was", False),
+    (faults.out_of_order, "must have the sequence number", False),
+    (faults.duplicates, "must have the sequence number", False),
     (faults.extra_frames, "", False),
-    (faults.bus_off, "bus: is off", False),
-    (faults.wrong_length(5), "has 5 bytes", False),
+    (faults.bus_off, "bus is off", False),
+    (faults.wrong_length(5), "bytes, not 5", False),
     (faults.late(0.2), "no puck of the hand answers", False),
     (faults.late(0.05), "ok", True),
     (faults.own_frame_echo, "ok", True),
@@ -144,7 +144,7 @@ def test_a_fault_has_its_status_gives_no_wrong_number_and_passes(fault, status: 
         assert is_whole(hand.read(0.1))
 
 
-COUNTS = "position: counts from where the puck restarted, until the joint is initialized."
+COUNTS = "position counts from where the puck restarted, until the joint is initialized."
 RESTARTED = "; ".join(f"{puck.name}: {COUNTS}" for puck in Puck)
 
 

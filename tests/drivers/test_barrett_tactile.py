@@ -62,7 +62,7 @@ def test_a_reading_that_begins_anew_is_whole() -> None:
     reading = tactile.FullReading()
     reading.add(old[0])
     reading.add(old[1])
-    with pytest.raises(ProtocolError, match="number 0; expected was 2"):
+    with pytest.raises(ProtocolError, match="number 2, not 0"):
         reading.add(new[0])
     assert [reading.add(data) for data in new[1:]][-1] == list(range(24))
 

@@ -97,7 +97,7 @@ def test_a_message_that_is_cut_off_or_too_long_is_refused(make) -> None:
     for end in range(len(data)):
         with pytest.raises(ProtocolError, match=r"cut off|fingerprint"):
             type(make()).decode(data[:end])
-    with pytest.raises(ProtocolError, match="1 bytes too many"):
+    with pytest.raises(ProtocolError, match=r"must end after .* bytes, not 1 later"):
         type(make()).decode(data + b"\0")
 
 
@@ -107,17 +107,17 @@ def test_a_message_that_is_cut_off_or_too_long_is_refused(make) -> None:
         (
             HandSensesMessage,
             {"wrenches": {"thumb": np.zeros(5)}},
-            r"wrenches\[thumb\]: has shape \(5,\); allowed is \(6,",
+            r"wrenches\[thumb\] must have the shape \(6,\), not \(5,",
         ),
-        (HandSensesMessage, {"wrenches": np.zeros(6)}, "wrenches: is a ndarray; allowed is a Mapping"),
-        (HandSensesMessage, {"pressures": {"palm": 3.0}}, r"pressures\[palm\]: has shape \(\); allowed is \(n,"),
-        (HandSensesMessage, {"joints": {3: 0.1}}, "joints: the name 3: is a int; allowed is a str"),
-        (HandSensesMessage, {"joints": {"FFJ3": "0.1"}}, r"joints\[FFJ3\]: not an array of numbers"),
-        (HandSensesMessage, {"utime": 1.5}, "utime: is 1.5; allowed are integers"),
-        (HandSensesMessage, {"sequence": 2**63}, "sequence: is 9223372036854775808; allowed are integers"),
-        (ObjectPoseMessage, {"covariance": np.eye(3)}, r"covariance: has shape \(3, 3\); allowed is \(6, 6\)"),
-        (ObjectBeliefMessage, {"status": None}, "status: is a NoneType; allowed is a str"),
-        (ObjectBeliefMessage, {"probability": [1.0]}, r"position: has shape \(0, 3\); allowed is \(1, 3\)"),
+        (HandSensesMessage, {"wrenches": np.zeros(6)}, "wrenches must be a Mapping, not an ndarray"),
+        (HandSensesMessage, {"pressures": {"palm": 3.0}}, r"pressures\[palm\] must have the shape \(n,\), not \(\)"),
+        (HandSensesMessage, {"joints": {3: 0.1}}, "joints: the name 3 must be a str, not an int"),
+        (HandSensesMessage, {"joints": {"FFJ3": "0.1"}}, r"joints\[FFJ3\] must be a number, not"),
+        (HandSensesMessage, {"utime": 1.5}, "utime must be an integer .*, not 1.5"),
+        (HandSensesMessage, {"sequence": 2**63}, "sequence must be an integer .*, not 9223372036854775808"),
+        (ObjectPoseMessage, {"covariance": np.eye(3)}, r"covariance must have the shape \(6, 6\), not \(3, 3\)"),
+        (ObjectBeliefMessage, {"status": None}, "status must be a str, not None"),
+        (ObjectBeliefMessage, {"probability": [1.0]}, r"position must have the shape \(1, 3\), not \(0, 3\)"),
     ],
 )
 def test_what_no_message_can_hold_is_refused_when_it_is_made(kind: type, values: dict, message: str) -> None:

@@ -71,7 +71,7 @@ def test_a_tare_needs_valid_samples() -> None:
         with pytest.raises(DeviceTimeoutError, match="no reply"):
             sensor.tare(timeout=0.5)
         for samples, shown in ((0, "0"), (2.5, "2.5"), ("x", "'x'"), (None, "None"), (True, "True")):
-            with pytest.raises(InvalidInputError, match=f"samples: is {shown}; allowed are integers >= 1"):
+            with pytest.raises(InvalidInputError, match=f"samples must be an integer >= 1, not {shown}"):
                 sensor.tare(samples)
     np.testing.assert_array_equal(sensor.bias, np.zeros(6))
 
@@ -143,7 +143,7 @@ def test_several_boards_share_a_bus() -> None:
 
 
 def test_a_second_driver_of_the_same_board_is_refused() -> None:
-    refused = pytest.raises(InvalidInputError, match=r"index: has the identifier 0x2.*thumb")
+    refused = pytest.raises(InvalidInputError, match=r"index must have other identifiers than thumb .* 0x2")
     with virtual_bus(make_board()) as bus, NetCanOemForceTorque(bus, name="thumb") as thumb:
         with refused, NetCanOemForceTorque(bus, name="index"):
             pass

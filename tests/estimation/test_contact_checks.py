@@ -19,13 +19,15 @@ def pressing(*forces: float) -> Evidence:
 
 def test_forces_are_of_the_wrong_sign_where_more_than_half_of_those_that_are_felt_pull() -> None:
     check_contacts(pressing(-1.0, -1.0, 1.0, 1.0), 0.1)
-    with pytest.raises(InvalidInputError, match=r"^contacts: f_PC is against n_PC in 0, 1, 3, counted from 0"):
+    with pytest.raises(
+        InvalidInputError, match=r"^contacts must have forces f_PC .*, not against them as in 0, 1, 3, counted from 0"
+    ):
         check_contacts(pressing(-1.0, -1.0, 1.0, -1.0), 0.1)
 
 
 def test_a_force_within_three_sigmas_of_none_is_of_no_sign() -> None:
     check_contacts(pressing(-0.29, -0.29, -0.29, 1.0), 0.1)
-    with pytest.raises(InvalidInputError, match="f_PC is against n_PC in 0, 1, 2"):
+    with pytest.raises(InvalidInputError, match="not against them as in 0, 1, 2"):
         check_contacts(pressing(-0.31, -0.31, -0.31, 1.0), 0.1)
 
 

@@ -115,7 +115,7 @@ def test_an_object_that_touches_nothing_has_no_contacts() -> None:
 
 def test_something_else_is_refused() -> None:
     _, plant, plant_context, ball, _ = pressed("point", True)
-    with pytest.raises(InvalidInputError, match="results: is a list; allowed is a ContactResults"):
+    with pytest.raises(InvalidInputError, match="results must be a ContactResults, not a list"):
         tp.Contacts.from_contact_results([], plant, plant_context, plant.GetFrameByName("palm"), ball)
 
 

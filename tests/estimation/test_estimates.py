@@ -100,9 +100,9 @@ def test_contacts_that_are_not_believed_determine_no_pose() -> None:
 
 
 def test_one_hypothesis_or_more_is_kept_of_as_many_as_there_are() -> None:
-    with pytest.raises(tp.TactoposeError, match="kept: keeps no hypothesis"):
+    with pytest.raises(tp.TactoposeError, match="kept must keep at least one hypothesis, not none"):
         weighed(1.0).keep((False,))
-    with pytest.raises(tp.TactoposeError, match="kept: has length 3; allowed is one for each hypothesis, 2"):
+    with pytest.raises(tp.TactoposeError, match="kept must have an entry for each of 2 hypotheses, not 3"):
         weighed(0.5, 0.5).keep((True, True, True))
 
 
@@ -178,13 +178,13 @@ def test_who_changes_a_pose_that_was_told_changes_nothing_of_the_estimate() -> N
 def test_what_an_estimate_is_asked_with_values_of_other_types_is_named() -> None:
     made = weighed(0.5, 0.5)
     for ask, message in (
-        (lambda: made.keep(None), "kept: is a NoneType; allowed is a Collection"),
-        (lambda: made.keep("ab"), r"kept\[0\]: is 'a'; allowed are True and False"),
-        (lambda: made.first("x"), "count: is 'x'; allowed are integers >= 1"),
-        (lambda: made.first(-1), "count: is -1; allowed are integers >= 1"),
-        (lambda: made.table("x"), "most: is 'x'; allowed are integers >= 0"),
-        (lambda: made.best.in_world(None), "X_WP: is a NoneType; allowed is a RigidTransform"),
-        (lambda: made.save_html(None), "path: is None; allowed is a path"),
+        (lambda: made.keep(None), "kept must be a Collection, not None"),
+        (lambda: made.keep("ab"), r"kept\[0\] must be True or False, not 'a'"),
+        (lambda: made.first("x"), "count must be an integer >= 1, not 'x'"),
+        (lambda: made.first(-1), "count must be an integer >= 1, not -1"),
+        (lambda: made.table("x"), "most must be an integer >= 0, not 'x'"),
+        (lambda: made.best.in_world(None), "X_WP must be a RigidTransform, not None"),
+        (lambda: made.save_html(None), "path must be a path, not None"),
     ):
         with pytest.raises(tp.TactoposeError, match=f"^{message}"):
             ask()

@@ -141,7 +141,9 @@ def test_forces_that_do_not_hold_the_weight_are_explained_by_no_pose(can: tp.Obj
     assert status(f_PC + 0.05 * np.random.default_rng(0).normal(size=(4, 3))) == "ok"
     reversed_one = np.where(np.arange(4)[:, None] == 2, -f_PC, f_PC)
     assert status(reversed_one) == status(f_PC, -down) == status(1000.0 * f_PC) == "no_solution"
-    with pytest.raises(InvalidInputError, match=r"^contacts: f_PC is against n_PC in 0, 1, 2, 3"):
+    with pytest.raises(
+        InvalidInputError, match=r"^contacts must have forces f_PC .*, not against them as in 0, 1, 2, 3"
+    ):
         status(-f_PC)
 
 
@@ -159,9 +161,9 @@ def test_status_is_about_the_touch(blob: tp.ObjectModel) -> None:
 @pytest.mark.parametrize(
     ("evidence", "message"),
     [
-        ({"balance": tp.ForceBalance([0.0, 0.0, -9.81])}, "contacts: have no forces; balance needs them"),
-        ({"friction": 0.5}, "contacts: have no forces; friction needs them"),
-        ({"friction": -0.5}, "friction: is -0.5; allowed are numbers >= 0"),
+        ({"balance": tp.ForceBalance([0.0, 0.0, -9.81])}, "contacts must have forces f_PC for the balance, not None"),
+        ({"friction": 0.5}, "contacts must have forces f_PC for the friction, not None"),
+        ({"friction": -0.5}, "friction must be a number >= 0, not -0.5"),
     ],
 )
 def test_evidence_that_does_not_fit_is_refused(blob: tp.ObjectModel, evidence: dict[str, object], message: str) -> None:

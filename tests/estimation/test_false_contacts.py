@@ -151,9 +151,12 @@ def test_a_share_of_false_contacts_that_is_none_is_refused(blob: tp.ObjectModel,
 def test_forces_that_pull_are_refused_unless_few_do(blob: tp.ObjectModel, sign: float) -> None:
     X_PO, contacts = touched(blob, 0)
     n_PC, p_PC = sign * contacts.n_PC, contacts.p_PC
-    with pytest.raises(InvalidInputError, match=r"^contacts: f_PC is against n_PC in 0, 1, .* pull at the object"):
+    with pytest.raises(
+        InvalidInputError,
+        match=r"^contacts must have forces f_PC .*, not against them as in 0, 1, .* pull at the object",
+    ):
         tp.estimate_pose(blob, tp.Contacts(p_PC, n_PC, -2.0 * n_PC, **NOISE), prior=near(X_PO, 0))
-    with pytest.raises(InvalidInputError, match=r"^contacts: f_PC is against n_PC"):
+    with pytest.raises(InvalidInputError, match=r"^contacts must have forces f_PC .*, not against them"):
         tp.identify([blob], tp.Contacts(p_PC, n_PC, -2.0 * n_PC, **NOISE))
     # One of them may be false; and where nothing presses, noise points anywhere.
     f_PC = 2.0 * contacts.n_PC

@@ -59,38 +59,56 @@ def test_a_prior_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("contacts: [", r"file.yaml: is not YAML at line 2, column 1"),
-        ("3", "is 3; allowed is a mapping with the keys contacts, sigma_position, sigma_normal_deg"),
-        ("contacts: []", r"contacts: is \[\]; allowed is a list of at least one contact"),
-        ("touches: []", "key 'touches' is unknown; allowed are contacts"),
-        ("sigma_position: 1.0", "key 'contacts' is missing"),
-        ("contacts: [7]", r"contacts\[0\]: is 7; allowed is a mapping with the keys position"),
-        ("contacts: [{normal: [0, 0, 1]}]", r"contacts\[0\]: key 'position' is missing"),
-        ("contacts: [{position: [0, 0]}]", r"contacts\[0\].position: has shape \(2,\); allowed is \(3,\)"),
-        ("contacts: [{position: [0, 0, 0], normal: [0, 1]}]", r"contacts\[0\].normal: has shape \(2,\)"),
-        ("contacts: [{position: [0, .nan, 0]}]", r"contacts\[0\].position\[1\]: is nan; allowed are finite numbers"),
-        ("contacts: [{position: [a, b, c]}]", r"contacts\[0\].position\[0\]: is 'a'; allowed are numbers"),
-        ("contacts: [{position: [0, 0, 0], normal: [0, 0, 2]}]", r"contacts\[0\].normal: has length 2; allowed is 1"),
+        ("contacts: [", r"file.yaml: the content is not YAML at line 2, column 1"),
+        ("3", "the content must be a mapping with the keys contacts, sigma_position, sigma_normal_deg, not 3"),
+        ("contacts: []", r"contacts must be a list of at least one contact, not \[\]"),
+        ("touches: []", "must have only the keys contacts.*, not 'touches'"),
+        ("sigma_position: 1.0", "the content must have the key 'contacts', but lacks it"),
+        ("contacts: [7]", r"contacts\[0\] must be a mapping with the keys position, .*, not 7"),
+        ("contacts: [{normal: [0, 0, 1]}]", r"contacts\[0\] must have the key 'position', but lacks it"),
+        ("contacts: [{position: [0, 0]}]", r"contacts\[0\].position must have the shape \(3,\), not \(2,\)"),
+        (
+            "contacts: [{position: [0, 0, 0], normal: [0, 1]}]",
+            r"contacts\[0\].normal must have the shape .*, not \(2,\)",
+        ),
+        ("contacts: [{position: [0, .nan, 0]}]", r"contacts\[0\].position\[1\] must be a finite number, not nan"),
+        ("contacts: [{position: [a, b, c]}]", r"contacts\[0\].position\[0\] must be a number, not 'a'"),
+        (
+            "contacts: [{position: [0, 0, 0], normal: [0, 0, 2]}]",
+            r"contacts\[0\].normal must have the length 1 .*, not 2",
+        ),
         (
             "contacts: [{position: [0, 0, 0.1]}, {position: [31, 2, 94]}]",
-            r"contacts\[1\].position: is \[31.0, 2.0, 94.0\], in metres; .* Multiply by 0.001",
+            r"contacts\[1\].position must have .*, not \[31.0, 2.0, 94.0\] m. Multiply by 0.001",
         ),
-        ("contacts: [{position: [0, 0, 0], force: [0, 1.0e+9, 0]}]", r"contacts\[0\].force: is 1e\+09"),
-        ("{contacts: [{position: [0, 0, 0]}], sigma_normal_deg: -1}", "sigma_normal_deg, in rad: is -0.0174533"),
+        ("contacts: [{position: [0, 0, 0], force: [0, 1.0e+9, 0]}]", r"contacts\[0\].force must be .*, not 1e\+09"),
+        (
+            "{contacts: [{position: [0, 0, 0]}], sigma_normal_deg: -1}",
+            "sigma_normal_deg, in rad, must be .*, not -0.0174533",
+        ),
         (
             "contacts: [{position: [0, 0, 0], normal: [0, 0, 1]}, {position: [0, 0, 0]}]",
-            r"contacts\[1\]: has no normal, but contacts\[0\] has",
+            r"contacts must all have a normal, or none, but contacts\[0\] has one and contacts\[1\] has none",
         ),
-        ("{contacts: [{position: [0, 0, 0]}], sigma_position: -1}", "sigma_position: is -1; allowed are numbers > 0"),
-        ("{contacts: [{position: [0, 0, 0]}], sigma_position: .nan}", "file.yaml: sigma_position: is nan; allowed are"),
-        ("{contacts: [{position: [0, 0, 0]}], sigma_position: yes}", "sigma_position: is True; allowed are numbers"),
-        ("contacts: [{position: [0, true, 0]}]", r"position\[1\]: is True; allowed are numbers"),
-        ("contacts: [{position: ['0', 0, 0]}]", r"position\[0\]: is '0'; allowed are numbers"),
-        ("contacts: [{position: [2020-13-45, 0, 0]}]", r"position\[0\]: is '2020-13-45'; allowed are numbers"),
-        ("contacts: [{position: [[0], [0], 0]}]", r"position\[0\]: is \[0\]; allowed are numbers"),
-        ("contacts: [{position: [0, 0, 0], position: [1, 0, 0]}]", "line 1: key 'position' is given twice"),
-        ("contacts: [{position: [1" + "0" * 400 + ", 0, 0]}]", r"line 1: contacts\[0\].position\[0\]: is '100000"),
-        ("{contacts: [{position: [0, 0, 0]}], sigma_normal_deg: x}", "sigma_normal_deg: is 'x'; allowed are numbers"),
+        ("{contacts: [{position: [0, 0, 0]}], sigma_position: -1}", "sigma_position must be a number > 0, not -1"),
+        (
+            "{contacts: [{position: [0, 0, 0]}], sigma_position: .nan}",
+            "file.yaml: sigma_position must be a finite number, not nan",
+        ),
+        ("{contacts: [{position: [0, 0, 0]}], sigma_position: yes}", "sigma_position must be a number, not True"),
+        ("contacts: [{position: [0, true, 0]}]", r"position\[1\] must be a number, not True"),
+        ("contacts: [{position: ['0', 0, 0]}]", r"position\[0\] must be a number, not '0'"),
+        ("contacts: [{position: [2020-13-45, 0, 0]}]", r"position\[0\] must be a number, not '2020-13-45'"),
+        ("contacts: [{position: [[0], [0], 0]}]", r"contacts\[0\].position must consist of numbers \("),
+        (
+            "contacts: [{position: [0, 0, 0], position: [1, 0, 0]}]",
+            "line 1: the key 'position' must be given once, not twice",
+        ),
+        (
+            "contacts: [{position: [1" + "0" * 400 + ", 0, 0]}]",
+            r"line 1: contacts\[0\].position\[0\] must be an integer of 64 bits, not '100000",
+        ),
+        ("{contacts: [{position: [0, 0, 0]}], sigma_normal_deg: x}", "sigma_normal_deg must be a number, not 'x'"),
     ],
 )
 def test_each_fault_of_contacts_is_one_line_with_its_place(tmp_path: Path, text: str, message: str) -> None:
@@ -105,17 +123,26 @@ def test_each_fault_of_contacts_is_one_line_with_its_place(tmp_path: Path, text:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("X_PO: {translation: [0, 0, 0]}", "X_PO: key 'quaternion_wxyz' is missing"),
-        ("X_PO: {translation: [0, 0], quaternion_wxyz: [1, 0, 0, 0]}", r"X_PO.translation: has shape \(2,\)"),
-        ("X_PO: {translation: [0, 0, 0], quaternion_wxyz: [1, 1, 0, 0]}", "quaternion_wxyz: has length 1.41421"),
-        ("{X_PO: {translation: [0, 0, 0], quaternion_wxyz: [1, 0, 0, 0]}, sigma: 1}", "key 'sigma' is unknown"),
+        ("X_PO: {translation: [0, 0, 0]}", "X_PO must have the key 'quaternion_wxyz', but lacks it"),
+        (
+            "X_PO: {translation: [0, 0], quaternion_wxyz: [1, 0, 0, 0]}",
+            r"X_PO.translation must have the shape .*, not \(2,\)",
+        ),
+        (
+            "X_PO: {translation: [0, 0, 0], quaternion_wxyz: [1, 1, 0, 0]}",
+            "quaternion_wxyz must have the length 1 within 0.001, not 1.41421",
+        ),
+        (
+            "{X_PO: {translation: [0, 0, 0], quaternion_wxyz: [1, 0, 0, 0]}, sigma: 1}",
+            "the content must have only the keys X_PO, .*, not 'sigma'",
+        ),
         (
             "{X_PO: {translation: [0, 0, 0], quaternion_wxyz: [1, 0, 0, 0]}, sigma_translation: 0}",
-            "sigma_translation: is 0; allowed are numbers > 0",
+            "sigma_translation must be a number > 0, not 0",
         ),
         (
             "X_PO: {translation: [-30, 10, 110], quaternion_wxyz: [1, 0, 0, 0]}",
-            r"X_PO.translation: is \[-30.0, 10.0, 110.0\], in metres; .* Multiply by 0.001",
+            r"X_PO.translation must have .*, not \[-30.0, 10.0, 110.0\] m. Multiply by 0.001",
         ),
     ],
 )
@@ -125,7 +152,7 @@ def test_each_fault_of_a_prior_is_named(tmp_path: Path, text: str, message: str)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InvalidFileError, match=r"absent.yaml: cannot be read \(No such file or directory\)"):
+    with pytest.raises(InvalidFileError, match=r"absent.yaml cannot be read \(No such file or directory\)"):
         load_contacts(tmp_path / "absent.yaml")
 
 

@@ -208,22 +208,25 @@ def test_few_contacts_leave_it_open(models: list[ObjectModel], count: int) -> No
 
 def test_bad_input_is_named(models: list[ObjectModel], tmp_path: Path) -> None:
     contacts = touch(models[0], 0)
-    with pytest.raises(InvalidInputError, match=r"^models: is \[\]"):
+    with pytest.raises(
+        InvalidInputError,
+        match=r"^models must be an ObjectLibrary, or a sequence of at least one ObjectModel, not \[\]",
+    ):
         tp.identify([], contacts)
-    with pytest.raises(InvalidInputError, match=r"^models\[1\]: is a str; allowed is an ObjectModel"):
+    with pytest.raises(InvalidInputError, match=r"^models\[1\] must be an ObjectModel, not a str"):
         tp.identify([models[0], "mug.obj"], contacts)  # type: ignore[list-item]
-    with pytest.raises(TooFewContactsError, match=r"^contacts: there are 0"):
+    with pytest.raises(TooFewContactsError, match=r"^contacts must be at least 1 .*, not 0"):
         tp.identify(models, Contacts.empty())
-    with pytest.raises(UnknownNameError, match=r"^likelihood: 'cost' is unknown; valid names: evidence, inverse_cost"):
+    with pytest.raises(UnknownNameError, match=r"^likelihood must be one of evidence, inverse_cost.*, not 'cost'"):
         tp.identify(models, contacts, likelihood="cost")  # type: ignore[arg-type]
-    with pytest.raises(InvalidInputError, match=r"^seed: is -1; allowed are integers >= 0"):
+    with pytest.raises(InvalidInputError, match=r"^seed must be an integer >= 0, not -1"):
         tp.identify(models, contacts, seed=-1)
     with ThreadPoolExecutor(1) as executor:
         pass
-    with pytest.raises(InvalidInputError, match=r"^executor: takes no work .*; allowed is one that is open"):
+    with pytest.raises(InvalidInputError, match=r"^executor must be open, but takes no work"):
         tp.identify(models, touch(models[0], 0), executor=executor)
-    with pytest.raises(InvalidInputError, match=r"^candidates: is 0; allowed are integers >= 1"):
+    with pytest.raises(InvalidInputError, match=r"^candidates must be an integer >= 1, not 0"):
         tp.identify(models, contacts, candidates=0)
-    for prior, said in [(-0.1, "is -0.1"), (1.0, "is 1; allowed are numbers >= 0 and < 1"), (math.nan, "nan")]:
-        with pytest.raises(InvalidInputError, match=rf"^unknown_prior: .*{said}"):
+    for prior, said in [(-0.1, "not -0.1"), (1.0, "must be a number >= 0 and < 1, not 1"), (math.nan, "not nan")]:
+        with pytest.raises(InvalidInputError, match=rf"^unknown_prior .*{said}"):
             tp.identify(models, contacts, unknown_prior=prior)

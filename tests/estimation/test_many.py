@@ -95,7 +95,7 @@ def test_an_executor_that_is_shut_down_is_refused(box: tp.ObjectModel) -> None:
     contacts, _ = touches([box] * 2)
     with ThreadPoolExecutor(1) as executor:
         pass
-    with pytest.raises(InvalidInputError, match=r"^executor: takes no work"):
+    with pytest.raises(InvalidInputError, match=r"^executor must be open, but takes no work"):
         tp.estimate_poses(box, contacts, executor=executor)
 
 
@@ -115,8 +115,11 @@ class Fallen(Executor):
 @pytest.mark.parametrize(
     ("fall", "message"),
     [
-        (lambda future: future.cancel(), r"^executor: was shut down before the work was done"),
-        (lambda future: future.set_exception(BrokenProcessPool("killed")), r"^executor: has lost its workers .*killed"),
+        (lambda future: future.cancel(), r"^executor must stay open until the work is done, not be shut down before"),
+        (
+            lambda future: future.set_exception(BrokenProcessPool("killed")),
+            r"^executor must keep its workers until the work is done, but has lost them .*killed",
+        ),
     ],
     ids=["shut down", "dead workers"],
 )
@@ -152,7 +155,9 @@ def test_an_executor_that_is_shut_down_amid_the_work_ends_it(
 
     monkeypatch.setattr(executor, "submit", submit)
     try:
-        with pytest.raises(InvalidInputError, match="executor: was shut down before the work was done"):
+        with pytest.raises(
+            InvalidInputError, match="executor must stay open until the work is done, not be shut down before"
+        ):
             tp.estimate_poses(box, contacts, executor=executor)
     finally:
         busy.set()
@@ -181,23 +186,25 @@ def test_kernels_are_ready_before_objects_are_told_apart_by_threads(
 
 def test_numbers_that_do_not_agree_are_refused(box: tp.ObjectModel) -> None:
     contacts, priors = touches([box] * 3)
-    with pytest.raises(InvalidInputError, match="contacts: is a single Contacts; allowed is a sequence of them"):
+    with pytest.raises(
+        InvalidInputError, match="contacts must be a sequence of Contacts, one for each touch, not a single one"
+    ):
         tp.estimate_poses(box, contacts[0])
-    with pytest.raises(InvalidInputError, match=r"models: are 2; allowed are one .*, or one for each touch, 3"):
+    with pytest.raises(InvalidInputError, match=r"models must be one .*, or one for each of 3 touches, not 2 of them"):
         tp.estimate_poses([box] * 2, contacts)
-    with pytest.raises(InvalidInputError, match=r"prior: is unknown here; allowed is `priors=`"):
+    with pytest.raises(InvalidInputError, match=r"prior must be given as `priors=`"):
         tp.estimate_poses(box, [], prior=None)
-    with pytest.raises(InvalidInputError, match="priors: are 2; allowed are one PosePrior"):
+    with pytest.raises(InvalidInputError, match=r"priors must be one PosePrior, or .*, not 2 of them"):
         tp.estimate_poses(box, contacts, priors=priors[:2])
-    with pytest.raises(InvalidInputError, match=r"seed\[1\]: is '1'; allowed are integers >= 0"):
+    with pytest.raises(InvalidInputError, match=r"seed\[1\] must be an integer >= 0, not '1'"):
         tp.estimate_poses(box, contacts, seed=[0, "1", 2])  # type: ignore[list-item]
 
 
 def test_what_is_no_touches_and_no_executor_is_named(box: tp.ObjectModel) -> None:
     contacts, _ = touches([box] * 2)
-    with pytest.raises(InvalidInputError, match=r"^contacts: is a NoneType; allowed is an Iterable"):
+    with pytest.raises(InvalidInputError, match=r"^contacts must be an Iterable, not None"):
         tp.estimate_poses(box, None)  # type: ignore[arg-type]
-    with pytest.raises(InvalidInputError, match=r"^executor: is a int; allowed is an Executor"):
+    with pytest.raises(InvalidInputError, match=r"^executor must be an Executor, not an int"):
         tp.estimate_poses(box, contacts, executor=3)  # type: ignore[arg-type]
 
 
@@ -212,26 +219,29 @@ def test_what_cannot_be_is_named_before_any_work(box: tp.ObjectModel, monkeypatc
     forced = [tp.Contacts(each.p_PC, each.n_PC, each.n_PC) for each in contacts]
     monkeypatch.setattr(many, "make_kernels_ready", lambda: pytest.fail("work has begun"))
     for arguments, message in (
-        ({"contacts": np.array(0.5)}, r"contacts: is array\(0.5\); allowed is a sequence of Contacts"),
-        ({"contacts": ""}, "contacts: is ''; allowed is a sequence of Contacts"),
-        ({"contacts": {}}, "contacts: is {}; allowed is a sequence of Contacts"),
-        ({"contacts": set()}, r"contacts: is set\(\); allowed is a sequence of Contacts"),
-        ({"contacts": [*contacts, "touch"]}, r"contacts\[3\]: is a str; allowed is a Contacts"),
-        ({"models": None}, "models: is None; allowed are one ObjectModel"),
-        ({"models": [box, None, box]}, r"models\[1\]: is a NoneType; allowed is an ObjectModel"),
-        ({"seed": None}, "seed: is None; allowed are one integer, or one for each touch, 3"),
-        ({"seed": np.arange(2)}, "seed: are 2; allowed are one integer"),
-        ({"seed": [0, 1, "2"]}, r"seed\[2\]: is '2'; allowed are integers >= 0"),
-        ({"seed": -1}, r"seed\[0\]: is -1; allowed are integers >= 0"),
-        ({"priors": [None, 0.1, None]}, r"priors\[1\]: is a float; allowed is a PosePrior"),
-        ({"on_progress": 3}, "on_progress: is a int; allowed is a Callable"),
-        ({"contacts": [*contacts[:2], contacts[2][:0]]}, "contacts: there are 0; the estimate needs at least 1"),
-        ({"method": "guess"}, "method: 'guess' is unknown"),
-        ({"method": "gradient_descent"}, "prior: is None, but the method 'gradient_descent' needs one"),
-        ({"patches": [()] * 3}, r"patches\[0\]: is a tuple; allowed is a Patch"),
-        ({"max_hypotheses": 0}, "max_hypotheses: is 0; allowed are integers >= 1"),
-        ({"friction": 0.5}, "contacts: have no forces; friction needs them"),
-        ({"contacts": forced, "balance": tp.ForceBalance([0.0, 0.0, -9.81])}, "model: the mass of .* is not known"),
+        ({"contacts": np.array(0.5)}, r"contacts must be a sequence of Contacts, not array\(0.5\)"),
+        ({"contacts": ""}, "contacts must be a sequence of Contacts, not ''"),
+        ({"contacts": {}}, "contacts must be a sequence of Contacts, not {}"),
+        ({"contacts": set()}, r"contacts must be a sequence of Contacts, not set\(\)"),
+        ({"contacts": [*contacts, "touch"]}, r"contacts\[3\] must be a Contacts, not a str"),
+        ({"models": None}, "models must be one ObjectModel, or .*, not None"),
+        ({"models": [box, None, box]}, r"models\[1\] must be an ObjectModel, not None"),
+        ({"seed": None}, "seed must be one integer, or one for each of 3 touches, not None"),
+        ({"seed": np.arange(2)}, "seed must be one integer, or .*, not 2 of them"),
+        ({"seed": [0, 1, "2"]}, r"seed\[2\] must be an integer >= 0, not '2'"),
+        ({"seed": -1}, r"seed\[0\] must be an integer >= 0, not -1"),
+        ({"priors": [None, 0.1, None]}, r"priors\[1\] must be a PosePrior, not a float"),
+        ({"on_progress": 3}, "on_progress must be a Callable, not an int"),
+        ({"contacts": [*contacts[:2], contacts[2][:0]]}, "contacts must be at least 1 if no patch is felt, not 0"),
+        ({"method": "guess"}, "method must be one of .*, not 'guess'"),
+        ({"method": "gradient_descent"}, "prior must be a PosePrior for the method 'gradient_descent', not None"),
+        ({"patches": [()] * 3}, r"patches\[0\] must be a Patch, not a tuple"),
+        ({"max_hypotheses": 0}, "max_hypotheses must be an integer >= 1, not 0"),
+        ({"friction": 0.5}, "contacts must have forces f_PC for the friction, not None"),
+        (
+            {"contacts": forced, "balance": tp.ForceBalance([0.0, 0.0, -9.81])},
+            "model must have a mass for the balance, but that of .* is not known",
+        ),
     ):
         with pytest.raises(InvalidInputError, match=message):
             tp.estimate_poses(**({"models": box, "contacts": contacts} | arguments))  # type: ignore[arg-type]

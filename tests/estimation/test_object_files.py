@@ -49,9 +49,13 @@ def test_a_shipped_sdf_is_its_mesh() -> None:
 @pytest.mark.parametrize(
     ("more", "scale", "text"),
     [
-        ("", 0.001, "is in metres; allowed is scale=1"),
-        ('</link><link name="other">', 1.0, "holds 2 links; allowed is one"),
-        ('<collision name="floor"><geometry><plane/></geometry></collision>', 1.0, "without an inside, a HalfSpace"),
+        ("", 0.001, "scale must be 1, .*, not 0.001"),
+        ('</link><link name="other">', 1.0, "must hold 1 link, not 2"),
+        (
+            '<collision name="floor"><geometry><plane/></geometry></collision>',
+            1.0,
+            "must have collision shapes with an inside, not a HalfSpace",
+        ),
     ],
 )
 def test_what_is_no_single_body_is_refused(tmp_path: Path, more: str, scale: float, text: str) -> None:

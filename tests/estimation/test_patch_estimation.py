@@ -285,10 +285,10 @@ def test_pads_as_told_are_not_doubted_and_silent_ones_never(model: tp.ObjectMode
 @pytest.mark.parametrize(
     ("patches", "message"),
     [
-        ((), "contacts: there are 0; the estimate needs at least 1, or a patch that is felt"),
-        ((flat([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.0),), "contacts: there are 0; the estimate needs at least 1"),
-        (flat([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.001), "patches: is a Patch; allowed is a sequence of Patch"),
-        ((np.zeros(3),), r"patches\[0\]: is a ndarray; allowed is a Patch"),
+        ((), "contacts must be at least 1 if no patch is felt, not 0"),
+        ((flat([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.0),), "contacts must be at least 1 if no patch is felt, not 0"),
+        (flat([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.001), "patches must be a sequence of Patch, not a Patch"),
+        ((np.zeros(3),), r"patches\[0\] must be a Patch, not an ndarray"),
     ],
 )
 def test_bad_patches_are_named(model: tp.ObjectModel, patches: object, message: str) -> None:

@@ -29,15 +29,15 @@ def test_a_prior_takes_a_rigid_transform_or_an_array(given: RigidTransform | Arr
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"X_PO": np.ones((3, 4))}, "X_PO: its left 3x3 block is not a rotation"),
-        ({"X_PO": np.diag([1.0, 1.0, -1.0, 1.0])}, "X_PO: its left 3x3 block is not a rotation"),
-        ({"X_PO": np.eye(3)}, "X_PO: has shape"),
+        ({"X_PO": np.ones((3, 4))}, "X_PO must have a rotation matrix as its left 3x3 block, not"),
+        ({"X_PO": np.diag([1.0, 1.0, -1.0, 1.0])}, "X_PO must have a rotation matrix as its left 3x3 block, not"),
+        ({"X_PO": np.eye(3)}, "X_PO must have the shape .*"),
         (
             {"X_PO": RigidTransform([11.0, 0.0, 0.0])},
-            r"^X_PO.translation: is \[11.0, 0.0, 0.0\], in metres; allowed are .*10 m. Multiply by 0.001",
+            r"^X_PO.translation must have .*10 m, not \[11.0, 0.0, 0.0\] m. Multiply by 0.001",
         ),
-        ({"X_PO": np.eye(4), "sigma_translation": -1.0}, "sigma_translation: is -1; allowed are numbers > 0"),
-        ({"X_PO": np.eye(4), "sigma_rotation": math.nan}, "sigma_rotation: is nan"),
+        ({"X_PO": np.eye(4), "sigma_translation": -1.0}, "sigma_translation must be a number > 0, not -1"),
+        ({"X_PO": np.eye(4), "sigma_rotation": math.nan}, "sigma_rotation must be .*, not nan"),
     ],
 )
 def test_bad_priors_are_named(arguments: dict[str, object], message: str) -> None:

@@ -80,5 +80,5 @@ def test_an_estimate_from_elsewhere_shows_its_table_alone(tmp_path: Path) -> Non
     assert "70.0%" in shown
     assert "<img" not in shown
     for save in (foreign.save_html, lambda path: tp.save_picture(path, foreign)):
-        with pytest.raises(tp.TactoposeError, match="does not hold the inputs it was made from"):
+        with pytest.raises(tp.TactoposeError, match="must hold the inputs it was made from"):
             save(tmp_path / "page.html")

@@ -131,7 +131,11 @@ def test_an_identification_is_plain_data(models: dict[str, ObjectModel]) -> None
     assert again == found
     assert again.unknown == found.unknown
     assert hash(again) == hash(found)
-    with pytest.raises(UnknownNameError, match=r"^Identification\.from_dict: 'known'"):
+    with pytest.raises(
+        UnknownNameError, match=r"^Identification\.from_dict: a key must be one of identities, .*, not 'known'"
+    ):
         tp.Identification.from_dict({**found.to_dict(), "known": 1.0})
-    with pytest.raises(InvalidInputError, match=r"^Identification\.from_dict: has no identities"):
+    with pytest.raises(
+        InvalidInputError, match=r"^Identification\.from_dict: identities must be at least one, not none"
+    ):
         tp.Identification.from_dict({"status": "ok", "duration": 1.0, "unknown": 0.5})

@@ -116,7 +116,7 @@ def test_what_needs_the_machine_to_itself_gets_it(
 def test_an_unknown_section_is_an_error_before_any_work(script: ModuleType, tmp_path: Path) -> None:
     result = CliRunner().invoke(script.main, ["--only", "tabel", "--out", str(tmp_path / "report")])
     assert result.exit_code == 2
-    assert "sections are works, prints, breaks" in result.output
+    assert "must be one of the sections works, prints, breaks" in result.output
     assert not (tmp_path / "report").exists()
 
 

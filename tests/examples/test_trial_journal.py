@@ -70,7 +70,7 @@ def test_another_file_is_no_journal(journals: ModuleType, tmp_path: Path, line: 
     journals.TrialJournal(path).add(FIRST, (1.0,))
     text = path.read_text(encoding="utf-8") + line + "\n"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(InvalidInputError, match=r"trials\.jsonl:2: must be a trial as this program writes it"):
+    with pytest.raises(InvalidInputError, match=r"trials\.jsonl: line 2 must be a trial as this program writes it"):
         journals.TrialJournal(path)
     assert path.read_text(encoding="utf-8") == text
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -79,11 +80,20 @@ def test_it_comes_back_as_it_was_saved(exactly_known: tuple[WrongHand, HandCalib
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("grasps: 20", "grasp: 20", "line 2: key 'grasp' is unknown; allowed are grasps, joint_offsets"),
-        ("value: 1.5", "value: 200.0", "joint_offsets.FFJ4.value: is [200.0]; allowed are numbers from -90 to 90"),
-        ("sigma: 0.0001}", "sigma: -1}", "fingers.first.radius.sigma: is [-1.0]; allowed are numbers >= 0"),
+        (
+            "grasps: 20",
+            "grasp: 20",
+            "line 2: the content must have only the keys grasps, joint_offsets, fingers, noise, undetermined, not "
+            "'grasp'",
+        ),
+        ("value: 1.5", "value: 200.0", "joint_offsets.FFJ4.value must be a number from -90 to 90, not 200"),
+        ("sigma: 0.0001}", "sigma: -1}", "fingers.first.radius.sigma must be a number >= 0, not -1"),
         ("value: [0, 0.1, 0]", "value: [0, 0.1]", "fingers.first.force_bias.value"),
-        ("joints: [FFJ4, FFJ2]", "joints: [FFJ9]", "fingers.first.joints: 'FFJ9' is unknown; valid names: FFJ4, FFJ2"),
+        (
+            "joints: [FFJ4, FFJ2]",
+            "joints: [FFJ9]",
+            "each name in fingers.first.joints must be one of FFJ4, FFJ2, not 'FFJ9'",
+        ),
         ("joints: [FFJ4, FFJ2]", "joints: [FFJ4]\n    correlation: [[1.0]]", "fingers.first.correlation"),
     ],
 )
@@ -98,15 +108,21 @@ def test_a_fault_is_said_in_one_line(tmp_path: Path, old: str, new: str, said: s
 
 def test_names_that_the_hand_has_not_are_refused(tmp_path: Path) -> None:
     config = load_hand_config(hand_with(tmp_path, EXAMPLE.replace("first:", "sixth:")))
-    with pytest.raises(InvalidFileError, match=r"calibration\.yaml: fingers: 'sixth' is unknown; valid names: first"):
+    with pytest.raises(
+        InvalidFileError, match=r"calibration\.yaml: each name in fingers must be one of first.*, not 'sixth'"
+    ):
         make_hand_plant(config)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("FFJ4", "FFJ1", "joint_offsets: 'FFJ1' is unknown; valid names: "),  # It follows FFJ2.
-        ("FFJ4", "first_tip_weld", "joint_offsets: 'first_tip_weld' is unknown; valid names: "),  # It is fixed.
+        ("FFJ4", "FFJ1", "each name in joint_offsets must be one of .*, not 'FFJ1'"),  # It follows FFJ2.
+        (
+            "FFJ4",
+            "first_tip_weld",
+            "each name in joint_offsets must be one of .*, not 'first_tip_weld'",
+        ),  # It is fixed.
         ("radius: {value: 0.001", "radius: {value: -0.02", "fingers.first.radius: the fingertip's "),
     ],
 )
@@ -114,10 +130,10 @@ def test_what_does_not_fit_the_hand_is_said_by_all_that_load_it(tmp_path: Path, 
     path = hand_with(tmp_path, EXAMPLE.replace(old, new))
     with pytest.raises(InvalidFileError) as caught:
         make_hand_plant(load_hand_config(path))
-    assert str(caught.value).startswith(f"{tmp_path / 'calibration.yaml'}: {said}")
+    assert re.match(rf"{tmp_path / 'calibration.yaml'}: {said}", str(caught.value))
     (fault,) = check_hand(path).faults
     assert fault.part == "calibration"
-    assert said in fault.text
+    assert re.search(said, fault.text)
 
 
 def test_a_check_says_that_a_calibration_fits(tmp_path: Path) -> None:
@@ -129,7 +145,7 @@ def test_a_check_says_that_a_calibration_fits(tmp_path: Path) -> None:
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     path = hand_with(tmp_path)
     (tmp_path / "calibration.yaml").unlink()
-    with pytest.raises(InvalidFileError, match=r"calibration\.yaml: cannot be read"):
+    with pytest.raises(InvalidFileError, match=r"calibration\.yaml cannot be read"):
         load_hand_config(path)
 
 

@@ -246,10 +246,10 @@ def test_a_mesh_with_folded_edges_can_be_checked(capsule: HandConfig) -> None:
 @pytest.mark.parametrize(
     ("q", "X_PO", "message"),
     [
-        ([np.nan], np.eye(3, 4)[None], r"q\[0\]: is nan"),
-        ([0.0, 0.0], np.eye(3, 4)[None], r"q: has shape \(2,\); allowed is \(1,\)"),
-        ([0.0], np.eye(3, 4), r"X_PO: has shape \(3, 4\)"),
-        ([0.0], np.full((1, 3, 4), np.inf), r"X_PO\[0, 0, 0\]: is inf"),
+        ([np.nan], np.eye(3, 4)[None], r"q\[0\] must be .*, not nan"),
+        ([0.0, 0.0], np.eye(3, 4)[None], r"q must have the shape \(1,\), not \(2,\)"),
+        ([0.0], np.eye(3, 4), r"X_PO must have the shape .*, not \(3, 4\)"),
+        ([0.0], np.full((1, 3, 4), np.inf), r"X_PO\[0, 0, 0\] must be .*, not inf"),
     ],
 )
 def test_bad_input_is_named(
@@ -261,7 +261,7 @@ def test_bad_input_is_named(
 
 @pytest.mark.parametrize("geometry", ["", "<plane><normal>0 0 1</normal></plane>"])
 def test_a_hand_without_a_volume_is_refused(tmp_path: Path, plate: ObjectModel, geometry: str) -> None:
-    with pytest.raises(InvalidInputError, match=r"hand: .*tiny\.sdf has no collision geometry"):
+    with pytest.raises(InvalidInputError, match=r"hand must have collision geometry, but .*tiny\.sdf has none"):
         HandCollision(write_hand(tmp_path, geometry), plate)
 
 

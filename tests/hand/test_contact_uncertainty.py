@@ -271,16 +271,16 @@ def test_an_uncertainty_below_zero_is_refused(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "allowed"),
     [
-        ("mounting", 0.3, "0.3; allowed are numbers from 0 to 0.05 m"),
-        ("fingertip_radius", 0.1, "0.1; allowed are numbers from 0 to 0.05 m"),
-        ("encoder_offset_deg", 720.0, "720; allowed are numbers from 0 to 45 deg"),
-        ("mounting_deg", 90.0, "90; allowed are numbers from 0 to 45 deg"),
-        ("sensor_force", 50.0, "50; allowed are numbers from 0 to 10 N"),
-        ("sensor_moment", 0.5, "0.5; allowed are numbers from 0 to 0.1 N m"),
+        ("mounting", 0.3, "from 0 to 0.05 m, not 0.3"),
+        ("fingertip_radius", 0.1, "from 0 to 0.05 m, not 0.1"),
+        ("encoder_offset_deg", 720.0, "from 0 to 45 deg, not 720"),
+        ("mounting_deg", 90.0, "from 0 to 45 deg, not 90"),
+        ("sensor_force", 50.0, "from 0 to 10 N, not 50"),
+        ("sensor_moment", 0.5, "from 0 to 0.1 N m, not 0.5"),
     ],
 )
 def test_an_uncertainty_of_another_unit_is_refused(name: str, value: float, allowed: str) -> None:
-    with pytest.raises(InvalidInputError, match=rf"HandUncertainty\.{name}: is {allowed}"):
+    with pytest.raises(InvalidInputError, match=rf"HandUncertainty\.{name} must be a number {allowed}"):
         HandUncertainty(**NONE | {name: value}).validate()
 
 

@@ -40,16 +40,19 @@ def test_yaml_and_json_say_the_same(tmp_path: Path, blob: ObjectModel) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("joints: {}", "line 1: key 'joints' is unknown; allowed are joint_positions, wrenches, out_of_touch, time"),
-        ("joint_positions: {FFJ4: a}", "line 1: joint_positions.FFJ4: is 'a'; allowed are numbers"),
+        (
+            "joints: {}",
+            "line 1: the content must have only the keys joint_positions, wrenches, out_of_touch, time, not 'joints'",
+        ),
+        ("joint_positions: {FFJ4: a}", "line 1: joint_positions.FFJ4 must be a number, not 'a'"),
         ("joint_positions: {FFJ4: 0.1}\nwrenches: {first: [1, 2]}", "wrenches.first"),
-        ("joint_positions: {FFJ4: 0.1}", "wrenches: is empty"),
-        ("wrenches: {first: [0, 0, 0, 0, 0, 1]}", "joint_positions: is empty"),
+        ("joint_positions: {FFJ4: 0.1}", "wrenches must have six numbers for each finger that touches, but has none"),
+        ("wrenches: {first: [0, 0, 0, 0, 0, 1]}", "joint_positions must have a number for each joint, but has none"),
         (
             "joint_positions: {FFJ4: 0.1}\nwrenches: &both {first: [0, 0, 0, 0, 0, 1]}\nout_of_touch: *both",
-            "out_of_touch: has first, as has wrenches; a finger must be in only one of them.",
+            "out_of_touch must not have first, as a finger must be in only one of it and wrenches.",
         ),
-        ("", "is empty"),
+        ("", "the file must not be empty"),
     ],
 )
 def test_a_fault_is_said_in_one_line(tmp_path: Path, blob: ObjectModel, text: str, said: str) -> None:
@@ -63,7 +66,9 @@ def test_a_fault_is_said_in_one_line(tmp_path: Path, blob: ObjectModel, text: st
 
 
 def test_a_folder_without_grasps(tmp_path: Path, blob: ObjectModel) -> None:
-    with pytest.raises(InvalidFileError, match=r"holds no grasp; allowed are files that end in \.json, \.yaml, \.yml"):
+    with pytest.raises(
+        InvalidFileError, match=r"must hold grasps, files that end in \.json, \.yaml or \.yml, but has none"
+    ):
         load_grasps(tmp_path, blob)
     with pytest.raises(InvalidFileError, match="there is no such folder"):
         load_grasps(tmp_path / "none", blob)

@@ -54,15 +54,25 @@ def test_how_far_a_surface_is_off_its_shape_is_said(
 @pytest.mark.parametrize(
     ("right", "wrong", "part", "text"),
     [
-        ("sensor_frame: left_tip", "sensor_frame: left_top", "model", "'left_top' is unknown"),
+        ("sensor_frame: left_tip", "sensor_frame: left_top", "model", "not 'left_top'"),
         ("joints: [left_slide]", "joints: [right_slide]", "finger left", "'left_slide' must be one of its joints"),
-        ("palm_frame: base", "palm_frame: left_finger", "finger right", "not carried by the palm's link"),
+        ("palm_frame: base", "palm_frame: left_finger", "finger right", "must be carried by the palm's link"),
         ("model: two_finger.urdf", "model: three_finger.urdf", "model", "three_finger.urdf"),
         ("surface: !SphereSurface {radius: 0.012}", "surface: !SphereSurface {radius: 0.03}", "fingertip left", "0%"),
-        ("base_link: base", "base_lonk: base", "file", "key 'base_lonk' is unknown"),
-        ("fingers:", "rest_positions: {left: 0.01}\nfingers:", "file", "valid names: left_slide, right_slide"),
-        ("fingers:", "rest_positions: {left_slide: 2}\nfingers:", "joints", "at 2, beyond its limits; allowed is 0 to"),
-        ("joints: [left_slide]", "joints: [1]", "file", "two_finger.hand.yaml: line 6: fingers[0].joints[0]: is '1'"),
+        ("base_link: base", "base_lonk: base", "file", ", not 'base_lonk'"),
+        (
+            "fingers:",
+            "rest_positions: {left: 0.01}\nfingers:",
+            "file",
+            "must be one of left_slide, right_slide, not 'left'",
+        ),
+        ("fingers:", "rest_positions: {left_slide: 2}\nfingers:", "joints", "at 2, beyond its limits, 0 to"),
+        (
+            "joints: [left_slide]",
+            "joints: [1]",
+            "file",
+            "two_finger.hand.yaml: line 6: fingers[0].joints[0] must be text, in quotes if need be, not '1'",
+        ),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, right: str, wrong: str, part: str, text: str) -> None:
@@ -76,7 +86,7 @@ def test_a_joint_that_cannot_be_at_zero_where_it_would_rest_is_told(tmp_path: Pa
     model.write_text(model.read_text().replace('lower="0" upper="0.045"', 'lower="0.01" upper="0.045"'))
     told = {text for verdict, text in verdicts(check_hand(path), "joints") if verdict == "note"}
     assert told == {
-        f"`rest_positions` lacks '{side}_slide', which rests at 0, beyond its limits; allowed is 0.01 to 0.045"
+        f"`rest_positions` lacks '{side}_slide', which rests at 0, beyond its limits, 0.01 to 0.045"
         for side in ("left", "right")
     }
     path.write_text(YAML + "rest_positions: {left_slide: 0.01, right_slide: 0.02}\n")
@@ -450,7 +460,7 @@ def test_a_pad_on_its_link_has_no_fault(tmp_path: Path) -> None:
     [
         ("2e-8", "ok", "at the array's range, 200000 Pa, it is pressed in by 4 mm by alpha = 2e-08 m/Pa"),
         ("2e-11", "note", "it is pressed in by 0.004 mm by alpha = 2e-11 m/Pa"),
-        ("2e-5", "fault", "it is pressed in by 4e+03 mm by alpha = 2e-05 m/Pa; must be at most 100 mm"),
+        ("2e-5", "fault", "it is pressed in by 4e+03 mm by alpha = 2e-05 m/Pa, which must be at most 100 mm"),
     ],
 )
 def test_a_pad_that_is_softer_or_stiffer_than_pads_are_is_named(
@@ -469,12 +479,12 @@ def test_a_pad_that_is_softer_or_stiffer_than_pads_are_is_named(
         (
             [[1e3 * x for x in point] for point in GRID],
             (0, 0, 1),
-            "m; must be at most 1 m. Multiply by 0.001 what is in millimetres",
+            "must be off its frame by at most 1 m, not",
         ),
         ([[x, y, z + 0.5] for x, y, z in GRID], (0, 0, 1), "is up to 500.0 mm outside of them and 0.0 mm inside"),
         ([*GRID, [0.0, 0.0, GRID[0][2] + 0.02]], (0, 0, 1), "the rest is up to 20.0 mm outside of them"),
         (GRID, (0, 0, -1), "the normals of 100% of its cells point into the link 'left_tip'"),
-        ([*GRID, GRID[4]], (0, 0, 1), "pad.yaml: corners[9]: the cell is where cell 4 is; must be elsewhere"),
+        ([*GRID, GRID[4]], (0, 0, 1), "pad.yaml: corners[9] must be elsewhere than cell 4, not in the same place"),
     ],
 )
 def test_a_pad_that_cannot_be_where_it_is_told_is_named(

@@ -226,20 +226,20 @@ def test_fingertip_surfaces_by_tag(tmp_path, text, surface):
 
 def test_unknown_joint_is_named_with_the_valid_ones(tmp_path):
     config = load_hand_config(write_gripper(tmp_path, joint="right_hinge"))
-    with pytest.raises(UnknownNameError, match=r"'right_hinge' is unknown; valid names: .*left_hinge"):
+    with pytest.raises(UnknownNameError, match=r"must be one of .*left_hinge.*, not 'right_hinge'"):
         make_hand_plant(config)
 
 
 def test_bad_descriptors_are_refused(tmp_path):
-    with pytest.raises(InvalidFileError, match=r"no_such_hand: .* hands are .*barrett_like, shadow_like"):
+    with pytest.raises(InvalidFileError, match=r"no_such_hand must be .* hands, .*barrett_like, shadow_like"):
         load_hand_config("no_such_hand")
-    with pytest.raises(InvalidInputError, match=r"HandConfig\.fingers\[left\]\.surface\.radius: is -1"):
+    with pytest.raises(InvalidInputError, match=r"HandConfig\.fingers\[left\]\.surface\.radius must be .*, not -1"):
         load_hand_config(write_gripper(tmp_path, surface="!SphereSurface {radius: -1}"))
-    with pytest.raises(InvalidInputError, match=r"surface\.radius: is 11.*, in metres.* what is in millimetres"):
+    with pytest.raises(InvalidInputError, match=r"surface\.radius must be at most .*, not 11.* what is in millimetres"):
         load_hand_config(write_gripper(tmp_path, surface="!SphereSurface {radius: 11}"))
     path = write_gripper(tmp_path)
     path.write_text(path.read_text().replace("name: left,", "name: '',"))
-    with pytest.raises(InvalidFileError, match=r"HandConfig\.fingers\[0\]\.name: is empty; allowed is a name"):
+    with pytest.raises(InvalidFileError, match=r"HandConfig\.fingers\[0\]\.name must be a name, not empty"):
         load_hand_config(path)
     path = write_gripper(tmp_path)
     path.write_text(path.read_text() + "thumbs: 2\n")
@@ -253,12 +253,12 @@ def test_bad_descriptors_are_refused(tmp_path):
         (
             "left_tip",
             "left_end",
-            r"fingers\[again\]\.sensor_frame: is 'left_tip', as is that of the finger 'left'; must be",
+            r"fingers\[again\]\.sensor_frame must differ from that of the finger 'left', but both are 'left_tip'",
         ),
         (
             "left_end",
             "left_weld",
-            r"fingers\[again\]\.weld: is 'left_weld', as is that of the finger 'left'; must be",
+            r"fingers\[again\]\.weld must differ from that of the finger 'left', but both are 'left_weld'",
         ),
     ],
 )
@@ -277,27 +277,32 @@ def test_a_finger_under_two_names_is_refused(tmp_path, tip, weld, message):
             "base_link: base",
             "base_link: bass",
             UnknownNameError,
-            r"HandConfig\.base_link: 'bass' is unknown; valid names: .*base, left",
+            r"HandConfig\.base_link must be one of .*base, left.*, not 'bass'",
         ),
         (
             "palm_frame: base",
             "palm_frame: bass",
             UnknownNameError,
-            r"HandConfig\.palm_frame: 'bass' is unknown; valid names: .*base, left",
+            r"HandConfig\.palm_frame must be one of .*base, left.*, not 'bass'",
         ),
         (
             "weld: left_weld",
             "weld: left_hinge",
             InvalidInputError,
-            r"'left_hinge' moves; .* fixed \(left_weld",
+            r"weld must be a joint that is fixed \(left_weld.*, not 'left_hinge', which moves",
         ),
         (
             "base_link: base",
             "base_link: left",
             InvalidInputError,
-            "base_link: is 'left', which the joint 'left_hinge' carries; allowed is the model's root, 'base'",
+            "base_link must be the model's root, 'base', not 'left', which the joint 'left_hinge' carries",
         ),
-        ("gripper.sdf", "griper.sdf", InvalidFileError, r"griper\.sdf: there is no such file"),
+        (
+            "gripper.sdf",
+            "griper.sdf",
+            InvalidFileError,
+            r"griper\.sdf must be an SDF, URDF or MJCF, but there is no such file",
+        ),
     ],
 )
 def test_what_the_model_does_not_hold_is_refused(tmp_path, right, wrong, error, message):
@@ -313,7 +318,7 @@ def test_a_model_that_drake_would_end_the_process_for_is_named(tmp_path):
     swapped += '<parent link="base"/><child link="left"/><limit lower="1" upper="-1" effort="1" velocity="1"/></joint>'
     (tmp_path / "gripper.urdf").write_text(swapped + "</robot>")
     path.write_text(path.read_text().replace("gripper.sdf", "gripper.urdf"))
-    with pytest.raises(InvalidFileError, match=r"gripper\.urdf: must be a model that Drake can read .*lower_limits"):
+    with pytest.raises(InvalidFileError, match=r"gripper\.urdf must be a model that Drake can read .*lower_limits"):
         make_hand_plant(load_hand_config(path))
 
 
@@ -323,7 +328,7 @@ def test_a_file_of_two_models_is_no_hand(tmp_path):
     second = model.replace('name="gripper"', 'name="second"')
     assert second != model
     (tmp_path / "gripper.sdf").write_text(f'<sdf version="1.9"><world name="two">{model}{second}</world></sdf>')
-    with pytest.raises(InvalidFileError, match="holds 2 models; allowed is one"):
+    with pytest.raises(InvalidFileError, match="must hold 1 model, not 2"):
         make_hand_plant(load_hand_config(path))
 
 
@@ -342,13 +347,13 @@ def test_a_finger_may_have_no_sensor_and_a_hand_pads(tmp_path):
 @pytest.mark.parametrize(
     ("pads", "message"),
     [
-        ("- {name: a, frame: left_tip, alpha: 0}", r"pads\[a\].alpha: is 0"),
-        ("- {name: a, frame: left_tip, alpha: 2}", r"pads\[a\].alpha: is 2; allowed are numbers from 0 to 1"),
-        ("- {name: a, frame: base, alpha: 1}\n- {name: a, frame: left, alpha: 1}", "pads: have the names"),
-        ("- {frame: left_tip, alpha: 1}", "pads: have the names"),
+        ("- {name: a, frame: left_tip, alpha: 0}", r"pads\[a\].alpha must be .*, not 0"),
+        ("- {name: a, frame: left_tip, alpha: 2}", r"pads\[a\].alpha must be a number from 0 to 1, not 2"),
+        ("- {name: a, frame: base, alpha: 1}\n- {name: a, frame: left, alpha: 1}", "pads must have different names"),
+        ("- {frame: left_tip, alpha: 1}", "pads must have different names"),
         (
             "- {name: a, frame: thumb, alpha: 1}",
-            r"HandConfig\.pads\[a\]\.frame: 'thumb' is unknown; valid names: .*left_tip",
+            r"HandConfig\.pads\[a\]\.frame must be one of .*left_tip.*, not 'thumb'",
         ),
     ],
 )
@@ -362,14 +367,15 @@ def test_impossible_pads_are_refused(tmp_path, pads, message):
 def test_half_a_sensor_is_refused(tmp_path):
     path = write_gripper(tmp_path)
     path.write_text(path.read_text().replace("weld: left_weld, ", ""))
-    with pytest.raises(InvalidInputError, match=r"fingers\[left\]: has a sensor_frame and no weld; allowed are both"):
+    with pytest.raises(
+        InvalidInputError,
+        match=r"fingers\[left\] must have both sensor_frame and weld, or neither, not sensor_frame alone",
+    ):
         load_hand_config(path)
     path = write_gripper(tmp_path)
     text = path.read_text()
     path.write_text(text.replace(text[text.index("model:") : text.index("\n", text.index("model:"))], ""))
-    with pytest.raises(
-        InvalidInputError, match=r"HandConfig\.model: is not given; allowed is the path of the hand's SDF"
-    ):
+    with pytest.raises(InvalidInputError, match=r"HandConfig\.model must be the path of the hand's SDF, .*, not empty"):
         load_hand_config(path)
 
 
@@ -379,7 +385,7 @@ def test_a_joint_stands_once_in_a_finger_and_may_be_of_several(tmp_path):
     assert "hinge, left" in twice
     path.write_text(twice)
     with pytest.raises(
-        InvalidInputError, match=r"fingers\[left\].joints: are \['left_hinge', 'left_hinge'\]; allowed are diff"
+        InvalidInputError, match=r"fingers\[left\].joints must be different names, not \['left_hinge', 'left_hinge'\]"
     ):
         load_hand_config(path)
     config = load_hand_config("shadow_like")
@@ -390,10 +396,20 @@ def test_a_joint_stands_once_in_a_finger_and_may_be_of_several(tmp_path):
 @pytest.mark.parametrize(
     ("finger", "joint", "follows", "message"),
     [
-        ("first", "FFJ1", "FFJ3", r"fingers\[first\].couplings: coupling of 'FFJ1': differs between fingers"),
-        ("first", "MFJ1", "FFJ2", r"coupling of 'MFJ1': differs between fingers"),
-        ("first", "FFJ3", "FFJ2", r"coupling of 'FFJ3': follows 'FFJ2', and is among the joints of a finger"),
-        ("ring", "FFJ3", "RFJ2", r"fingers\[ring\].couplings: coupling of 'FFJ3': follows 'RFJ2', and is among"),
+        (
+            "first",
+            "FFJ1",
+            "FFJ3",
+            r"fingers\[first\].couplings: the coupling of 'FFJ1' must be the same in all fingers",
+        ),
+        ("first", "MFJ1", "FFJ2", r"the coupling of 'MFJ1' must be the same in all fingers"),
+        ("first", "FFJ3", "FFJ2", r"the coupling of 'FFJ3' must be of a joint that is not among .*'FFJ3' to 'FFJ2'"),
+        (
+            "ring",
+            "FFJ3",
+            "RFJ2",
+            r"fingers\[ring\].couplings: the coupling of 'FFJ3' must be of a joint .*'FFJ3' to 'RFJ2'",
+        ),
     ],
 )
 def test_a_joint_follows_in_one_way_and_has_no_actuator(finger, joint, follows, message):
@@ -413,11 +429,11 @@ def test_fingers_that_share_a_coupled_joint_repeat_its_coupling():
 @pytest.mark.parametrize(
     ("low", "high", "message"),
     [
-        ([0.0, 0.0, 0.0], [], r"has grip_low \[0.0, 0.0, 0.0\] and grip_high \[\]; allowed are both or neither"),
-        ([], [0.0, 0.0, 0.0], "allowed are both or neither"),
-        ([0.1, 0.0, 0.1], [0.2, 0.0, 0.2], r"grip_low: is \[0.1, 0.0, 0.1\]; allowed is less than grip_high"),
-        ([0.0, 0.0, 50.0], [20.0, 20.0, 80.0], "grip_low.*in metres; allowed are coordinates up to 10 m"),
-        ([0.0, 0.0], [0.1, 0.1, 0.1], "grip_low: has shape"),
+        ([0.0, 0.0, 0.0], [], r"must have both grip_low and grip_high, or neither, not \[0.0, 0.0, 0.0\] and \[\]"),
+        ([], [0.0, 0.0, 0.0], r"must have both .*, or neither, not \[\] and \[0.0, 0.0, 0.0\]"),
+        ([0.1, 0.0, 0.1], [0.2, 0.0, 0.2], r"grip_low must be less than grip_high .*, not \[0.1, 0.0, 0.1\]"),
+        ([0.0, 0.0, 50.0], [20.0, 20.0, 80.0], "grip_low.* must have coordinates from -10 to 10 m, not"),
+        ([0.0, 0.0], [0.1, 0.1, 0.1], "grip_low must have the shape .*"),
     ],
 )
 def test_a_grip_region_has_two_corners_in_metres(low, high, message):
@@ -428,7 +444,7 @@ def test_a_grip_region_has_two_corners_in_metres(low, high, message):
 
 
 def test_unknown_finger_is_named(config):
-    with pytest.raises(UnknownNameError, match=r"'pinky' is unknown; valid names: first"):
+    with pytest.raises(UnknownNameError, match=r"must be one of first.*, not 'pinky'"):
         config.finger("pinky")
 
 

@@ -102,7 +102,9 @@ def test_a_coupling_with_an_offset_is_followed(tmp_path: Path) -> None:
 
 
 def test_a_hand_whose_fingers_feel_no_forces_cannot_be_planned_for() -> None:
-    with pytest.raises(InvalidInputError, match=r"0 of them have a force-torque sensor.*Scenario\.grip"):
+    with pytest.raises(
+        InvalidInputError, match=r"a force-torque sensor on 2 or more fingers, not on 0.*Scenario\.grip"
+    ):
         make_hand_reach(load_hand_config("barrett_like"), ReachParams())
 
 
@@ -119,7 +121,7 @@ def test_joints_without_limits_are_told_as_the_check_tells_them(tmp_path: Path, 
         make_hand_reach(load_hand_config(path), ReachParams())
     check = check_hand(path)
     (finding,) = (finding for finding in check.findings if "planned grasps" in finding.text)
-    assert re.fullmatch("joint limits: left_slide .*; planned grasps need finite limits that differ", finding.text)
+    assert re.fullmatch("joint limits must be finite and differ for planned grasps, not left_slide .*", finding.text)
     assert (finding.part, str(told.value)) == ("finger left", f"finger 'left': {finding.text}.")
     # A hand that is only to be posed needs no limits.
     assert finding.verdict == verdict

@@ -77,11 +77,11 @@ def test_the_tilt_error_is_signed_and_of_the_plane_of_the_tilt(fit: AlphaFit) ->
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"modulus": 0.0}, "modulus: is 0"),
-        ({"thickness": -0.001}, "thickness: is -0.001"),
-        ({"cell": 0.0}, "cell: is 0"),
-        ({"cell": 0.008}, "cell: is 0.008 m; allowed are numbers up to 0.005"),
-        ({"modulus": np.nan}, "modulus: is nan"),
+        ({"modulus": 0.0}, "modulus must be .*, not 0"),
+        ({"thickness": -0.001}, "thickness must be .*, not -0.001"),
+        ({"cell": 0.0}, "cell must be .*, not 0"),
+        ({"cell": 0.008}, "cell must be at most 0.005 m, not 0.008 m"),
+        ({"modulus": np.nan}, "modulus must be .*, not nan"),
     ],
 )
 def test_impossible_pads_are_named(values: dict[str, float], message: str) -> None:

@@ -59,5 +59,7 @@ def test_no_grasp_is_made_up_of_fingers_that_share_a_joint() -> None:
     config = one_motor()
     plant, hand = make_hand_plant(config)
     errors = HandErrors.of(plant, hand, HandUncertainty())
-    with pytest.raises(InvalidInputError, match="FFJ4 moves first, middle; the fingers must"):
+    with pytest.raises(
+        InvalidInputError, match="hand must have fingers with separate joints, but FFJ4 moves first, middle"
+    ):
         GraspCloser(plant, hand, errors, np.zeros(len(errors.sigma)))

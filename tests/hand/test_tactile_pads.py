@@ -54,10 +54,13 @@ def test_a_broken_file_is_named(tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("pattern: !RowPattern {rows: []}", r"pad\.yaml: RowPattern.rows: is empty"),
-        ("pattern: !CapsulePattern {radius: 0}", r"pad\.yaml: CapsulePattern.radius: is 0"),
-        ("pattern: !RowPattern {rows: [{}]}\nmodel: {dead_cells: [1]}", r"pad\.yaml: TactileModel.dead_cells: holds 1"),
-        ("pattern: !RowPattern {rows: [{}]}\nperiod: -1", r"pad\.yaml: period: is -1"),
+        ("pattern: !RowPattern {rows: []}", r"pad\.yaml: RowPattern.rows must have 1 or more rows, not 0"),
+        ("pattern: !CapsulePattern {radius: 0}", r"pad\.yaml: CapsulePattern.radius must be .*, not 0"),
+        (
+            "pattern: !RowPattern {rows: [{}]}\nmodel: {dead_cells: [1]}",
+            r"pad\.yaml: TactileModel.dead_cells must be .*, not 1",
+        ),
+        ("pattern: !RowPattern {rows: [{}]}\nperiod: -1", r"pad\.yaml: period must be .*, not -1"),
     ],
 )
 def test_an_impossible_value_is_named_with_its_file(tmp_path: Path, text: str, message: str) -> None:
@@ -69,7 +72,7 @@ def test_an_impossible_value_is_named_with_its_file(tmp_path: Path, text: str, m
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(
-        InvalidFileError, match=r"none\.yaml: there is no such file; .* are bh280_finger, bh280_palm, fing"
+        InvalidFileError, match=r"none\.yaml must be .* bh280_finger, bh280_palm, fing.*, but there is no such file"
     ):
         load_tactile_pad(tmp_path / "none.yaml")
 
@@ -129,19 +132,22 @@ def test_cells_by_their_corners_share_the_wall_between_them(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("pattern: !PointPattern {}", "PointPattern.points: are 0"),
-        (POINTS + "  normals: [[0, 0, 1], [0, 0, 1]]", "are 2 for 3 points"),
-        (POINTS + "  along: [0, 0, 1]", "is the normal of cell 0"),
-        ("pattern: !CornerPattern {cells: []}", "CornerPattern.cells: are 0"),
+        ("pattern: !PointPattern {}", "PointPattern.points must have 1 to .* points, not 0"),
+        (
+            POINTS + "  normals: [[0, 0, 1], [0, 0, 1]]",
+            "PointPattern.normals must be 1, or as many as the 3 points, not 2",
+        ),
+        (POINTS + "  along: [0, 0, 1]", "PointPattern.along must be another direction than the normal of cell 0"),
+        ("pattern: !CornerPattern {cells: []}", "CornerPattern.cells must have 1 to .* cells, not 0"),
         (
             "pattern: !PointPattern {points: [[0, 0, 77], [4, 0, 77]], cell: 4}",
-            r"pad\.yaml: pattern: cell 0 has an edge of 4 m; must be at most 0\.1 m\. Multiply by 0\.001",
+            r"pad\.yaml: pattern: cell 0 must have edges of at most 0\.1 m, not 4 m\. Multiply by 0\.001",
         ),
         (
             "pattern: !PointPattern {points: [[0, 0, 0.077], [0, 0, 77]], cell: 0.004}",
-            r"pad\.yaml: pattern: cell 1 is off its frame by 77 m; must be at most 1 m\. Multiply by 0\.001",
+            r"pad\.yaml: pattern: cell 1 must be off its frame by at most 1 m, not 77 m\. Multiply by 0\.001",
         ),
-        (CORNERS + "  - [[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]]", r"corners\[2\]: the cell is not convex"),
+        (CORNERS + "  - [[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]]", r"corners\[2\] must be a cell that is convex"),
     ],
 )
 def test_cells_that_cannot_be_are_named(tmp_path: Path, text: str, message: str) -> None:

@@ -86,35 +86,38 @@ def test_a_link_behind_a_joint_that_is_not_given_is_not_known(tmp_path: Path) ->
 
 
 def test_a_hand_s_own_file_is_told_from_one_that_names_it(tmp_path: Path) -> None:
-    with pytest.raises(InvalidFileError, match=r"\.hand\.yaml: is a hand's file; allowed is one that names it"):
+    with pytest.raises(InvalidFileError, match=r"\.hand\.yaml must name a hand's file by its key `hand`, not be one"):
         load_hand_volume(write_gripper(tmp_path))
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("3", "is 3; allowed is a mapping with the keys spheres, untouched, sigma"),
-        ("sigma: 0.001", "has neither hand nor spheres nor untouched"),
-        ("spheres: []", r"spheres: is \[\]; allowed is a list of at least one sphere"),
-        ("spheres: [{center: [0, 0, 0]}]", r"spheres\[0\]: key 'radius' is missing"),
-        ("spheres: [{center: [0, 0], radius: 1}]", r"spheres\[0\].center: has shape \(2,\)"),
-        ("spheres: [{center: [0, 0, 0], radius: -1}]", "spheres: radius: holds -1; allowed are numbers > 0"),
-        ("{hand: shadow_like}", "key 'joints' is missing"),
-        ("{hand: no_such_hand, joints: {}}", "no_such_hand: there is no such file; the package's hands are"),
-        ("{hand: 5, joints: {}}", "hand: is 5; allowed is a name or a path"),
-        ("{hand: shadow_like, joints: 5}", "joints: is 5; allowed is a mapping of names to positions"),
+        ("3", "the content must be a mapping with the keys spheres, untouched, sigma, not 3"),
+        ("sigma: 0.001", "must have at least one of hand, spheres and untouched, but has none"),
+        ("spheres: []", r"spheres must be a list of at least one sphere, not \[\]"),
+        ("spheres: [{center: [0, 0, 0]}]", r"spheres\[0\] must have the key 'radius', but lacks it"),
+        ("spheres: [{center: [0, 0], radius: 1}]", r"spheres\[0\].center must have the shape .*, not \(2,\)"),
+        ("spheres: [{center: [0, 0, 0], radius: -1}]", r"spheres\[0\].radius must be a number > 0, not -1"),
+        ("{hand: shadow_like}", "the content must have the key 'joints', but lacks it"),
+        (
+            "{hand: no_such_hand, joints: {}}",
+            "no_such_hand must be .* one of the package's hands, .*, but there is no such file",
+        ),
+        ("{hand: 5, joints: {}}", "hand must be a name or a path, not 5"),
+        ("{hand: shadow_like, joints: 5}", "joints must be a mapping of names to positions, not 5"),
         ("{hand: shadow_like, joints: {elbow: 0.1}}", "joints.*'elbow'"),
         (
             "{hand: shadow_like, joints: {FFJ3: 34}}",
-            r"joints\[FFJ3\]: is 34 rad; the joint's limits are -0.26\d* and 1.57",
+            r"joints\[FFJ3\] must be from .* limits, -0.26\d* and 1.57.*, not 34\.",
         ),
         (
             "{hand: barrett_like, joints: {finger_1_spread_joint: 0.3, finger_2_spread_joint: 0.1}}",
-            r"joints\[finger_2_spread_joint\]: is 0.1 rad, and by the coupling with finger_1_spread_joint 0.3 rad",
+            r"\[finger_2_spread_joint\] must be .* 0.3 rad, by the coupling with finger_1_spread_joint, not 0.1 rad",
         ),
-        ("{hand: shadow_like, joints: {elbow: x}}", "^[^:]*: joints.elbow: is 'x'; allowed are numbers"),
-        ("{hand: shadow_like, joints: {FFJ3: .nan}}", r"^[^:]*: joints.FFJ3: is nan"),
-        ("{hand: shadow_like, joints: {}, untouched: [toe]}", r"untouched: is \['toe'\]; allowed is a list of fingers"),
+        ("{hand: shadow_like, joints: {elbow: x}}", "^[^:]*: joints.elbow must be a number, not 'x'"),
+        ("{hand: shadow_like, joints: {FFJ3: .nan}}", r"^[^:]*: joints.FFJ3 must be .*, not nan"),
+        ("{hand: shadow_like, joints: {}, untouched: [toe]}", r"untouched must be a list of fingers .*, not \['toe'\]"),
     ],
 )
 def test_each_fault_is_one_line(tmp_path: Path, text: str, message: str) -> None:

@@ -24,7 +24,7 @@ def test_what_was_read_before_is_neither_shared_nor_stale(tmp_path: Path) -> Non
     assert load_typed_yaml(Box, path).sides == [4.0]
     path.write_text("sides: 4.0")
     for _ in range(2):
-        with pytest.raises(InvalidFileError, match=r"box.yaml: line 1: sides: must be a list"):
+        with pytest.raises(InvalidFileError, match=r"box.yaml: line 1: sides must be a list, not"):
             load_typed_yaml(Box, path)
 
 

@@ -74,10 +74,10 @@ FAULTS = {
     "late replies": (faults.late(0.3), "stale: ", False),
     "short readings": (cut_readings, "F1: no pressures", None),
     "extra frames": (faults.extra_frames, "F1: tactile frame", True),
-    "wrong length": (of_frames(9, faults.wrong_length(5)), "F1: tactile frame: has 5 bytes", True),
-    "wrong sequence numbers": (of_frames(9, wrong_sequence), "expected was 2", True),
-    "out of order": (of_frames(9, faults.out_of_order), "F1: tactile frame: has the sequence number", True),
-    "duplicates": (of_frames(9, faults.duplicates), "F1: tactile frame: has the sequence number", True),
+    "wrong length": (of_frames(9, faults.wrong_length(5)), "F1: tactile frame must have 8 bytes, not 5", True),
+    "wrong sequence numbers": (of_frames(9, wrong_sequence), "must have the sequence number 2", True),
+    "out of order": (of_frames(9, faults.out_of_order), "F1: tactile frame must have the sequence number", True),
+    "duplicates": (of_frames(9, faults.duplicates), "F1: tactile frame must have the sequence number", True),
 }
 SPARED = {"own frames come back": faults.own_frame_echo, "error frames": faults.error_frames}
 
@@ -165,7 +165,7 @@ def test_a_reboot_in_mid_stream_is_noticed_and_the_hand_woken_again(can: ObjectM
         assert running.value("status_hand").startswith("stale: ")
         assert running.value("status").startswith("held: 0 touches")
         running.run(4.0)
-        assert "F1: position: counts from where the puck restarted" in running.value("sense_status")
+        assert "F1: position counts from where the puck restarted" in running.value("sense_status")
         assert np.isnan(running.value("joint_positions")).all()
         assert running.value("status").startswith("held: 1 touch; 2 are needed")  # the palm's needs no joint
         assert running.rig["hand"].moves == []
@@ -179,7 +179,7 @@ def test_a_finger_that_is_not_tared_is_an_error_before_the_start(can: ObjectMode
     with pads_running(can) as running:
         running.devices.tare(1)
         running.rig["hand"].absent = {Puck.F1}
-        with pytest.raises(DeviceError, match="Barrett hand: cannot be tared; silent, or failed, are the arrays of F1"):
+        with pytest.raises(DeviceError, match="Barrett hand cannot be tared; silent, or failed, are the arrays of F1"):
             running.devices.tare(1)
 
 
@@ -191,7 +191,7 @@ def test_a_bus_that_fails_holds_the_estimate_until_it_is_back(can: ObjectModel, 
         running.unplug(name == "adapter is gone")
         running.run(1.0)
         assert running.value("status_hand").startswith("stale: ")
-        assert "bus: " in running.value("status_hand")
+        assert re.search("bus (failed|cannot be opened|is off) ", running.value("status_hand"))
         assert running.value("status").startswith("held: 0 touches")
         running.rig["hand"].faults = []
         running.unplug(False)

@@ -120,22 +120,31 @@ def of(lines: list[dict], name: str) -> dict:
 
 
 DAMAGES = {
-    "start nan": (replaced("manifest.yaml", "start: 0.0", "start: .nan"), "start: is '.nan'; allowed are finite"),
-    "start early": (replaced("manifest.yaml", "start: 0.0", "start: -3600"), "start: is -3600; allowed are numbers >="),
+    "start nan": (replaced("manifest.yaml", "start: 0.0", "start: .nan"), "start must be a finite number, not '.nan'"),
+    "start early": (replaced("manifest.yaml", "start: 0.0", "start: -3600"), "start must be a number >= 0, not -3600"),
     "half a manifest": (
         edit_text("manifest.yaml", lambda text: text.partition("versions:")[0]),
-        "Manifest.versions: are missing, so the file is cut off",
+        "Manifest.versions must be there, but are missing: the file is cut off",
     ),
-    "bus": (replaced("manifest.yaml", "buses: {}", "buses: {left: signals.jsonl}"), "buses: are of left; allowed are"),
-    "bias": (replaced("manifest.yaml", "biases: {}", "biases: {toe: [1]}"), "biases: are of toe; allowed are"),
+    "bus": (
+        replaced("manifest.yaml", "buses: {}", "buses: {left: signals.jsonl}"),
+        "Manifest.buses must be those of the scenario's senses, none, not left",
+    ),
+    "bias": (
+        replaced("manifest.yaml", "biases: {}", "biases: {toe: [1]}"),
+        "Manifest.biases must be those of the scenario's senses, none, not toe",
+    ),
     "shuffled": (edit(lambda lines: lines[::-1]), "must be a signal (its time is"),
-    "no joints": (without("joint_positions"), "has no joint_positions, which the run has recorded"),
-    "no prior": (without("prior"), "has no prior, which the run has recorded"),
-    "no pad": (without("pressures_palm"), "has no pressures_palm, which the run has recorded"),
+    "no joints": (
+        without("joint_positions"),
+        "It must have the joint_positions, which the run has recorded, but lacks it",
+    ),
+    "no prior": (without("prior"), "It must have the prior, which the run has recorded, but lacks it"),
+    "no pad": (without("pressures_palm"), "It must have the pressures_palm, which the run has recorded, but lacks it"),
     "short": (edit(lambda lines: of(lines, "joint_positions")["vector"].pop()), "differs in kind or length"),
     "all short": (
         edit(lambda lines: [line["vector"].pop() for line in lines if line["name"] == "joint_positions"] and None),
-        "'joint_positions': has 7 numbers; allowed are",
+        "'joint_positions' must have 8 numbers, not 7",
     ),
     "no vector": (edit(lambda lines: of(lines, "joint_positions").update(vector=3)), "must be a signal"),
     "two kinds": (edit(lambda lines: lines[0].update(unknown=True)), "must be a signal"),
@@ -150,12 +159,12 @@ DAMAGES = {
     "name": (edit(lambda lines: lines[-1].update(name=["a"])), "its name must be text"),
     "stranger": (
         edit(lambda lines: of(lines, "joint_positions").update(name="toe")),
-        "signal: 'toe' is unknown; valid names",
+        "not 'toe'",
     ),
     "prior": (edit(lambda lines: of(lines, "prior").update(prior={"X_PO": 3})), "must be a signal"),
     "no pose": (edit(lambda lines: of(lines, "true_pose").update(pose=[[1, 0, 0, 0]] * 3)), "must be a signal"),
-    "empty": (lambda folder: (folder / SIGNALS).write_text(""), "has no "),
-    "absent": (lambda folder: (folder / SIGNALS).unlink(), "signals.jsonl: cannot be read"),
+    "empty": (lambda folder: (folder / SIGNALS).write_text(""), "which the run has recorded, but lacks it"),
+    "absent": (lambda folder: (folder / SIGNALS).unlink(), "signals.jsonl cannot be read"),
 }
 
 
@@ -181,10 +190,10 @@ def test_a_recording_from_devices_names_all_of_them(tmp_path: Path) -> None:
     log = tmp_path / "left.blf"
     log.write_bytes(b"")
     for buses, biases, fault in (
-        ({}, {"first": np.zeros(6)}, "Manifest.buses: are of none; allowed are those of the scenario's senses, left"),
-        ({"left": log}, {}, "Manifest.biases: are of none; allowed are those of the scenario's senses, first"),
-        ({"left": log}, {"toe": np.zeros(6)}, "Manifest.biases: are of toe; allowed are those of the"),
-        ({"left": log}, {"first": np.zeros(5)}, r"Manifest.biases\[first\]: has shape \(5,\); allowed is \(6,\)"),
+        ({}, {"first": np.zeros(6)}, "Manifest.buses must be those of the scenario's senses, left, not none"),
+        ({"left": log}, {}, "Manifest.biases must be those of the scenario's senses, first, not none"),
+        ({"left": log}, {"toe": np.zeros(6)}, "Manifest.biases must be those of the scenario's senses, first, not toe"),
+        ({"left": log}, {"first": np.zeros(5)}, r"Manifest.biases\[first\] must have the shape \(6,\), not \(5,\)"),
     ):
         save_manifest(tmp_path, scenario, 1.7e9, buses, biases)
         with pytest.raises(InvalidFileError, match=fault):

@@ -148,21 +148,25 @@ def test_a_start_puts_followers_where_their_leaders_are() -> None:
 def test_impossible_grips_are_refused() -> None:
     scenario = can_at(0.0, 0.0, 0.1)
     with pytest.raises(
-        InvalidInputError, match=r"object: there is no object 'sodacan'; the package's objects are .*soda"
+        InvalidInputError, match=r"object must be one of the package's objects, .*soda.*, not 'sodacan'"
     ):
         make_station(dataclasses.replace(scenario, object="sodacan"))
     with pytest.raises(
-        InvalidInputError, match=r"is 'mug', for which Scenario\.grip\.X_PO has no pose in the hand 'barr"
+        InvalidInputError, match=r"must be one that Scenario\.grip\.X_PO has a pose for in the hand 'barr.*, not 'mug'"
     ):
         make_station(dataclasses.replace(scenario, object="mug"))
     assert scenario.grip is not None
     for params, error, message in (
-        (GripControllerParams(period=-1), InvalidInputError, "period: is -1"),
-        (GripControllerParams(fixed={"elbow": 0.0}), UnknownNameError, "fixed: joint"),
+        (GripControllerParams(period=-1), InvalidInputError, "period must be .*, not -1"),
+        (
+            GripControllerParams(fixed={"elbow": 0.0}),
+            UnknownNameError,
+            "GripControllerParams.fixed must be one of .*, not 'elbow'",
+        ),
     ):
         with pytest.raises(error, match=message):
             make_station(dataclasses.replace(scenario, grip=dataclasses.replace(scenario.grip, controller=params)))
-    with pytest.raises(InvalidInputError, match="0 of them have a force-torque sensor"):
+    with pytest.raises(InvalidInputError, match="a force-torque sensor on 2 or more fingers, not on 0"):
         make_station(dataclasses.replace(scenario, grip=None))
 
 

@@ -79,10 +79,10 @@ def test_times_of_a_simulation_count_for_nothing(blob: ObjectModel) -> None:
 def test_what_holds_no_grasp_is_refused(blob: ObjectModel) -> None:
     run = recording()
     run.signals["wrench_one"] = run.signals["wrench_two"] = run.signals["wrench_three"]
-    with pytest.raises(InvalidFileError, match=r"run: no finger presses with more than 0\.3 N"):
+    with pytest.raises(InvalidFileError, match=r"run: a finger must press with more than 0\.3 N"):
         quiet_grasp(run, blob, "run")
     del run.signals["joint_positions"]
-    with pytest.raises(InvalidFileError, match="holds no joint positions"):
+    with pytest.raises(InvalidFileError, match="must hold joint positions and wrenches"):
         quiet_grasp(run, blob, "run")
 
 

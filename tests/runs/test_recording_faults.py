@@ -27,7 +27,7 @@ def test_a_full_disk_ends_the_lines_and_not_the_run() -> None:
     lines.write("two")
     lines.close()
     assert lines.count == 0
-    assert lines.problem == "/dev/full: ends after 0 lines (No space left on device)."
+    assert lines.problem == "/dev/full ends after 0 lines (No space left on device)."
 
 
 @needs_full
@@ -39,7 +39,7 @@ def test_a_full_disk_ends_a_log_and_not_the_thread_of_its_bus() -> None:
     with recorder:
         for i in range(3000):
             recorder.write(can.Message(arbitration_id=i, timestamp=1.0 + 1e-3 * i, data=b"12345678"), 0)
-    assert recorder.problem.startswith("/dev/full: ends after about ")
+    assert recorder.problem.startswith("/dev/full ends after about ")
     assert recorder.problem.endswith("(No space left on device).")
 
 
@@ -52,14 +52,16 @@ def test_a_recording_says_what_is_lost(tmp_path: Path) -> None:
         recording._signals.file._file = FULL.open("w", buffering=1)
         recording.write("joint_positions", 0.1, np.ones(3))
         recording.write("joint_positions", 0.2, np.zeros(3))
-    assert recording.lost == (f"{tmp_path}/run/signals.jsonl: ends after 1 lines (No space left on device).",)
+    assert recording.lost == (f"{tmp_path}/run/signals.jsonl ends after 1 lines (No space left on device).",)
     assert (tmp_path / "run" / "signals.jsonl").read_text().count("\n") == 1
 
 
 def test_a_disk_without_room_is_told_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=1_000_000))
     told: list[str] = []
-    with pytest.raises(InvalidInputError, match=r"run: its disk has 1\.0 MB left; allowed for a recording are 20 MB"):
+    with pytest.raises(
+        InvalidInputError, match=r"run: its disk must have at least 20 MB left for a recording, not 1\.0 MB"
+    ):
         run_scenario(load_scenario("shadow_like"), record=tmp_path / "run", tell=told.append)
     assert told == []
     assert not (tmp_path / "run").exists()

@@ -1,5 +1,6 @@
 """Runs and replays that cannot be made: each is one error that says why."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -19,8 +20,16 @@ from tests.runs.stations import bus_threads
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("object: cube", "object: mug", "was recorded with the object 'cube'; the scenario has 'mug'"),
-        ("base: 0x22", "base: 0x23", "was recorded with other devices; senses.fingers differ"),
+        (
+            "object: cube",
+            "object: mug",
+            "must be replayed with the object that it was recorded with, 'cube', not 'mug'",
+        ),
+        (
+            "base: 0x22",
+            "base: 0x23",
+            "must be replayed with the devices that it was recorded with, but senses.fingers differ",
+        ),
     ],
 )
 def test_the_wrong_scenario_is_one_error(
@@ -39,7 +48,10 @@ def test_a_start_long_before_the_logs_is_refused(recording: Path, folder: Path, 
     copy = Path(shutil.copytree(recording, tmp_path / "copy"))
     text, start = (copy / "manifest.yaml").read_text(), load_manifest(recording).start
     told: list[str | None] = []
-    for early, message in ((3600.0, "start: is 3[56].. s before the logs' first frame"), (start, "before the logs'")):
+    for early, message in (
+        (3600.0, "start must be at most .* s before the logs' first frame, not 3[56].. s"),
+        (start, "before the logs'"),
+    ):
         (copy / "manifest.yaml").write_text(text.replace(f"start: {start!r}", f"start: {start - early!r}"))
         with pytest.raises(InvalidFileError, match=message):
             replay(copy, load_scenario(folder / "cube.scenario.yaml"), tell=told.append)
@@ -48,13 +60,16 @@ def test_a_start_long_before_the_logs_is_refused(recording: Path, folder: Path, 
 
 def test_recordings_that_are_none_are_refused(recording: Path, folder: Path, tmp_path: Path) -> None:
     scenario = load_scenario(folder / "cube.scenario.yaml")
-    with pytest.raises(InvalidInputError, match="new or empty"):
+    with pytest.raises(InvalidInputError, match="must be new, or an empty folder"):
         run_scenario(scenario, record=recording)
     damages = (
         (lambda copy: (copy / "manifest.yaml").unlink(), "must be a recording"),
-        (lambda copy: (copy / "left.blf").unlink(), "the log 'left.blf' of the bus 'left' is not in the folder"),
-        (lambda copy: (copy / "manifest.yaml").write_text("format: 99\n"), "has the format 99"),
-        (lambda copy: (copy / "manifest.yaml").write_text("key_of_then: 1\nformat: 98\n"), "has the format 98"),
+        (lambda copy: (copy / "left.blf").unlink(), "the log of the bus 'left' must be in its folder, not 'left.blf'"),
+        (lambda copy: (copy / "manifest.yaml").write_text("format: 99\n"), "must have the format 1, not 99"),
+        (
+            lambda copy: (copy / "manifest.yaml").write_text("key_of_then: 1\nformat: 98\n"),
+            "must have the format 1, not 98",
+        ),
     )
     for number, (damage, message) in enumerate(damages):
         copy = Path(shutil.copytree(recording, tmp_path / str(number)))
@@ -76,20 +91,20 @@ def test_what_cannot_be_run_is_said_at_once(
 
     place = f"error: {tmp_path}/bad.scenario.yaml: CanSenses.fingers[little].bus"
     assert attempt("bus: right, base: 0x20", "bus: middle, base: 0x20") == (
-        2, f"{place}: 'middle' is unknown; valid names: left, right."
+        2, f"{place} must be one of left, right, not 'middle'."
     )  # fmt: skip
     status, message = attempt("thumb:", "toe:")
     assert status == 2
-    assert "CanSenses.fingers: 'toe' is unknown; valid names: first" in message
+    assert re.search("CanSenses.fingers must be one of first.*, not 'toe'", message)
     monkeypatch.setattr("tactopose_drake.runs.scenario_run.ObjectModel", None)  # nobody gets as far as the object
     status, message = attempt("base: 0x22", "base: 0x10000")
     assert (status, message.count("error: ")) == (2, 1)
     status, message = attempt("interface: virtual", "interface: telepathy")
     assert status == 2
-    assert "'telepathy' is unknown" in message
+    assert "not 'telepathy'." in message
     status, message = attempt(f"joints: !JointFile {{path: {folder}/joints.csv}}", "joints: !JointPort {}")
     assert status == 2
-    assert "is not given, or !JointPort, for which joint positions come through an input port" in message
+    assert "CanSenses.joints must be !FixedJoints or !JointFile for a run of the scenario by itself" in message
 
 
 @pytest.mark.parametrize("name", ["joints.csv", "palm.csv"])
@@ -104,12 +119,12 @@ def test_a_run_does_not_outlast_the_files_of_joints_and_palm(folder: Path, tmp_p
         board.max_age = 0.1
     told: list[str] = []
     for simulated, duration, end in (
-        (scenario.senses.simulated, None, "the run ends at 1 s"),
-        (scenario.senses.simulated, 0.7, "the run ends at 0.7 s"),
-        (None, None, "the run has no end"),
+        (scenario.senses.simulated, None, "the run ends, at 1 s"),
+        (scenario.senses.simulated, 0.7, "the run ends, at 0.7 s"),
+        (None, None, "the run ends, which has no end"),
     ):
         scenario.senses.simulated = simulated
-        with pytest.raises(InvalidInputError, match=rf"{name}: ends at 0\.5 s, and {end}; allowed are a file"):
+        with pytest.raises(InvalidInputError, match=rf"{name} must go on until {end}, not end at 0\.5 s"):
             run_scenario(scenario, duration=duration, tell=told.append)
     assert told == []
     check_devices(scenario, 0.6)  # the last row is not older by then than a sample may be
@@ -125,7 +140,7 @@ def test_files_of_joints_and_palm_begin_with_the_run(folder: Path, tmp_path: Pat
     else:
         scenario.senses.joints.path = str(tmp_path / name)
     told: list[str] = []
-    with pytest.raises(InvalidInputError, match=rf"{name}: begins at 1795793561 s; allowed is a file that begins with"):
+    with pytest.raises(InvalidInputError, match=rf"{name} must begin with the run, .*, not at 1795793561 s"):
         run_scenario(scenario, tell=told.append)
     assert told == []
 
@@ -133,7 +148,7 @@ def test_files_of_joints_and_palm_begin_with_the_run(folder: Path, tmp_path: Pat
 def test_a_joint_file_without_a_path_is_named(folder: Path) -> None:
     scenario = load_scenario(folder / "cube.scenario.yaml")
     scenario.senses.joints.path = ""
-    with pytest.raises(InvalidInputError, match=r"CanSenses\.joints\.path: is not given"):
+    with pytest.raises(InvalidInputError, match=r"CanSenses\.joints\.path must be a CSV file .*, not empty"):
         run_scenario(scenario)
 
 
@@ -142,7 +157,7 @@ def test_what_simulated_devices_feel_is_read_before_any_work(folder: Path, tmp_p
     scenario.senses.simulated.folder = str(shutil.copytree(folder, tmp_path / "felt"))
     (tmp_path / "felt" / "ring.csv").write_text("0.0, 0, 0, 0, 0, 0, 1.0\n")
     told: list[str] = []
-    with pytest.raises(InvalidFileError, match=r"ring\.csv: row 1 has numbers; allowed first is a header"):
+    with pytest.raises(InvalidFileError, match=r"ring\.csv: row 1 must be a header, the columns' names, not numbers"):
         run_scenario(scenario, tell=told.append)
     assert told == []
 
@@ -160,11 +175,11 @@ def test_a_board_that_cannot_be_tared_is_named(folder: Path, monkeypatch: pytest
     monkeypatch.setattr("tactopose_drake.station.can_devices._GREETING_TIME", 0.3)
     scenario = load_scenario(folder / "cube.scenario.yaml")
     scenario.senses.simulated = None
-    with pytest.raises(DeviceTimeoutError, match="first: gave no sample"):
+    with pytest.raises(DeviceTimeoutError, match="first gave no sample"):
         run_scenario(scenario, duration=0.1)
     assert bus_threads() == set()
 
 
 def test_a_duration_beyond_all_clocks_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert tactopose("run", folder / "cube.scenario.yaml", "--duration", "1e99") == 2
-    assert "duration: is 1e+99; allowed are" in capsys.readouterr().err
+    assert "duration must be a number from 0 to 1e+12, not 1e+99" in capsys.readouterr().err

@@ -123,12 +123,12 @@ def test_signals_that_were_cut_off_end_the_replay(
     signals.write_bytes(signals.read_bytes()[:-30] + b'{"time": 0.5')
     assert replay_here(copy, folder, tmp_path / "out.jsonl") == 2
     message = capsys.readouterr().err
-    assert "signals.jsonl: is cut off after 1 whole lines. It has no joint_positions" in message
+    assert "signals.jsonl is cut off after 1 whole lines. It must have the joint_positions" in message
     # The joints never move, so all that is recorded of them is the first line.
     rows = (recording / "signals.jsonl").read_bytes().splitlines(keepends=True)
     signals.write_bytes(b"".join(rows) + b'{"time": 0.5')
     replay_here(copy, folder, tmp_path / "out.jsonl")
-    assert "signals.jsonl: is cut off after 2 whole lines" in capsys.readouterr().out
+    assert "signals.jsonl is cut off after 2 whole lines" in capsys.readouterr().out
 
 
 def test_a_replay_says_from_when_on_it_is_not_the_run(
@@ -194,7 +194,9 @@ def test_a_recording_whose_project_has_moved_replays(recording: Path, folder: Pa
     assert explained_estimate(result.view) is not None
     (tmp_path / "my.hand.yaml").rename(tmp_path / "other.hand.yaml")
     mine.write_text(mine.read_text().replace("my.hand", "other.hand"))
-    with pytest.raises(InvalidInputError, match=r"was recorded with the hand '/gone/my\.hand\.yaml'"):
+    with pytest.raises(
+        InvalidInputError, match=r"must be replayed with the hand that it was recorded with, '/gone/my\.hand\.yaml'"
+    ):
         replay(moved, load_scenario(mine))
 
 
@@ -203,7 +205,7 @@ def test_what_a_recording_needs_is_named_where_it_says_so(recording: Path, tmp_p
     text = (moved / "manifest.yaml").read_text()
     for old, new, place in (
         ("hand: shadow_like", "hand: /gone/my.hand.yaml", r"scenario\.hand: "),
-        ("object: cube", "object: /gone/box.obj", r"Scenario\.object: "),
+        ("object: cube", "object: /gone/box.obj", r"Scenario\.object must be .* but "),
     ):
         (moved / "manifest.yaml").write_text(text.replace(old, new))
         with pytest.raises(InvalidInputError, match=rf"moved/manifest\.yaml: {place}/gone/"):
@@ -218,7 +220,7 @@ def test_a_scenario_may_name_a_recording(recording: Path, folder: Path, tmp_path
     view = run_scenario(load_scenario(scenario))
     off = view.diagram.GetOutputPort("object_pose").Eval(view.context).translation() - held_cube.X_PO[:, 3]
     assert np.linalg.norm(off) < 0.006
-    with pytest.raises(InvalidInputError, match="the scenario's senses are a recording; allowed is None"):
+    with pytest.raises(InvalidInputError, match="record must be None if the scenario's senses are a recording"):
         run_scenario(load_scenario(scenario), record=tmp_path / "again")
 
 

@@ -45,12 +45,12 @@ def test_a_grip_has_no_finger_to_spare() -> None:
     scenario = load_scenario("shadow_like")
     scenario.grip = Grip()
     scenario.exploration = TouchExplorationParams()
-    with pytest.raises(InvalidInputError, match=r"Scenario\.exploration: needs a planned grasp"):
+    with pytest.raises(InvalidInputError, match=r"Scenario\.exploration must be None with a grip"):
         scenario.validate()
 
 
 def test_a_plan_is_not_asked_of_fingers_that_there_are_not() -> None:
     scenario = load_scenario("shadow_like")
     scenario.planner.fingers = ["thumb", "paw"]
-    with pytest.raises(UnknownNameError, match=r"PlannerParams\.fingers: .*'paw'"):
+    with pytest.raises(UnknownNameError, match=r"PlannerParams\.fingers must .*'paw'"):
         plan_scenario(scenario)

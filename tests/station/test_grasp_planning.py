@@ -43,7 +43,7 @@ def test_the_objects_weight_is_that_in_the_palm(monkeypatch: pytest.MonkeyPatch)
 def test_a_joint_that_is_to_rest_beyond_its_limits_is_refused(tmp_path: Path) -> None:
     """The simulated hand would begin there, and be thrown back."""
     path = write_gripper(tmp_path, yaml=YAML + "rest_positions: {left_slide: 0.08}\n")
-    said = r"HandConfig\.rest_positions\[left_slide\]: is 0\.08, beyond the joint's limits; allowed is 0 to 0\.045\.$"
+    said = r"HandConfig\.rest_positions\[left_slide\] must be within the joint's limits, 0 to 0\.045, not 0\.08\.$"
     with pytest.raises(InvalidInputError, match=said):
         grasp_planning.plan_scenario(Scenario(hand=str(path), object="cube"))
     with pytest.raises(InvalidInputError, match=said):
@@ -55,11 +55,11 @@ def test_so_is_one_before_a_grip() -> None:
     assert scenario.grip is not None
     config, joint = scenario.hand_config(), "finger_1_spread_joint"
     scenario.grip.controller.fixed[joint] = 9.0
-    said = rf"GripControllerParams\.fixed\[{joint}\]: is 9, beyond the joint's limits; allowed is 0 to 3\.14\.$"
+    said = rf"GripControllerParams\.fixed\[{joint}\] must be within the joint's limits, 0 to 3\.14, not 9\.$"
     with pytest.raises(InvalidInputError, match=said):
         add_grip(DiagramBuilder(), scenario, *make_hand_plant(config))
     config.rest_positions[joint] = -1.0
     with pytest.raises(
-        InvalidInputError, match=rf"rest_positions\[{joint}\]: is -1, beyond the joint's limits; allowed"
+        InvalidInputError, match=rf"rest_positions\[{joint}\] must be within the joint's limits, .*, not -1"
     ):
         add_grip(DiagramBuilder(), scenario, *make_hand_plant(config))

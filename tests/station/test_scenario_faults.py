@@ -17,62 +17,62 @@ from tactopose_drake.systems.touch_exploration import TouchExplorationParams
 from tests.cli.test_cli import run as tactopose
 
 FAULTS = {
-    "plant: {contact_model: soft}": "Scenario.plant.contact_model: is 'soft'; allowed are point, hydroelastic",
-    "plant: {discrete_contact_approximation: x}": "discrete_contact_approximation: is 'x'; allowed are tamsi",
-    "plant: {contact_surface_representation: x}": "contact_surface_representation: is 'x'; allowed are triangle",
-    "plant: {time_step: 0}": "Scenario.plant.time_step: is 0; allowed are numbers > 0",
-    "plant: {time_step: 1.0e-9}": "Scenario.plant.time_step: is 1e-09; allowed are numbers from 1e-05 to 0.1",
-    "plant: {time_step: 1.0e+9}": "Scenario.plant.time_step: is 1e+09; allowed are numbers from 1e-05 to 0.1",
-    "plant: {time_step: [1]}": "line 1: plant: does not fit Drake's MultibodyPlantConfig; its keys may be time_step",
-    "plant: {time_step: .nan}": "line 1: plant.time_step: is '.nan'; allowed are finite numbers",
-    "plant: {stiction_tolerance: 0}": "Scenario.plant.stiction_tolerance: is 0; allowed are numbers > 0",
-    "X_WBase: {translation: [.nan, 0, 0]}": "line 1: X_WBase.translation[0]: is '.nan'; allowed are finite numbers",
-    "X_WBase: {translation: [1e300, 0, 0]}": "X_WBase.translation[0]: is '1e300'; allowed are numbers up to 1e+15",
-    "X_WBase: {translation: [yes, 0, 0]}": "line 1: X_WBase.translation[0]: is 'yes'; allowed are numbers",
-    "X_WBase: {rotation: !Rpy {deg: [0, .inf, 0]}}": "X_WBase.rotation.deg[1]: is '.inf'; allowed are finite numbers",
-    "X_WBase: {rotation: !AngleAxis {angle_deg: 3, axis: [0, 0, 0]}}": "Scenario.X_WBase: must be a pose of a",
-    "X_WBase: {translation: [1.0e+9, 0, 0]}": "Scenario.X_WBase: must be a pose of a rotation and at most 1000 m",
-    "X_WBase: {rotation: !Uniform {}}": "Scenario.X_WBase: is random; allowed is a fixed pose",
-    "X_WC: {base_frame: camera}": "Scenario.X_WC.base_frame: is 'camera'; must be left out",
-    "seed: 1.5": "line 1: seed: is '1.5'; allowed are integers",
-    "seed: yes": "line 1: seed: is 'yes', a yes or no; allowed are numbers",
-    'seed: "0x20"': "line 1: seed: is '0x20', in quotes; must be without quotes",
-    "seed: -1": "Scenario.seed: is -1; allowed are integers from 0",
-    "seed: 9" + "9" * 400: "line 1: seed: is '9999",
-    "duration: .inf": "line 1: duration: is '.inf'; allowed are finite numbers",
-    "duration: [1, 2]": "line 1: duration: is a list or mapping; allowed are numbers",
-    "sensor: {file: bh280_palm}": "Scenario.sensor: bh280_palm: is a sensor of another kind; the package's of this",
-    "sensor: {file: nope}": "Scenario.sensor: nope: there is no such file; the package's sensors of this kind are nano",
-    "sensor: {calibration: SI-1}": "calibration: 'SI-1' is unknown; valid names: SI-12-0.12",
-    "sensor: {period: 1.0e-12}": "Scenario.sensor.period: is 1e-12; allowed are numbers >= 1e-05",
-    "estimation: {estimator: {method: guess}}": "PoseEstimatorParams.method: 'guess' is unknown; valid names: pair",
-    "estimation: {estimator: {seed: -3}}": "Scenario.estimation.estimator.seed: is -3; allowed are integers from 0",
-    "estimation: {contacts: {sigma_position: .inf}}": "contacts.sigma_position: is '.inf'; allowed are finite numbers",
-    "planner: {most_poses: 100000000000}": "Scenario.planner.most_poses: is 100000000000; allowed are integers up to",
-    "controller: {finger_stiffness: 1.0e+300}": "finger_stiffness: is '1.0e+300'; allowed are numbers up to 1e+15",
-    "controller: {finger_stiffness: 1.0e+14}": "Scenario.controller.finger_stiffness: is 1e+14; allowed are",
-    "grip: {X_PO: {mug: {translation: !UniformVector {min: [0, 0, 1], max: [0, 0, 0]}}}}": "X_PO[mug]: must be a pose",
-    'hand: "a\\0b"': "has a control character",
-    "hand: " + "h" * 300: "there is no such file; the package's hands are",
-    "object: mug\nobject: cube": "line 2: key 'object' is given twice",
+    "plant: {contact_model: soft}": "Scenario.plant.contact_model must be one of point ... , not 'soft'",
+    "plant: {discrete_contact_approximation: x}": "discrete_contact_approximation must be one of tamsi ... , not 'x'",
+    "plant: {contact_surface_representation: x}": "surface_representation must be one of triangle ... , not 'x'",
+    "plant: {time_step: 0}": "Scenario.plant.time_step must be a number > 0, not 0",
+    "plant: {time_step: 1.0e-9}": "Scenario.plant.time_step must be a number from 1e-05 to 0.1, not 1e-09",
+    "plant: {time_step: 1.0e+9}": "Scenario.plant.time_step must be a number from 1e-05 to 0.1, not 1e+09",
+    "plant: {time_step: [1]}": "line 1: plant must fit Drake's MultibodyPlantConfig, whose keys may be time_step",
+    "plant: {time_step: .nan}": "line 1: plant.time_step must be a finite number, not '.nan'",
+    "plant: {stiction_tolerance: 0}": "Scenario.plant.stiction_tolerance must be a number > 0, not 0",
+    "X_WBase: {translation: [.nan, 0, 0]}": "line 1: X_WBase.translation[0] must be a finite number, not '.nan'",
+    "X_WBase: {translation: [1e300, 0, 0]}": "translation[0] must be a number from -1e+15 to 1e+15, not '1e300'",
+    "X_WBase: {translation: [yes, 0, 0]}": "line 1: X_WBase.translation[0] must be a number, not 'yes'",
+    "X_WBase: {rotation: !Rpy {deg: [0, .inf, 0]}}": "X_WBase.rotation.deg[1] must be a finite number, not '.inf'",
+    "X_WBase: {rotation: !AngleAxis {angle_deg: 3, axis: [0, 0, 0]}}": "Scenario.X_WBase must be a pose of a",
+    "X_WBase: {translation: [1.0e+9, 0, 0]}": "Scenario.X_WBase must be a pose of a rotation and at most 1000 m",
+    "X_WBase: {rotation: !Uniform {}}": "Scenario.X_WBase must be a fixed pose, not a random one",
+    "X_WC: {base_frame: camera}": "Scenario.X_WC.base_frame must be left out, not 'camera'",
+    "seed: 1.5": "line 1: seed must be an integer, not '1.5'",
+    "seed: yes": "line 1: seed must be a number, not 'yes', a yes or no",
+    'seed: "0x20"': "line 1: seed must be a number without quotes, not '0x20'",
+    "seed: -1": "Scenario.seed must be an integer from 0 to 9223372036854775807, not -1",
+    "seed: 9" + "9" * 400: "line 1: seed must be an integer of 64 bits, not '9999",
+    "duration: .inf": "line 1: duration must be a finite number, not '.inf'",
+    "duration: [1, 2]": "line 1: duration must be a number, not a list or mapping",
+    "sensor: {file: bh280_palm}": "bh280_palm must be one of the package's sensors of this kind, nano17",
+    "sensor: {file: nope}": "Scenario.sensor: nope must be ... sensors of this kind, nano17, but there is no such",
+    "sensor: {calibration: SI-1}": "calibration must be one of SI-12-0.12 ... , not 'SI-1'",
+    "sensor: {period: 1.0e-12}": "Scenario.sensor.period must be a number from 1e-05 to 1e+12, not 1e-12",
+    "estimation: {estimator: {method: guess}}": "PoseEstimatorParams.method must be one of pair ... , not 'guess'",
+    "estimation: {estimator: {seed: -3}}": "Scenario.estimation.estimator.seed must be an integer from 0 ... , not -3",
+    "estimation: {contacts: {sigma_position: .inf}}": "contacts.sigma_position must be a finite number, not '.inf'",
+    "planner: {most_poses: 100000000000}": "most_poses must be an integer from -1000000 to 1000000, not 1000",
+    "controller: {finger_stiffness: 1.0e+300}": "stiffness must be a number from -1e+15 to 1e+15, not '1.0e+300'",
+    "controller: {finger_stiffness: 1.0e+14}": "finger_stiffness must be a number from -1e+12 to 1e+12, not 1e+14",
+    "grip: {X_PO: {mug: {translation: !UniformVector {min: [0, 0, 1], max: [0, 0, 0]}}}}": "X_PO[mug] must be a pose",
+    'hand: "a\\0b"': "must be in one line, and without control characters",
+    "hand: " + "h" * 300: "must be a YAML file, or one of the package's hands, ... , but there is no such file",
+    "object: mug\nobject: cube": "line 2: the key 'object' must be given once, not twice",
     "a: &a [*a]": "*a stands for nothing",
-    "senses: !RecordedSenses {}": "RecordedSenses.folder: is not given; allowed is one that `run --record` made",
-    "senses: !SimulatedSenses": "line 1: senses: must be a mapping",
-    "senses: !Nonsense {}": "line 1: senses: the tag !Nonsense is unknown; allowed are !SimulatedSenses, !CanSenses",
-    "senses: {buses: {}}": "senses: key 'buses' is unknown; allowed are none; with a tag, !CanSenses, !Lcm",
-    "publish: {pose: /a}": "key 'pose' is unknown; allowed are url, channel, max_modes; with a tag, !Ros2Publish",
-    "seed: !Seed 3": "line 1: seed: the tag !Seed is unknown; no tag is allowed here",
-    "grip: !Grip {}": "line 1: grip: the tag !Grip is unknown; no tag is allowed here",
-    "errors: {joint_offsets_deg: {J9: 1.0}}": "SimulatedErrors.joint_offsets_deg: 'J9' is unknown; valid names: FFJ2",
-    "vision: !DepthTrackerParams {}\nerrors: {vision_degrees_of_freedom: 4.0}": "allowed is null with a depth tracker",
-    "errors: {object_scale: 9.0}": "SimulatedErrors.object_scale: is 9; allowed are numbers from 0.5 to 2",
-    "errors: {fingers: {toe: {radius: 0.1}}}": "SimulatedErrors.fingers: 'toe' is unknown; valid names: first",
-    "errors: {drawing: true}": "line 1: errors: key 'drawing' is unknown; allowed are drawn, seed",
-    "errors: {drawn: 2}": "line 1: errors.drawn: is '2'; allowed are true and false",
-    "hand: barrett_like\nerrors: {drawn: true}": "SimulatedErrors.drawn: is true, but the hand's file declares no",
-    "scale_sigma: -0.1": "Scenario.scale_sigma: is -0.1; allowed are",
-    "object: 3": "line 1: object: is '3'; allowed is text, in quotes if need be",
-    "object: 2026-11-22": "line 1: object: is '2026-11-22'; allowed is text",
+    "senses: !RecordedSenses {}": "RecordedSenses.folder must be one that `run --record` made, not empty",
+    "senses: !SimulatedSenses": "line 1: senses must be a mapping",
+    "senses: !Nonsense {}": "line 1: senses must have one of the tags !SimulatedSenses, ... , not !Nonsense",
+    "senses: {buses: {}}": "senses must have no keys (or, with a tag, !CanSenses, !Lcm ... , its own), not 'buses'",
+    "publish: {pose: /a}": "only the keys url, channel, max_modes (or, with a tag, !Ros2 ... , its own), not 'pose'",
+    "seed: !Seed 3": "line 1: seed must have no tag, not !Seed",
+    "grip: !Grip {}": "line 1: grip must have no tag, not !Grip",
+    "errors: {joint_offsets_deg: {J9: 1.0}}": "SimulatedErrors.joint_offsets_deg must be one of FFJ2 ... , not 'J9'",
+    "vision: !DepthTrackerParams {}\nerrors: {vision_degrees_of_freedom: 4.0}": "must be null with a depth tracker",
+    "errors: {object_scale: 9.0}": "SimulatedErrors.object_scale must be a number from 0.5 to 2, not 9",
+    "errors: {fingers: {toe: {radius: 0.1}}}": "SimulatedErrors.fingers must be one of first ... , not 'toe'",
+    "errors: {drawing: true}": "line 1: errors must have only the keys drawn, seed ... , not 'drawing'",
+    "errors: {drawn: 2}": "line 1: errors.drawn must be true or false, not '2'",
+    "hand: barrett_like\nerrors: {drawn: true}": "SimulatedErrors.drawn must be false, not true, as the hand's file",
+    "scale_sigma: -0.1": "Scenario.scale_sigma must be a number >= 0, not -0.1",
+    "object: 3": "line 1: object must be text, in quotes if need be, not '3'",
+    "object: 2026-11-22": "line 1: object must be text, in quotes if need be, not '2026-11-22'",
 }
 
 
@@ -83,7 +83,7 @@ def test_a_fault_is_one_line_with_the_file_and_what_is_allowed(tmp_path: Path, t
     with pytest.raises(InvalidFileError) as caught:
         load_scenario(path)
     message = str(caught.value)
-    assert FAULTS[text] in message
+    assert all(part in message for part in FAULTS[text].split(" ... "))
     assert "\n" not in message
     if "hand: h" not in text:  # the hand's own file is named
         assert message.startswith(f"{path}: ")
@@ -91,7 +91,7 @@ def test_a_fault_is_one_line_with_the_file_and_what_is_allowed(tmp_path: Path, t
 
 @pytest.mark.parametrize(("name", "value"), [("seed", 1.5), ("seed", 2**63), ("duration", float("inf"))])
 def test_a_scenario_made_in_python_is_checked_too(name: str, value: float) -> None:
-    with pytest.raises(InvalidInputError, match=f"Scenario.{name}: is "):
+    with pytest.raises(InvalidInputError, match=f"Scenario.{name} must be .*, not {value}"):
         Scenario(**{name: value}).validate()
 
 
@@ -133,7 +133,7 @@ def copy_hand(folder: Path, old: str, new: str) -> Path:
     ("old", "new", "message"),
     [
         ("<sdf", "<nonsense", "must be a model that Drake can read"),
-        ('<joint name="FFJ1"', '<joint name="FFJX"', "'FFJ1' is unknown"),
+        ('<joint name="FFJ1"', '<joint name="FFJX"', "not 'FFJ1'"),
     ],
 )
 def test_a_hand_that_cannot_be_simulated_is_told_before_any_work(
@@ -155,7 +155,7 @@ def test_a_grip_of_joints_that_are_not_there_is_told_before_any_work(tmp_path: P
     assert "finger_1_spread_joint" in text
     (tmp_path / "own.scenario.yaml").write_text(text.replace("finger_1_spread_joint", "toe"))
     told: list[str] = []
-    with pytest.raises(InvalidInputError, match="'toe' is unknown"):
+    with pytest.raises(InvalidInputError, match=r"must be one of .*, not 'toe'"):
         run_scenario(load_scenario(tmp_path / "own.scenario.yaml"), tell=told.append)
     assert told == []
 
@@ -167,7 +167,7 @@ def test_an_object_with_joints_is_told_before_any_work(tmp_path: Path) -> None:
     (tmp_path / "pair.obj").write_bytes(model_path("objects", "cube.obj").read_bytes())
     (tmp_path / "pair.scenario.yaml").write_text(f"object: {tmp_path}/pair.sdf")
     told: list[str] = []
-    with pytest.raises(InvalidInputError, match=r"pair.sdf: has joints; allowed is one free body"):
+    with pytest.raises(InvalidInputError, match=r"pair.sdf must be one free body, without joints"):
         run_scenario(load_scenario(tmp_path / "pair.scenario.yaml"), tell=told.append)
     assert told == []
 

@@ -177,12 +177,16 @@ def test_a_hand_without_grip_region_gets_one_between_its_fingers(scenario):
 @pytest.mark.parametrize(
     ("line", "error", "text"),
     [
-        ("seed: -1", InvalidInputError, r"Scenario\.seed: is -1"),
-        ("object: teapot", InvalidInputError, r"there is no object 'teapot'; the package's objects are .*wine_glass"),
-        ("object: tin.stl", InvalidInputError, r"tin\.stl is a mesh alone; allowed is an SDF with an OBJ"),
-        ("duration: 0", InvalidInputError, r"Scenario\.duration: is 0"),
-        ("check: {attempts: 0}", InvalidInputError, r"Scenario\.check\.attempts: is 0"),
-        ("planner: {least_fingers: 1}", InvalidInputError, r"least_fingers: is 1"),
+        ("seed: -1", InvalidInputError, r"Scenario\.seed must be .*, not -1"),
+        (
+            "object: teapot",
+            InvalidInputError,
+            r"object must be one of the package's objects, .*wine_glass.*, not 'teapot'",
+        ),
+        ("object: tin.stl", InvalidInputError, r"must be an SDF with an OBJ .*, not .*tin\.stl, a mesh alone"),
+        ("duration: 0", InvalidInputError, r"Scenario\.duration must be .*, not 0"),
+        ("check: {attempts: 0}", InvalidInputError, r"Scenario\.check\.attempts must be .*, not 0"),
+        ("planner: {least_fingers: 1}", InvalidInputError, r"least_fingers must be .*, not 1"),
         ("colour: red", InvalidFileError, "colour"),
     ],
 )
@@ -194,7 +198,9 @@ def test_bad_scenarios_are_refused(tmp_path, line, error, text):
 
 
 def test_a_scenario_that_is_not_there_is_told_with_those_that_are() -> None:
-    with pytest.raises(InvalidFileError, match=r"nosuch: there is no such file; .* are barrett_like, .*shadow_like"):
+    with pytest.raises(
+        InvalidFileError, match=r"nosuch must be .* barrett_like, .*shadow_like.*, but there is no such file"
+    ):
         load_scenario("nosuch")
 
 

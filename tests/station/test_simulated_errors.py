@@ -83,12 +83,12 @@ def test_by_default_nothing_errs() -> None:
 @pytest.mark.parametrize(
     ("errors", "said"),
     [
-        (SimulatedErrors(joint_offsets_deg={"J9": 1.0}), "joint_offsets_deg: 'J9' is unknown; valid names: FFJ2"),
+        (SimulatedErrors(joint_offsets_deg={"J9": 1.0}), "joint_offsets_deg must be one of FFJ2.*, not 'J9'"),
         (SimulatedErrors(joint_offsets_deg={"FFJ3": 200.0}), r"joint_offsets_deg\[FFJ3\]"),
-        (SimulatedErrors(fingers={"toe": FingerErrors()}), "fingers: 'toe' is unknown; valid names: first"),
-        (SimulatedErrors(fingers={"first": FingerErrors(radius=-0.009)}), "allowed are numbers >= -0.0072"),
+        (SimulatedErrors(fingers={"toe": FingerErrors()}), "fingers must be one of first.*, not 'toe'"),
+        (SimulatedErrors(fingers={"first": FingerErrors(radius=-0.009)}), "must be a number >= -0.0072 .*, not -0.009"),
         (SimulatedErrors(fingers={"first": FingerErrors(sensor_force=[1.0])}), r"fingers\[first\].sensor_force"),
-        (SimulatedErrors(pads={"palm": PadErrors()}), "pads: 'palm' is unknown; valid names: none"),
+        (SimulatedErrors(pads={"palm": PadErrors()}), "pads must be left out, .*, not 'palm'"),
         (SimulatedErrors(encoder_noise_deg=-1.0), "encoder_noise_deg"),
         (SimulatedErrors(object_scale=3.0), "object_scale"),
         (SimulatedErrors(object_surface_sigma=-1.0), "object_surface_sigma"),
@@ -101,7 +101,9 @@ def test_what_cannot_be_is_refused_with_what_is_allowed(errors: SimulatedErrors,
 
 
 def test_a_hand_that_declares_nothing_has_nothing_to_draw_from() -> None:
-    with pytest.raises(InvalidInputError, match=r"SimulatedErrors\.drawn: is true, but the hand's file declares no"):
+    with pytest.raises(
+        InvalidInputError, match=r"SimulatedErrors\.drawn must be false, not true, as the hand's file declares no"
+    ):
         SimulatedErrors(drawn=True).validate(load_hand_config("barrett_like"))
 
 
@@ -180,7 +182,9 @@ def test_two_senses_on_one_body_cannot_be_mounted_apart() -> None:
     scenario = dataclasses.replace(load_scenario(HAND), errors=SimulatedErrors(drawn=True))
     plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
     hand = add_hand(plant, config, RigidTransform())
-    with pytest.raises(InvalidInputError, match="first_tip has two sensors, which cannot move apart; they must"):
+    with pytest.raises(
+        InvalidInputError, match="must have no mounting error of the two sensors of first_tip, which cannot move apart"
+    ):
         simulate_errors(scenario, plant, scene_graph, hand, hand.model_instance)
     there = {"mounting": [0.0] * 3, "mounting_deg": [0.0] * 3}
     given = SimulatedErrors(drawn=True, fingers={"first": FingerErrors(**there)}, pads={"skin": PadErrors(**there)})
@@ -232,5 +236,7 @@ def vertices(shape: Mesh) -> np.ndarray:
 def test_an_object_that_is_no_mesh_cannot_have_another_shape() -> None:
     plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
     hand = add_hand(plant, load_hand_config(HAND), RigidTransform())
-    with pytest.raises(InvalidInputError, match=r"object_surface_sigma: the collision shape of .* allowed"):
+    with pytest.raises(
+        InvalidInputError, match=r"object_surface_sigma: the collision shape of .* must be the mesh of an OBJ file, not"
+    ):
         change_object(plant, scene_graph, hand.model_instance, 1.1, 0.0, np.random.default_rng(0))

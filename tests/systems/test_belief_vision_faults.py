@@ -123,7 +123,7 @@ def test_a_tracker_that_gives_no_numbers_counts_as_no_vision(box: ObjectModel) -
     assert run.until(0.14).word == "ok"
     assert run.read("tracker_status") == "ok"
     assert run.until(0.3).word == "ok"
-    assert run.read("tracker_status") == "X_PO[0, 3]: is nan; allowed are finite numbers."
+    assert run.read("tracker_status") == "X_PO[0, 3] must be a finite number, not nan."
     run.assert_never_a_silent_guess(still)
 
 

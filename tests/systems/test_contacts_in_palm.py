@@ -145,22 +145,22 @@ def test_two_contexts_do_not_share_their_kinematics() -> None:
 
 def test_a_value_of_another_type_is_refused_by_the_name_of_the_port() -> None:
     system, context = make_system(["not a dict"])
-    with pytest.raises(PortTypeError, match="'contact_solutions' of system 'contacts_in_palm': holds a list"):
+    with pytest.raises(
+        PortTypeError, match="'contact_solutions' of system 'contacts_in_palm' must hold a dict, not a list"
+    ):
         system.GetOutputPort("contacts").Eval(context)
 
 
 def test_a_solution_that_is_none_is_refused_by_the_name_of_the_port() -> None:
     system, context = make_system({"first": 3})
-    with pytest.raises(
-        PortTypeError, match=r"'contact_solutions' of .*: holds a dict with a int; allowed is a dict of"
-    ):
+    with pytest.raises(PortTypeError, match=r"'contact_solutions' of .* must hold a dict of .*, not one with an int"):
         system.GetOutputPort("contacts").Eval(context)
 
 
 @pytest.mark.parametrize("values", [{"sigma_position": 0.0}, {"sigma_position": 1e3}, {"sigma_normal_deg": 0.0}])
 def test_a_bad_parameter_is_named(values: dict[str, float]) -> None:
     (name,) = values
-    with pytest.raises(InvalidInputError, match=f"^ContactsInPalmParams.{name}: "):
+    with pytest.raises(InvalidInputError, match=f"^ContactsInPalmParams.{name} must be "):
         ContactsInPalmParams(**values).validate()
 
 

@@ -200,5 +200,5 @@ def test_the_same_seed_sees_the_same(object_model: ObjectModel) -> None:
 
 
 def test_a_bad_parameter_is_named() -> None:
-    with pytest.raises(InvalidInputError, match=r"DepthTrackerParams\.wrong_share: is 2"):
+    with pytest.raises(InvalidInputError, match=r"DepthTrackerParams\.wrong_share must be .*, not 2"):
         DepthTrackerParams(wrong_share=2.0).validate()

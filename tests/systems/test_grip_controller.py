@@ -200,13 +200,13 @@ def test_a_context_that_is_initialised_again_goes_on_as_it_was() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"closing_speed": 0.0}, "closing_speed: is 0"),
-        ({"stall_torque": -1.0}, "stall_torque: is -1"),
-        ({"stiffness": np.nan}, "stiffness: is nan"),
-        ({"damping": -0.1}, "damping: is -0.1"),
-        ({"period": 0.0}, "period: is 0"),
-        ({"fixed": SPREAD, "falling": list(SPREAD)}, "falling: has 'finger_1_spread_joint', which is fixed"),
-        ({"fixed": {"finger_1_spread_joint": np.inf}}, r"fixed\[finger_1_spread_joint\]: is inf"),
+        ({"closing_speed": 0.0}, "closing_speed must be .*, not 0"),
+        ({"stall_torque": -1.0}, "stall_torque must be .*, not -1"),
+        ({"stiffness": np.nan}, "stiffness must be .*, not nan"),
+        ({"damping": -0.1}, "damping must be .*, not -0.1"),
+        ({"period": 0.0}, "period must be .*, not 0"),
+        ({"fixed": SPREAD, "falling": list(SPREAD)}, "falling must not have 'finger_1_spread_joint', which is fixed"),
+        ({"fixed": {"finger_1_spread_joint": np.inf}}, r"fixed\[finger_1_spread_joint\] must be .*, not inf"),
     ],
 )
 def test_a_bad_parameter_is_named(values: dict[str, object], message: str) -> None:
@@ -217,7 +217,7 @@ def test_a_bad_parameter_is_named(values: dict[str, object], message: str) -> No
 def test_a_joint_without_a_motor_can_neither_be_fixed_nor_close() -> None:
     plant, hand = make_hand_plant(load_hand_config("barrett_like"))
     assert isinstance(plant, MultibodyPlant)
-    with pytest.raises(UnknownNameError, match=r"'finger_2_spread_joint' is unknown; valid names: finger_1_spread"):
+    with pytest.raises(UnknownNameError, match=r"must be one of finger_1_spread.*, not 'finger_2_spread_joint'"):
         GripController(plant, hand, GripControllerParams(fixed={"finger_2_spread_joint": 0.1}))
-    with pytest.raises(UnknownNameError, match=r"falling: joint: 'finger_2_spread_joint' is unknown"):
+    with pytest.raises(UnknownNameError, match=r"falling must be one of .*, not 'finger_2_spread_joint'"):
         GripController(plant, hand, GripControllerParams(falling=["finger_2_spread_joint"]))

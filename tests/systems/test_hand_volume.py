@@ -120,10 +120,12 @@ def test_a_joint_position_that_is_not_finite_leaves_out_what_it_moves(system: Ha
 
 
 def test_a_value_of_another_type_is_refused_by_the_name_of_the_port(system: HandVolume) -> None:
-    with pytest.raises(PortTypeError, match="'fingers_untouched' of system 'hand_volume': holds a list"):
+    with pytest.raises(
+        PortTypeError, match="'fingers_untouched' of system 'hand_volume' must hold a tuple, not a list"
+    ):
         system.GetOutputPort("untouched").Eval(make_context(system, untouched=["thumb"]))
 
 
 def test_a_finger_that_the_hand_lacks_is_refused_by_the_name_of_the_port(system: HandVolume) -> None:
-    with pytest.raises(PortTypeError, match=r"'fingers_untouched' of .*: holds 'index'; allowed are [^;]*thumb"):
+    with pytest.raises(PortTypeError, match=r"'fingers_untouched' of .* must hold names among .*thumb.*, not 'index'"):
         system.GetOutputPort("untouched").Eval(make_context(system, untouched=("index",)))

@@ -211,7 +211,7 @@ def test_the_senses_that_a_belief_remembers_are_not_copied_with_the_state() -> N
 
 @pytest.mark.parametrize("most", [0, -1, 2.5])
 def test_a_belief_of_no_modes_is_refused(most: int) -> None:
-    with pytest.raises(InvalidInputError, match="max_modes: is "):
+    with pytest.raises(InvalidInputError, match="max_modes must be an integer >= 1, not "):
         LcmBelief(most)
 
 

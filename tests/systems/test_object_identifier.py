@@ -106,21 +106,33 @@ def test_how_often_objects_are_unknown_is_a_parameter(models: list[ObjectModel],
 
 def test_bad_parameters_and_inputs_are_named(models: list[ObjectModel]) -> None:
     for params, error, said in [
-        (ObjectIdentifierParams(period=0.0), InvalidInputError, "ObjectIdentifierParams.period: is 0"),
-        (ObjectIdentifierParams(min_contacts=0), InvalidInputError, "ObjectIdentifierParams.min_contacts: is 0"),
-        (ObjectIdentifierParams(unknown_prior=1.0), InvalidInputError, "ObjectIdentifierParams.unknown_prior: is 1"),
-        (ObjectIdentifierParams(likelihood="cost"), UnknownNameError, "ObjectIdentifierParams.likelihood: 'cost'"),
+        (ObjectIdentifierParams(period=0.0), InvalidInputError, "ObjectIdentifierParams.period must be .*, not 0"),
+        (
+            ObjectIdentifierParams(min_contacts=0),
+            InvalidInputError,
+            "ObjectIdentifierParams.min_contacts must be .*, not 0",
+        ),
+        (
+            ObjectIdentifierParams(unknown_prior=1.0),
+            InvalidInputError,
+            "ObjectIdentifierParams.unknown_prior must be .*, not 1",
+        ),
+        (
+            ObjectIdentifierParams(likelihood="cost"),
+            UnknownNameError,
+            "ObjectIdentifierParams.likelihood must be one of .*, not 'cost'",
+        ),
     ]:
         with pytest.raises(error, match=said):
             ObjectIdentifier(models, params)
     simulator = Simulator(ObjectIdentifier(models))
     with pytest.raises(PortTypeError, match="input port 'contacts'"):
         simulator.AdvanceTo(0.1)
-    with pytest.raises(InvalidInputError, match="period: is -1"):
+    with pytest.raises(InvalidInputError, match=r"period must be .*, not -1"):
         LikelihoodDisplay(RecordingMeshcat(), models, params=LikelihoodDisplayParams(period=-1.0))
-    with pytest.raises(InvalidInputError, match="models: is empty"):
+    with pytest.raises(InvalidInputError, match="models must have 1 or more objects, not 0"):
         LikelihoodDisplay(RecordingMeshcat(), [])
-    with pytest.raises(InvalidInputError, match=r"^meshcat: is a NoneType; allowed are a Meshcat"):
+    with pytest.raises(InvalidInputError, match=r"^meshcat must be a Meshcat, .*, not None"):
         LikelihoodDisplay(None, models)
 
 
@@ -187,15 +199,15 @@ def test_bars_need_no_simulation(models: list[ObjectModel]) -> None:
 
 def test_what_it_cannot_work_with_is_named_when_it_is_made(models: list[ObjectModel]) -> None:
     for none in ([], 3, models[0]):
-        with pytest.raises(InvalidInputError, match=r"^models: is .*; allowed are an ObjectLibrary and a sequence of"):
+        with pytest.raises(InvalidInputError, match=r"^models must be an ObjectLibrary, or a sequence of .*, not"):
             ObjectIdentifier(none)
-    with pytest.raises(InvalidInputError, match=r"^models\[1\]: is a str; allowed is an ObjectModel"):
+    with pytest.raises(InvalidInputError, match=r"^models\[1\] must be an ObjectModel, not a str"):
         ObjectIdentifier([models[0], "bust"])
-    with pytest.raises(InvalidInputError, match=r"^params: is a int; allowed is an ObjectIdentifierParams"):
+    with pytest.raises(InvalidInputError, match=r"^params must be an ObjectIdentifierParams, not an int"):
         ObjectIdentifier(models, 3)
-    with pytest.raises(InvalidInputError, match=r"^executor: is a int; allowed is an Executor"):
+    with pytest.raises(InvalidInputError, match=r"^executor must be an Executor, not an int"):
         ObjectIdentifier(models, executor=3)
     for change in ({"candidates": 2.5}, {"min_contacts": "3"}, {"seed": -1}):
         ((name, value),) = change.items()
-        with pytest.raises(InvalidInputError, match=rf"^ObjectIdentifierParams\.{name}: is {value!r}; allowed are"):
+        with pytest.raises(InvalidInputError, match=rf"^ObjectIdentifierParams\.{name} must be an? .*, not {value!r}"):
             ObjectIdentifierParams(**change).validate()

@@ -143,23 +143,31 @@ def test_a_plant_without_the_hand_with_two_or_unfinished_is_refused(box: ObjectM
     config = load_hand_config("shadow_like")
     builder = DiagramBuilder()
     plant, _ = full_plant(builder, "barrett_like")
-    with pytest.raises(InvalidInputError, match=r"none of its models is the hand. .*h0: .*is unknown; valid names"):
+    with pytest.raises(
+        InvalidInputError,
+        match=r"plant must have a model that is the hand, but none is. .*h0: .* must be one of .*, not",
+    ):
         AddPoseEstimation(builder, config, box, params, plant=plant)
     # What was not added has no name that is taken: another hand's estimation may be added instead.
     added = AddPoseEstimation(builder, load_hand_config("barrett_like"), box, params, plant=plant)
     assert [each for each in builder.GetSystems() if each.get_name() == "pose_estimation"] == [added]
     empty = MultibodyPlant(0.0)
     empty.Finalize()
-    with pytest.raises(InvalidInputError, match=r"none of its models is the hand\. None of them has a joint\.$"):
+    with pytest.raises(
+        InvalidInputError, match=r"plant must have a model that is the hand, but none is\. None of them has a joint\.$"
+    ):
         AddPoseTracking(DiagramBuilder(), config, box, PoseTrackingParams(use_hand_volume=False), plant=empty)
     builder = DiagramBuilder()
     plant, _ = full_plant(builder, "shadow_like", "shadow_like")
-    with pytest.raises(InvalidInputError, match="its models h0, h1 are all such hands; pass the hand itself"):
+    with pytest.raises(
+        InvalidInputError,
+        match=r"plant must have one model that is the hand, not several, h0, h1\. Pass the hand itself",
+    ):
         AddPoseEstimation(builder, config, box, params, plant=plant)
     plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.004), DiagramBuilder())
-    with pytest.raises(InvalidInputError, match="plant: is not finalized"):
+    with pytest.raises(InvalidInputError, match="plant must be finalized"):
         AddPoseEstimation(DiagramBuilder(), config, box, params, plant=plant)
-    with pytest.raises(InvalidInputError, match="plant: is a str; allowed is a MultibodyPlant"):
+    with pytest.raises(InvalidInputError, match="plant must be a MultibodyPlant, not a str"):
         AddPoseEstimation(DiagramBuilder(), config, box, params, plant="plant")
 
 
@@ -200,11 +208,23 @@ def gripper_plant(builder: DiagramBuilder, config: HandConfig, urdf: str) -> Mul
         (
             'xyz="-0.06 0 0.1"',
             'xyz="-0.06 0 0.14"',
-            "sensor of finger 'left' is 40.0 mm and 0.0 deg from where",
+            "sensor of finger 'left' within .*, not 40.0 mm and 0.0 deg off",
         ),
-        ('xyz="-0.06 0 0.1"', 'xyz="-0.06 0 0.1" rpy="0 0.5 0"', "sensor of finger 'left' is 0.0 mm and 28.6 deg from"),
-        ('<axis xyz="-1 0 0"/>', '<axis xyz="0 1 0"/>', "sensor of finger 'right' is .* mm and 0.0 deg from where"),
-        ('"left_slide" type="prismatic"', '"left_slide" type="revolute"', "'left_slide' is revolute; allowed is a pri"),
+        (
+            'xyz="-0.06 0 0.1"',
+            'xyz="-0.06 0 0.1" rpy="0 0.5 0"',
+            "sensor of finger 'left' within .*, not 0.0 mm and 28.6 deg off",
+        ),
+        (
+            '<axis xyz="-1 0 0"/>',
+            '<axis xyz="0 1 0"/>',
+            "sensor of finger 'right' within .*, not .* mm and 0.0 deg off",
+        ),
+        (
+            '"left_slide" type="prismatic"',
+            '"left_slide" type="revolute"',
+            "'left_slide' as a prismatic one, like .*, not a revolute one",
+        ),
     ],
 )
 @pytest.mark.parametrize("add", [AddPoseEstimation, AddPoseTracking])
@@ -215,7 +235,7 @@ def test_a_hand_of_another_geometry_is_refused(add, told, other, message, box: O
     builder = DiagramBuilder()
     plant = gripper_plant(builder, config, urdf.replace(told, other))
     params = BARE if add is AddPoseEstimation else PoseTrackingParams(use_hand_volume=False, check_collisions=False)
-    with pytest.raises(InvalidInputError, match=f"^plant: .*{message}"):
+    with pytest.raises(InvalidInputError, match=f"^plant must .*{message}"):
         add(builder, config, box, params, plant=plant)
     assert len(builder.GetSystems()) == 2  # Plant and scene.
 
@@ -232,9 +252,9 @@ def test_a_hand_whose_file_is_rounded_is_the_same(box: ObjectModel, tmp_path: Pa
 def test_another_builders_plant_and_a_switch_that_is_none_leave_the_builder_as_it_was(box: ObjectModel) -> None:
     builder, other = DiagramBuilder(), DiagramBuilder()
     plant, (hand,) = full_plant(other, "shadow_like")
-    with pytest.raises(InvalidInputError, match=r"^plant: is not among the builder's systems; allowed is one that"):
+    with pytest.raises(InvalidInputError, match=r"^plant must be one that was added to the same builder"):
         AddPoseEstimation(builder, hand.config, box, BARE, plant=plant)
-    with pytest.raises(InvalidInputError, match=r"^simulated_senses: is 'no'; allowed are True and False"):
+    with pytest.raises(InvalidInputError, match=r"^simulated_senses must be True or False, not 'no'"):
         AddPoseEstimation(builder, hand.config, box, BARE, simulated_senses="no")
     assert builder.empty()
 
@@ -251,7 +271,9 @@ def test_the_names_of_all_that_is_added_must_be_free(hand_name: str, box: Object
     for part in reversed(parts[1:]):
         builder.AddNamedSystem(f"second{part}", PassThrough(1))
         systems = builder.GetSystems()
-        with pytest.raises(InvalidInputError, match=f"^name: is 'second', but another .* is called 'second{part}'"):
+        with pytest.raises(
+            InvalidInputError, match=f"^name must be .*, not 'second', as another .* is called 'second{part}'"
+        ):
             AddPoseTracking(builder, hand.config, box, params, "second", plant=hand)
         assert builder.GetSystems() == systems
     builder.Build()
@@ -263,7 +285,9 @@ def test_a_second_one_needs_another_name(add, box: ObjectModel) -> None:  # type
     config = load_hand_config("shadow_like")
     first = add(builder, config, box)
     name = first.get_name()
-    with pytest.raises(InvalidInputError, match=rf"^name: is '{name}', which .* such as name='{name}_2'"):
+    with pytest.raises(
+        InvalidInputError, match=rf"^name must be one that no other system .* such as '{name}_2', not '{name}'"
+    ):
         add(builder, config, box)
     assert builder.GetSystems() == [first]
     add(builder, config, box, name=f"{name}_2")

@@ -65,7 +65,9 @@ def test_what_is_newer_than_the_last_period_is_shown_when_asked(model: ObjectMod
 
 def test_poses_of_bodies_without_a_palm_frame_are_refused(model: ObjectModel) -> None:
     display = PoseDisplay(RecordingMeshcat(), model)
-    with pytest.raises(PortTypeError, match=r"'body_poses' of system .*: is connected, but the display has no palm_"):
+    with pytest.raises(
+        PortTypeError, match=r"'body_poses' of system .* must not be connected to a display without a palm_"
+    ):
         run(display, contacts=TOUCH, object_pose=X_PO, body_poses=[RigidTransform(), X_WPalm])
 
 
@@ -281,12 +283,12 @@ def test_the_camera_looks_at_a_simulated_object_of_which_nothing_is_known_yet(mo
     ],
 )
 def test_a_bad_parameter_is_named(name: str, value: float) -> None:
-    with pytest.raises(InvalidInputError, match=f"{name}: is {value:g}"):
+    with pytest.raises(InvalidInputError, match=f"{name} must be .*, not {value:g}"):
         PoseDisplayParams(**{name: value}).validate()
 
 
 def test_what_is_no_display_and_no_object_is_refused_at_once(model: ObjectModel) -> None:
-    with pytest.raises(InvalidInputError, match=r"^meshcat: is a NoneType; allowed are a Meshcat, such as from"):
+    with pytest.raises(InvalidInputError, match=r"^meshcat must be a Meshcat, such as from .*, not None"):
         PoseDisplay(None, model)
-    with pytest.raises(InvalidInputError, match=r"^model: is a str; allowed is an ObjectModel"):
+    with pytest.raises(InvalidInputError, match=r"^model must be an ObjectModel, not a str"):
         PoseDisplay(RecordingMeshcat(), "bust")

@@ -161,7 +161,7 @@ def test_the_hands_volume_and_the_collision_check_are_switched(
 
 def test_a_bad_parameter_of_any_part_is_named(hand: HandConfig, model: ObjectModel) -> None:
     params = PoseEstimationParams(estimator=PoseEstimatorParams(period=-1.0))
-    with pytest.raises(InvalidInputError, match=r"PoseEstimatorParams\.period: is -1"):
+    with pytest.raises(InvalidInputError, match=r"PoseEstimatorParams\.period must be .*, not -1"):
         MakePoseEstimation(hand, model, params)
 
 
@@ -193,10 +193,10 @@ def test_the_pads_of_a_hand_without_other_sensors_find_a_ball() -> None:
 @pytest.mark.parametrize("add", [AddPoseEstimation, AddPoseTracking])
 def test_parts_of_another_type_are_named_before_anything_is_added(hand: HandConfig, model: ObjectModel, add) -> None:  # type: ignore[no-untyped-def]
     builder = DiagramBuilder()
-    with pytest.raises(InvalidInputError, match=r"^hand: is a str; allowed is a HandConfig"):
+    with pytest.raises(InvalidInputError, match=r"^hand must be a HandConfig, not a str"):
         add(builder, "shadow_like", model)
-    with pytest.raises(InvalidInputError, match=r"^model: is a str; allowed is an ObjectModel"):
+    with pytest.raises(InvalidInputError, match=r"^model must be an ObjectModel, not a str"):
         add(builder, hand, "bust")
-    with pytest.raises(InvalidInputError, match=r"^params: is a PoseEstimatorParams; allowed is a Pose\w+Params"):
+    with pytest.raises(InvalidInputError, match=r"^params must be a Pose\w+Params, not a PoseEstimatorParams"):
         add(builder, hand, model, PoseEstimatorParams())
     assert builder.empty()

@@ -91,9 +91,9 @@ def test_balance_is_left_out_where_a_force_is_missing(box: ObjectModel) -> None:
 
 def test_an_object_of_unknown_mass_is_refused_at_once() -> None:
     light = brick(0.06, 0.10, 0.14)
-    with pytest.raises(InvalidInputError, match=r"mass of .* is not known; balance needs it"):
+    with pytest.raises(InvalidInputError, match=r"model must have a mass for the balance, but that of .* is not known"):
         Bench(light, balance=True)
-    with pytest.raises(InvalidInputError, match=r"friction: is -0\.1"):
+    with pytest.raises(InvalidInputError, match=r"friction must be .*, not -0\.1"):
         PoseEstimatorParams(friction=-0.1).validate()
 
 

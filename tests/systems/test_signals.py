@@ -58,13 +58,13 @@ def test_a_value_stays_until_the_next() -> None:
 @pytest.mark.parametrize(
     ("times", "values", "message"),
     [
-        ([], [], "times: is empty"),
-        ([0.0, 1.0], [np.zeros(2)], "times: are 2, but values are 1"),
-        ([0.0], [np.zeros(2)] * 2, "times: are 1, but values are 2"),
-        ([0.0, 2.0, 1.0], [np.zeros(2)] * 3, r"times\[2\]: is 1 s; allowed are times in ascending order"),
-        ([np.nan], [np.zeros(2)], r"times\[0\]: is nan s"),
-        ([0.0, np.nan, 1.0], [np.zeros(2)] * 3, r"times\[1\]: is nan s"),
-        (["now"], [np.zeros(2)], "times: not an array of numbers"),
+        ([], [], "times must have 1 or more entries, not 0"),
+        ([0.0, 1.0], [np.zeros(2)], "times must be as many as the values, 1, not 2"),
+        ([0.0], [np.zeros(2)] * 2, "times must be as many as the values, 2, not 1"),
+        ([0.0, 2.0, 1.0], [np.zeros(2)] * 3, r"times must be in ascending order, but times\[2\] is 1 s"),
+        ([np.nan], [np.zeros(2)], r"times must be in ascending order, but times\[0\] is nan s"),
+        ([0.0, np.nan, 1.0], [np.zeros(2)] * 3, r"times must be in ascending order, but times\[1\] is nan s"),
+        (["now"], [np.zeros(2)], r"times\[0\] must be a number, not 'now'"),
     ],
 )
 def test_a_signal_that_cannot_be_played_is_refused(times: list, values: list, message: str) -> None:
@@ -75,9 +75,9 @@ def test_a_signal_that_cannot_be_played_is_refused(times: list, values: list, me
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ([np.zeros(2), np.zeros(3)], r"values\[1\]: has shape \(3,\); allowed is \(2,\)"),
-        ([np.zeros(2), None], r"values\[1\]: not an array of numbers"),
-        ([1.0, 2.0], r"values\[0\]: has shape \(\); allowed is \(n,\)"),
+        ([np.zeros(2), np.zeros(3)], r"values\[1\] must have the shape \(2,\), not \(3,\)"),
+        ([np.zeros(2), None], r"values\[1\].* must (be a number|consist of numbers), not"),
+        ([1.0, 2.0], r"values\[0\] must have the shape \(n,\), not \(\)"),
     ],
 )
 def test_a_vector_is_played_only_of_vectors_of_one_length(values: list, message: str) -> None:
@@ -129,13 +129,17 @@ def test_numbers_of_numpy_and_lists_are_read_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("time", "value", "message"),
     [
-        (0.5, np.ones(2), "time: is 0.5 s, after 1 s; allowed are times that do not fall"),
-        (np.nan, np.ones(2), "time: "),
-        ("now", np.ones(2), "time: not an array of numbers"),
-        (2.0, np.zeros(3), "value of 'a': it differs in kind or length from the signal's others"),
-        (2.0, RigidTransform(), "value of 'a': it differs in kind or length"),
-        (2.0, np.zeros((2, 2)), r"value of 'a': has shape \(2, 2\); allowed is \(n,\)"),
-        (2.0, 0.1, "value of 'a': is a float; allowed are a vector, a RigidTransform, a PosePrior and None"),
+        (0.5, np.ones(2), "time must be at least the last one, 1 s, not 0.5 s"),
+        (np.nan, np.ones(2), "time must be a finite number, not nan"),
+        ("now", np.ones(2), "time must be a number, not 'now'"),
+        (
+            2.0,
+            np.zeros(3),
+            "value of 'a' must be like the others, or None, but it differs in kind or length from the signal's others",
+        ),
+        (2.0, RigidTransform(), "value of 'a' must be like the others, or None, but it differs in kind or length"),
+        (2.0, np.zeros((2, 2)), r"value of 'a' must have the shape \(n,\), not \(2, 2\)"),
+        (2.0, 0.1, "value of 'a' must be a vector, a RigidTransform, a PosePrior or None, not a float"),
     ],
 )
 def test_what_could_not_be_read_again_is_refused(
@@ -162,7 +166,7 @@ def test_a_file_is_good_to_its_last_whole_line(tmp_path: Path) -> None:
         signals, cut = read_signals(path)
         lines = sum(end <= size for end in ends)
         assert sum(len(signal.times) for signal in signals.values()) == lines
-        assert cut == ("" if size in (0, *ends) else f"{path}: is cut off after {lines} whole lines.")
+        assert cut == ("" if size in (0, *ends) else f"{path} is cut off after {lines} whole lines.")
 
 
 @pytest.mark.parametrize(

@@ -120,5 +120,5 @@ def test_there_is_no_prior_before_the_first_frame(object_model: ObjectModel) -> 
 
 
 def test_a_bad_parameter_is_named() -> None:
-    with pytest.raises(InvalidInputError, match=r"SimulatedVisionParams\.period: is 0"):
+    with pytest.raises(InvalidInputError, match=r"SimulatedVisionParams\.period must be .*, not 0"):
         SimulatedVisionParams(period=0.0).validate()

@@ -23,15 +23,18 @@ from tactopose_drake.systems.touch_explorer import TouchExplorer
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: ContactSolver(3), "surfaces: is a int; allowed is a Mapping"),
-        (lambda: FingertipWeight({}, ("thumb",), 22), "weights: is a dict; allowed is a FingertipWeights"),
-        (lambda: MeasuredJoints([1, 2]), r"matrix: has shape \(2,\)"),
-        (lambda: NextTouchChooser("shadow_like", None), "hand: is a str; allowed is a HandConfig"),
-        (lambda: NextTouchChooser(load_hand_config("shadow_like"), "mug.obj"), "model: is a str; allowed is an Object"),
-        (lambda: PalmPose("palm"), "palm_frame: is a str; allowed is a Frame"),
-        (lambda: PlayedValue(3), "signal: is a int; allowed is a Signal"),
-        (lambda: PlayedVector(3), "signal: is a int; allowed is a Signal"),
-        (lambda: TouchExplorer("shadow_like"), "hand: is a str; allowed is a HandConfig"),
+        (lambda: ContactSolver(3), "surfaces must be a Mapping, not an int"),
+        (lambda: FingertipWeight({}, ("thumb",), 22), "weights must be a FingertipWeights, not a dict"),
+        (lambda: MeasuredJoints([1, 2]), r"matrix must have the shape .*, not \(2,\)"),
+        (lambda: NextTouchChooser("shadow_like", None), "hand must be a HandConfig, not a str"),
+        (
+            lambda: NextTouchChooser(load_hand_config("shadow_like"), "mug.obj"),
+            "model must be an ObjectModel, not a str",
+        ),
+        (lambda: PalmPose("palm"), "palm_frame must be a Frame, not a str"),
+        (lambda: PlayedValue(3), "signal must be a Signal, not an int"),
+        (lambda: PlayedVector(3), "signal must be a Signal, not an int"),
+        (lambda: TouchExplorer("shadow_like"), "hand must be a HandConfig, not a str"),
     ],
 )
 def test_arguments_of_another_type_are_named(make: Callable[[], object], message: str) -> None:
@@ -52,19 +55,31 @@ def test_arguments_of_another_type_are_named(make: Callable[[], object], message
 def test_what_is_on_or_off_is_neither_text_nor_a_number(
     params: PoseEstimationParams | PoseEstimatorParams | PoseTrackingParams, name: str
 ) -> None:
-    with pytest.raises(InvalidInputError, match=f"^{name}: is .*; allowed are True and False"):
+    with pytest.raises(InvalidInputError, match=f"^{name} must be True or False, not .*"):
         params.validate()
 
 
 @pytest.mark.parametrize(
     ("params", "message"),
     [
-        (PoseEstimationParams(estimator=PoseTrackingParams()), "PoseEstimationParams.estimator: is a PoseTrackingP"),
-        (PoseEstimationParams(solver={"min_force": 0.1}), "PoseEstimationParams.solver: is a dict; allowed is a Cont"),
-        (PoseTrackingParams(belief={"period": 0.1}), "PoseTrackingParams.belief: is a dict; allowed is a PoseBeliefP"),
-        (PoseTrackingParams(refinement=True), "PoseTrackingParams.refinement: is a bool; allowed is an OffsetRefinem"),
-        (PoseBeliefParams(tracker=None), "PoseBeliefParams.tracker: is a NoneType; allowed is a PoseTrackerParams"),
-        (TouchExplorationParams(chooser=3), "TouchExplorationParams.chooser: is a int; allowed is a NextTouchParams"),
+        (
+            PoseEstimationParams(estimator=PoseTrackingParams()),
+            "PoseEstimationParams.estimator must be a PoseEstimatorParams, not a PoseTrackingParams",
+        ),
+        (
+            PoseEstimationParams(solver={"min_force": 0.1}),
+            "PoseEstimationParams.solver must be a ContactSolverParams, not a dict",
+        ),
+        (
+            PoseTrackingParams(belief={"period": 0.1}),
+            "PoseTrackingParams.belief must be a PoseBeliefParams, not a dict",
+        ),
+        (
+            PoseTrackingParams(refinement=True),
+            "PoseTrackingParams.refinement must be an OffsetRefinementParams, not a bool",
+        ),
+        (PoseBeliefParams(tracker=None), "PoseBeliefParams.tracker must be a PoseTrackerParams, not None"),
+        (TouchExplorationParams(chooser=3), "TouchExplorationParams.chooser must be a NextTouchParams, not an int"),
     ],
 )
 def test_a_part_of_another_type_is_named(

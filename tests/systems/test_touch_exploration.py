@@ -25,5 +25,5 @@ def test_the_diagram_has_the_ports_that_it_says() -> None:
 
 def test_touches_of_several_instants_do_not_balance() -> None:
     params = TouchExplorationParams(estimator=PoseEstimatorParams(balance=True))
-    with pytest.raises(InvalidInputError, match="balance: is True; allowed is False"):
+    with pytest.raises(InvalidInputError, match="balance must be False, not True"):
         params.validate()

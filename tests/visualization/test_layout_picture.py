@@ -53,7 +53,7 @@ def test_the_picture_holds_a_row_for_each_array(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInputError, match="layouts: is empty"):
+    with pytest.raises(InvalidInputError, match="layouts must have 1 or more arrays, not 0"):
         save_layout_picture(tmp_path / "none.png", {})
     with pytest.raises(InvalidInputError, match="layouts"):
         save_layout_picture(tmp_path / "none.png", {"palm": 3})  # type: ignore[dict-item]

@@ -57,9 +57,9 @@ def draw(path: Path, scene: Scene) -> np.ndarray:
 
 
 def test_what_is_no_path_and_no_scene_is_named(model: ObjectModel, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInputError, match=r"^path: is None; allowed is a path"):
+    with pytest.raises(InvalidInputError, match=r"^path must be a path, not None"):
         save_picture(None, Scene(model=model, contacts=TOUCH))  # type: ignore[arg-type]
-    with pytest.raises(InvalidInputError, match=r"^scene: is a NoneType; allowed is a Scene"):
+    with pytest.raises(InvalidInputError, match=r"^scene must be a Scene, not None"):
         save_picture(tmp_path / "picture.png", None)  # type: ignore[arg-type]
 
 

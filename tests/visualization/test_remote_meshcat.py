@@ -119,7 +119,9 @@ def test_a_cone_stands_on_its_tip_with_its_outside_outside(monkeypatch: pytest.M
 def test_other_shapes_are_an_error(server: Server) -> None:
     with (
         RemoteMeshcat(server.url) as meshcat,
-        pytest.raises(InvalidInputError, match="is a Ellipsoid; allowed are Sphere, Cylinder, Box and MeshcatCone"),
+        pytest.raises(
+            InvalidInputError, match="shape must be a Sphere, Cylinder, Box or MeshcatCone, not an Ellipsoid"
+        ),
     ):
         meshcat.SetObject("/a", Ellipsoid(1, 1, 1), Rgba(1, 1, 1))
 
@@ -131,5 +133,5 @@ def test_no_server_is_an_error_and_not_a_wait(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_url_that_is_none_is_an_error() -> None:
-    with pytest.raises(InvalidInputError, match="'nonsense' must be a URL such as"):
+    with pytest.raises(InvalidInputError, match=r"meshcat URL must be one such as .*, not 'nonsense'"):
         RemoteMeshcat("nonsense")

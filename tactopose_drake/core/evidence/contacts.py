@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactopose_drake.core.evidence.contact_variance_kernels import fill_variances
 from tactopose_drake.core.geometry_checks import in_steps, points_near, unit_vectors
 from tactopose_drake.core.plain_values import PlainValue, copied
-from tactopose_drake.core.validation import MOST_FORCE, FloatArray, limited, positive_numbers, shown
+from tactopose_drake.core.validation import MOST_FORCE, FloatArray, kind_name, limited, positive_numbers, shown
 from tactopose_drake.errors import InvalidInputError
 
 # Limits of the sigmas. Beyond them, the information of a contact and of the rest exceed the precision of a double.
@@ -74,7 +74,7 @@ class Contacts(PlainValue):
         p_PC = points_near("p_PC", self.p_PC, (None, 3))
         shape, count = (len(p_PC), 3), len(p_PC)
         if count > _MOST_CONTACTS:
-            raise InvalidInputError(f"p_PC: there are {count} contacts; must be at most {_MOST_CONTACTS}.")
+            raise InvalidInputError(f"p_PC must have at most {_MOST_CONTACTS} contacts, not {count}.")
         n_PC = None if self.n_PC is None else unit_vectors("n_PC", self.n_PC, shape)
         covariance = None if self.covariance is None else _covariances(self.covariance, count)
         sigmas, limits = {name: getattr(self, name) for name in _SIGMAS}, dict(_SIGMAS)
@@ -115,7 +115,7 @@ class Contacts(PlainValue):
             rows = None
         if rows is None or rows.ndim > 1:
             raise InvalidInputError(
-                f"index: is {shown(index)}; allowed are a number, a slice, numbers and a mask of length {len(self)}."
+                f"index must be a number, a slice, numbers or a mask of length {len(self)}, not {shown(index)}."
             )
         arrays = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return self.with_arrays(**{name: None if value is None else value[rows] for name, value in arrays.items()})
@@ -184,18 +184,22 @@ class Contacts(PlainValue):
         """
         if not isinstance(frame, Sized) or not hasattr(frame, "columns"):  # A lazy frame of Polars has no length.
             raise InvalidInputError(
-                f"frame: is a {type(frame).__name__}; allowed is a table with named columns, such as a DataFrame."
+                f"frame must be a table with named columns, such as a DataFrame, not {kind_name(type(frame))}."
             )
         every = [str(name) for name in frame.columns]
         names = {*every}
         if twice := [name for name in _COLUMNS if every.count(name) > 1]:
-            raise InvalidInputError(f"frame: has the column {twice[0]!r} more than once; must be there once.")
+            raise InvalidInputError(
+                f"frame must have the column {twice[0]!r} at most once, not {every.count(twice[0])} times."
+            )
         vectors: dict[str, Any] = {f"{kind}_PC": _vectors(frame, names, kind) for kind in "pnf"}
         if vectors["p_PC"] is None:
-            raise InvalidInputError("frame: has no column 'p_x'; must have p_x, p_y and p_z of the points, m.")
+            raise InvalidInputError(
+                "frame must have the columns p_x, p_y and p_z of the points, m, but lacks all three."
+            )
         for name in _SIGMAS.keys() & names:
             if name in sigmas:
-                raise InvalidInputError(f"{name}: is given, and is a column of the table; allowed is one of them.")
+                raise InvalidInputError(f"{name} must be an argument or a column of the table, not both.")
             sigmas[name] = np.asarray(frame[name])
         return cls(**vectors, **sigmas)
 
@@ -212,12 +216,14 @@ def _vectors(frame: DataFrame, names: Collection[str], kind: str) -> list[list[f
     if len(missing) == len(wanted):
         return None
     if missing:
-        raise InvalidInputError(f"frame: has no column {missing[0]!r}; must have all of {', '.join(wanted)}, or none.")
+        raise InvalidInputError(
+            f"frame must have all of the columns {', '.join(wanted)}, or none, but lacks {missing[0]!r}."
+        )
     columns = [np.atleast_1d(frame[name]).tolist() for name in wanted]
     lengths = [len(column) for column in columns]
     if len(set(lengths)) > 1:
         raise InvalidInputError(
-            f"frame: has {lengths} rows in the columns {', '.join(wanted)}; allowed is the same number in each."
+            f"frame must have as many rows in each of the columns {', '.join(wanted)}, not {lengths}."
         )
     return [list(row) for row in zip(*columns, strict=True)] or np.zeros((0, 3))
 
@@ -233,7 +239,7 @@ def _covariances(value: ArrayLike, count: int) -> FloatArray:
     covariance = limited("covariance", value, (count, 6, 6), most=_MOST_COVARIANCE)
     off = np.abs(covariance - np.swapaxes(covariance, 1, 2)).max(initial=0.0)
     if off > _ROUNDING * np.abs(covariance).max(initial=0.0):
-        raise InvalidInputError(f"covariance: must be symmetric, but is not by up to {off:.3g}.")
+        raise InvalidInputError(f"covariance must be symmetric, not asymmetric by {off:.3g}.")
     return covariance
 
 
@@ -245,7 +251,7 @@ def _check_definite(covariance: FloatArray) -> None:
     least = np.linalg.eigvalsh(covariance / (scale[:, :, None] * scale[:, None, :]))[:, 0]
     if least.min(initial=0.0) < -_ROUNDING:
         raise InvalidInputError(
-            f"covariance[{int(least.argmin())}]: must be positive semidefinite, but some combination of errors has a "
+            f"covariance[{int(least.argmin())}] must be positive semidefinite, but some combination of errors has a "
             "variance below 0."
         )
 
@@ -257,8 +263,8 @@ def _sigmas_of(covariance: FloatArray, n_PC: FloatArray | None) -> tuple[FloatAr
     if variances.min(initial=np.inf) <= 0.0:
         which, row = np.unravel_index(variances.argmin(), variances.shape)
         raise InvalidInputError(
-            f"covariance[{row}]: says {variances[which, row]:.3g} of the {('point', 'normal')[which]}; allowed are "
-            "variances above 0."
+            f"covariance[{row}] must have a variance of the {('point', 'normal')[which]} above 0, not "
+            f"{variances[which, row]:.3g}."
         )
     position, normal = np.sqrt(variances)
     return position, normal

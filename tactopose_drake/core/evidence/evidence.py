@@ -13,7 +13,7 @@ from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.sensing.patches import Patch
-from tactopose_drake.core.validation import MOST_FRICTION, MOST_OUTLIERS, positive_number
+from tactopose_drake.core.validation import MOST_FRICTION, MOST_OUTLIERS, instance_of, kind_name, positive_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 
 # The type of each field, and its public name.
@@ -63,7 +63,7 @@ class Evidence:
         for name, (kind, called) in _KINDS.items():
             value = getattr(self, name)
             if not isinstance(value, kind) and (value is not None or name == "contacts"):
-                raise InvalidInputError(f"{name}: is a {type(value).__name__}; allowed is a {called}.")
+                raise InvalidInputError(f"{name} must be a {called}, not {kind_name(type(value))}.")
         if self.friction is not None:
             object.__setattr__(
                 self, "friction", positive_number("friction", self.friction, allow_zero=True, most=MOST_FRICTION)
@@ -74,19 +74,16 @@ class Evidence:
         object.__setattr__(self, "outlier_probability", outlier_probability)
         for name in ("balance", "friction"):
             if getattr(self, name) is not None and self.contacts.f_PC is None:
-                raise InvalidInputError(f"contacts: have no forces; {name} needs them.")
+                raise InvalidInputError(f"contacts must have forces f_PC for the {name}, not None.")
         if self.balance is not None and not len(self.contacts):
-            raise TooFewContactsError("contacts: there are 0; balance needs at least 1.")
+            raise TooFewContactsError("contacts must be at least 1 for the balance, not 0.")
         for name, kind in _SEQUENCES.items():
             values = getattr(self, name)
             if not isinstance(values, Sequence):
-                raise InvalidInputError(
-                    f"{name}: is a {type(values).__name__}; allowed is a sequence of {kind.__name__}."
-                )
+                raise InvalidInputError(f"{name} must be a sequence of {kind.__name__}, not {kind_name(type(values))}.")
             object.__setattr__(self, name, tuple(values))
             for i, value in enumerate(values):
-                if not isinstance(value, kind):
-                    raise InvalidInputError(f"{name}[{i}]: is a {type(value).__name__}; allowed is a {kind.__name__}.")
+                instance_of(f"{name}[{i}]", value, kind)
 
     def rounded(self) -> "Evidence":
         """The evidence with positions rounded to a nanometre and directions to a nanoradian.

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.geometry_checks import FARTHEST, points_near
 from tactopose_drake.core.plain_values import PlainValue, copied
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, positive_numbers
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import FloatArray, check_count, positive_number, positive_numbers
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -33,12 +32,8 @@ class HandGeometry(PlainValue):
 
     def __post_init__(self) -> None:
         p_PH = points_near("p_PH", self.p_PH, (None, 3))
-        radius = finite_array("radius", self.radius, (len(p_PH),))
-        if not len(p_PH):
-            raise InvalidInputError("p_PH: is empty; must have at least one sphere.")
-        if radius.min() <= 0.0:
-            raise InvalidInputError(f"radius: holds {radius.min():g}; allowed are numbers > 0.")
-        positive_numbers("radius", radius, radius.shape, least=1e-6, most=FARTHEST)
+        check_count("p_PH", len(p_PH), "spheres")
+        radius = positive_numbers("radius", self.radius, (len(p_PH),), least=1e-6, most=FARTHEST)
         object.__setattr__(self, "sigma", positive_number("sigma", self.sigma, least=1e-7, most=FARTHEST))
         for name, value in (("p_PH", p_PH), ("radius", radius)):
             value.setflags(write=False)

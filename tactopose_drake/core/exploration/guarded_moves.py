@@ -38,7 +38,7 @@ class GuardedMoves:
     def __post_init__(self) -> None:
         tip = finite_array("tip", self.tip, (None, None, 3))
         if tip.shape[1] < 2:
-            raise InvalidInputError(f"tip: has shape {tip.shape}; must have at least two places along each motion.")
+            raise InvalidInputError(f"tip must have at least 2 places along each motion, not {tip.shape[1]}.")
         body_radius = finite_array("body_radius", self.body_radius, (None,))
         body = finite_array("body", self.body, (*tip.shape[:2], len(body_radius), 3))
         radius = positive_number("radius", self.radius, allow_zero=True)

@@ -70,7 +70,7 @@ class Hold:
     def __post_init__(self) -> None:
         if len(self.fingers) != len(self.contacts):
             raise InvalidInputError(
-                f"fingers: are {len(self.fingers)} names; allowed are as many as contacts, {len(self.contacts)}."
+                f"fingers must be as many names as there are contacts, {len(self.contacts)}, not {len(self.fingers)}."
             )
 
     def is_stable_without(self, finger: str, model: ObjectModel, X_PO: FloatArray) -> bool:
@@ -198,7 +198,7 @@ def _shares_of(candidates: Sequence[Candidate]) -> FloatArray:
     """The candidates' probabilities, scaled to sum to 1."""
     given = limited("candidates.probability", [each.probability for each in candidates], (len(candidates),), most=1e100)
     if not len(given) or given.min() < 0.0 or not given.sum() > 0.0:
-        raise InvalidInputError(f"candidates.probability: are {given}; allowed are numbers >= 0, one of them > 0.")
+        raise InvalidInputError(f"candidates.probability must be numbers >= 0, one of them > 0, not {given}.")
     shares: FloatArray = given / given.sum()
     return shares
 

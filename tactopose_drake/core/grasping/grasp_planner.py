@@ -103,7 +103,7 @@ def plan_grasps(
     """
     params.validate()
     for name in params.fingers:
-        known_name("PlannerParams.fingers", name, hand.fingers)
+        known_name("each name in PlannerParams.fingers", name, hand.fingers)
     refusals = Refusals() if refusals is None else refusals
     plans: list[GraspPlan] = []
     for is_free in (False, True):

@@ -51,8 +51,8 @@ def find_grip_region(
         value[clear] = _togetherness(places[clear], [replace(each, axis=None) for each in tips], params)
     if value.max(initial=0.0) < least:
         raise InvalidInputError(
-            "HandConfig.grip_low, grip_high: are empty, and no place beside the palm is between two fingertips; "
-            "check the hand's joint limits and frames."
+            "HandConfig.grip_low and grip_high must be given, as no place beside the palm is between two fingertips. "
+            "Check the hand's joint limits and frames."
         )
     corners = np.array([_middle(axis, value**_SHARPNESS, along) for along, axis in enumerate(axes)])
     widen = np.maximum(0.5 * (_LEAST_SIDE - (corners[:, 1] - corners[:, 0])), 0.0)

@@ -21,8 +21,7 @@ from tactopose_drake.core.grasping.quality import grasp_quality
 from tactopose_drake.core.grasping.wrench_space import WrenchSpace, cone_wrenches
 from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import FloatArray, whole_number
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -84,10 +83,8 @@ def improvement_map(
     Raises:
         InvalidInputError: if `finger` or `points` is out of range, or `grasp_quality` rejects an input.
     """
-    if not 0 <= finger < len(contacts):
-        raise InvalidInputError(f"finger: is {finger}; allowed are numbers from 0 to {len(contacts) - 1}.")
-    if not 1 <= points <= len(model.samples):
-        raise InvalidInputError(f"points: is {points}; allowed are numbers from 1 to {len(model.samples)}.")
+    whole_number("finger", finger, least=0, most=len(contacts) - 1)
+    whole_number("points", points, least=1, most=len(model.samples))
     now = grasp_quality(model, contacts, X_PO, friction=friction, edges=edges)
     some = np.linspace(0, len(model.samples) - 1, points).astype(np.intp)
     p_OQ, n_OQ = model.samples.points[some], model.samples.normals[some]

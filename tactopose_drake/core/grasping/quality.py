@@ -127,7 +127,7 @@ def grasp_quality(
     elif task is not None:
         task = limited("task", task, (None, 6), most=_MOST_TASK)
         if not task.any():
-            raise InvalidInputError("task: every wrench is zero; at least one must not be.")
+            raise InvalidInputError("task must have at least one wrench that is not zero.")
     n_OQ = None if contacts.n_PC is None else contacts.n_PC @ X[:, :3]
     p_OC, n_OC, distance = on_surface(model, (contacts.p_PC - X[:, 3]) @ X[:, :3], n_OQ)
     space = WrenchSpace(cone_wrenches(p_OC - model.center_of_mass, n_OC, friction, edges, length), norm)

@@ -79,10 +79,10 @@ def arrange(
     body = mesh_topology.body_labels(faces)
     volume = volumes(vertices, faces, body)
     if not np.any(volume):
-        raise InvalidMeshError("is flat: it encloses no volume.")
+        raise InvalidMeshError("must enclose a volume, but is flat.")
     debris = is_debris(np.abs(volume), params)
     if len(volume) - debris.sum() > _MOST_BODIES:
-        raise InvalidMeshError(f"has {len(volume)} separate bodies; must be at most {_MOST_BODIES}.")
+        raise InvalidMeshError(f"must have at most {_MOST_BODIES} separate bodies, not {len(volume)}.")
     if debris.any():
         repairs.append(
             f"dropped {counted(debris.sum(), 'separate piece', 'separate pieces')} of less than "

@@ -50,8 +50,8 @@ def without_flat_faces(vertices: FloatArray, faces: IntArray, size: float, repai
             return faces
     place = np.round(vertices[faces[flat][0]].mean(axis=0), 4).tolist()
     raise InvalidMeshError(
-        f"has faces without area that cannot be removed, one of {int(flat.sum())} at {place} m; allowed are faces "
-        "whose corners do not lie on one line."
+        f"must have faces whose corners do not lie on one line, but {int(flat.sum())}, one of them at {place} m, have "
+        "no area and cannot be removed."
     )
 
 

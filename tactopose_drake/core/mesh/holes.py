@@ -59,9 +59,8 @@ def close_holes(
         agreement = _agreement(closed_vertices, faces, closed_faces, size, params.voting_nodes)
         if agreement < params.agreement:
             raise InvalidMeshError(
-                f"is open, and inside cannot be told from outside: views from six sides agree on "
-                f"{math.floor(100 * agreement)} % of the surface; must be at least {100 * params.agreement:.0f} %. "
-                f"{holes}."
+                f"is open, and inside cannot be told from outside: views from six sides must agree on at least "
+                f"{100 * params.agreement:.0f} % of the surface, not {math.floor(100 * agreement)} %. {holes}."
             )
         repairs.append(f"closed the open mesh. {holes}")
     return closed_vertices, closed_faces
@@ -87,7 +86,7 @@ def _without_open_debris(vertices: FloatArray, faces: IntArray, repairs: list[st
     debris[body[len(faces) :]] = True
     debris &= mesh_bodies.is_debris(volume, _DEBRIS)
     if not np.any(volume):
-        raise InvalidMeshError(f"is flat or loose: none of its {len(volume)} pieces encloses a volume.")
+        raise InvalidMeshError(f"must enclose a volume, but none of its {len(volume)} pieces does.")
     if debris.any():
         repairs.append(
             f"dropped {counted(debris.sum(), 'open piece', 'open pieces')} around less than "

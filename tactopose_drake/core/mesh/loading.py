@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.mesh.mesh_documents import check_document
 from tactopose_drake.core.mesh.plain_obj import LARGEST_PLAIN, plain_obj
-from tactopose_drake.core.validation import FloatArray, shown
+from tactopose_drake.core.validation import FloatArray, kind_name, shown
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, InvalidMeshError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -76,16 +76,16 @@ def mesh_file(source: str | Path) -> Path:
         there, is_folder = path.is_file(), path.is_dir()
     except (OSError, RuntimeError, ValueError) as error:  # too long, no such home, or an invalid character
         reason = getattr(error, "strerror", None) or error
-        raise InvalidFileError(f"{shown(str(source))}: must be a file's path ({reason}).") from None
+        raise InvalidFileError(f"mesh must be a file's path, not {shown(str(source))} ({reason}).") from None
     if is_folder:
-        raise InvalidFileError(f"{path}: is a folder; allowed is a file.")
+        raise InvalidFileError(f"{path} must be a file, not a folder.")
     if not there:
         raise InvalidFileError(f"{path}: there is no such file.")
     if path.suffix.lower() not in _FORMATS:
-        raise UnknownNameError(f"{path}: mesh format", path.suffix, _FORMATS)
+        raise UnknownNameError(f"{path}: the mesh format", path.suffix, _FORMATS)
     size = path.stat().st_size
     if size > LARGEST_FILE:
-        raise InvalidFileError(f"{path}: has {size} bytes; must be at most {LARGEST_FILE}.")
+        raise InvalidFileError(f"{path} must have at most {LARGEST_FILE} bytes, not {size}.")
     return path
 
 
@@ -107,7 +107,7 @@ def load_mesh(source: MeshSource) -> RawMesh:
     if isinstance(source, trimesh.Scene | trimesh.Trimesh):
         return _joined(source, "mesh")
     raise InvalidInputError(
-        f"mesh: is a {type(source).__name__}; allowed are a file's path, a trimesh.Trimesh and a trimesh.Scene."
+        f"mesh must be a file's path, a trimesh.Trimesh or a trimesh.Scene, not {kind_name(type(source))}."
     )
 
 
@@ -148,7 +148,7 @@ def _read(path: Path) -> RawMesh:
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         if len(reason) > _LONGEST_REASON:
             reason = f"{reason[:_LONGEST_REASON]}..."
-        raise InvalidFileError(f"{path}: cannot be read as a mesh ({reason}).") from error
+        raise InvalidFileError(f"{path} cannot be read as a mesh ({reason}).") from error
 
 
 def _in_metres(mesh: RawMesh, unit: str | None, path: Path) -> RawMesh:
@@ -162,14 +162,14 @@ def _in_metres(mesh: RawMesh, unit: str | None, path: Path) -> RawMesh:
     except ValueError:
         metres = np.nan
     if not 0.0 < metres < np.inf:
-        raise InvalidFileError(f"{path}: states the unit {shown(unit)}; allowed are lengths, such as millimeter.")
+        raise InvalidFileError(f"{path}: the unit must be one of length, such as millimeter, not {shown(unit)}.")
     return RawMesh(metres * mesh.vertices, mesh.faces)
 
 
 def _check_counts(name: str, faces: int, vertices: int) -> None:
     for what, count, most in (("faces", faces, MOST_FACES), ("vertices", vertices, MOST_VERTICES)):
         if count > most:
-            raise InvalidMeshError(f"{name}: has {count} {what}; must be at most {most}.")
+            raise InvalidMeshError(f"{name} must have at most {most} {what}, not {count}.")
 
 
 def _joined(source: trimesh.Trimesh | trimesh.Scene, name: str) -> RawMesh:

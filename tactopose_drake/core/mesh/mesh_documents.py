@@ -39,13 +39,13 @@ def check_document(path: Path, largest: int) -> None:
         tree = _gltf_tree(path.read_bytes(), ending)
         rows = sum(int(accessor["count"]) for accessor in tree.get("accessors", []))
         if rows > _MOST_GLTF_NUMBERS:
-            raise InvalidFileError(f"{path}: lists {rows} rows of numbers; must be at most {_MOST_GLTF_NUMBERS}.")
+            raise InvalidFileError(f"{path} must list at most {_MOST_GLTF_NUMBERS} rows of numbers, not {rows}.")
         if len(tree.get("nodes", [])) > MOST_PARTS:
-            raise InvalidFileError(f"{path}: has {len(tree['nodes'])} nodes; must be at most {MOST_PARTS}.")
+            raise InvalidFileError(f"{path} must have at most {MOST_PARTS} nodes, not {len(tree['nodes'])}.")
     for content in _descriptions(path, largest):
         parts = _count_parts(content)
         if parts > MOST_PARTS:
-            raise InvalidFileError(f"{path}: places too many parts; must be at most {MOST_PARTS}.")
+            raise InvalidFileError(f"{path} must place at most {MOST_PARTS} parts.")
 
 
 def _gltf_tree(content: bytes, ending: str) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def _descriptions(path: Path, largest: int) -> Iterator[bytes]:
             # No reader unpacks more of an entry than the archive's directory states.
             size = sum(entry.file_size for entry in archive.infolist())
             if size > largest:
-                raise InvalidFileError(f"{path}: unpacks to {size} bytes; must be at most {largest}.")
+                raise InvalidFileError(f"{path} must unpack to at most {largest} bytes, not {size}.")
             for entry in archive.infolist():
                 if entry.filename.lower().endswith((".model", ".dae")):
                     yield archive.read(entry)

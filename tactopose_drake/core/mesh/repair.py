@@ -81,41 +81,44 @@ def repair_mesh(raw: RawMesh, name: str) -> RepairedMesh:
         vertices, faces = _compact(vertices, without_flat_faces(vertices, faces, size, repairs))
         properties = solid_properties(vertices, faces)
     except (InvalidMeshError, MeshUnitsError) as error:
-        raise type(error)(f"{name}: {error}") from None
+        raise type(error)(f"{name} {error}") from None
     return RepairedMesh(vertices, faces.astype(np.int32), tuple(repairs), properties)
 
 
 def _check(raw: RawMesh) -> float:
     """Checks faces, indices and vertices, and that the size is that of an object in metres; returns the size."""
     if not len(raw.faces):
-        raise InvalidMeshError("has no faces: it is empty, cut short, or made of points alone.")
+        raise InvalidMeshError("must have faces, but is empty, cut short, or made of points alone.")
     bad = np.flatnonzero(np.any((raw.faces < 0) | (raw.faces >= len(raw.vertices)), axis=1))
     if len(bad):
         raise InvalidMeshError(
-            f"face {bad[0]} is {raw.faces[bad[0]].tolist()}; allowed are vertex numbers below {len(raw.vertices)}."
+            f"must have faces of vertex numbers from 0 to {len(raw.vertices) - 1}, not of "
+            f"{raw.faces[bad[0]].tolist()} as face {bad[0]}."
         )
     used = np.unique(raw.faces)
     bad = used[np.any(~np.isfinite(raw.vertices[used]), axis=1)]
     if len(bad):
-        raise InvalidMeshError(f"vertex {bad[0]} is {raw.vertices[bad[0]].tolist()}; allowed are finite numbers.")
+        raise InvalidMeshError(
+            f"must have vertices of finite numbers, not of {raw.vertices[bad[0]].tolist()} as vertex {bad[0]}."
+        )
     lower, upper = raw.vertices[used].min(axis=0), raw.vertices[used].max(axis=0)
     with np.errstate(over="ignore"):  # an infinite size is rejected below
         extents = upper - lower
         size = float(np.linalg.norm(extents))
     if size == 0.0:
-        raise InvalidMeshError("is a single point; must have a volume.")
+        raise InvalidMeshError("must enclose a volume, but is a single point.")
     if not SMALLEST_SIZE <= size <= LARGEST_SIZE:
         measures = " x ".join(f"{extent:.3g}" for extent in extents)
         cure = "by 0.001 if it is in millimetres" if size > LARGEST_SIZE else "by 1000 if it was scaled down twice"
         raise MeshUnitsError(
-            f"measures {measures} m, diagonal {size:.3g} m; allowed are diagonals of {SMALLEST_SIZE:g} to "
-            f"{LARGEST_SIZE:g} m. Scale it {cure}: `scale=`, `--scale`, or `scale:` in a library.yaml."
+            f"must have a diagonal from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} m, not {size:.3g} m; it measures "
+            f"{measures} m. Scale it {cure}: `scale=`, `--scale`, or `scale:` in a library.yaml."
         )
     distance = float(np.linalg.norm(0.5 * (lower + upper)))
     if distance > FARTHEST * size:
         raise InvalidMeshError(
-            f"lies {distance:.3g} m from the origin of its frame, {distance / size:.3g} times its size; allowed are "
-            f"{FARTHEST:g} times. Move it near the origin."
+            f"must lie at most {FARTHEST:g} times its size from the origin of its frame, not {distance / size:.3g} "
+            f"times, {distance:.3g} m. Move it near the origin."
         )
     return size
 
@@ -174,7 +177,7 @@ def _make_manifold(vertices: FloatArray, faces: IntArray, repairs: list[str]) ->
         repairs.append(f"removed {counted(collapsed.sum(), 'face', 'faces')} with two corners in one place")
         faces = faces[~collapsed]
         if not len(faces):
-            raise InvalidMeshError("has no faces but degenerate ones.")
+            raise InvalidMeshError("must have faces with an area, but all are degenerate.")
     faces = _without_repeated_faces(faces, repairs)
     links = mesh_topology.link_faces(faces)
     faces, turned = mesh_topology.agree_on_sides(faces, links.pairs)

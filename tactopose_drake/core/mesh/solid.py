@@ -46,14 +46,14 @@ def solid_properties(vertices: FloatArray, faces: AnyIntArray) -> SolidPropertie
             in each direction, or volume, centroid or inertia are physically impossible.
     """
     if not len(faces) or faces.min() < 0 or faces.max() >= len(vertices) or not np.isfinite(vertices).all():
-        raise InvalidMeshError("has no faces, or faces of vertices that do not exist.")
+        raise InvalidMeshError("must have faces, all of them of finite vertices that exist.")
     _check_closed(faces)
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     size = float(np.linalg.norm(upper - lower))
     middle = 0.5 * (lower + upper)
     area = 0.5 * float(np.linalg.norm(cross_products(vertices, faces), axis=1).sum())
     if volumes(vertices, faces)[0] <= _FLAT_BODY * size * area:
-        raise InvalidMeshError("is flat: it encloses no volume.")
+        raise InvalidMeshError("must enclose a volume, but is flat.")
     volume, centroid, inertia = _integrals((vertices - middle)[faces])
     centroid += middle
     moments = np.linalg.eigvalsh(inertia)
@@ -66,7 +66,7 @@ def solid_properties(vertices: FloatArray, faces: AnyIntArray) -> SolidPropertie
         or volume > (1.0 + _ROUNDING) * float(np.prod(upper - lower))
     ):
         raise InvalidMeshError(
-            f"passes through itself, so that parts of it are inside out: the integrals over it are those of no body "
+            f"must not pass through itself, but parts of it are inside out: the integrals over it are those of no body "
             f"(volume {volume:.3g} m^3, principal moments {', '.join(f'{moment:.3g}' for moment in moments)} kg m^2 at "
             f"{DENSITY:g} kg/m^3)."
         )
@@ -93,6 +93,6 @@ def _check_closed(faces: AnyIntArray) -> None:
     alone = 0 if np.array_equal(there, back) else int(np.setdiff1d(there, back).size)
     if repeated or alone or not np.array_equal(there, back):
         raise InvalidMeshError(
-            f"is not closed after all repairs: {counted(alone, 'edge has', 'edges have')} no face beyond, "
+            f"must be closed after all repairs, but {counted(alone, 'edge has', 'edges have')} no face beyond, "
             f"{counted(repeated, 'edge is', 'edges are')} of more than two faces."
         )

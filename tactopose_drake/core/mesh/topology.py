@@ -119,7 +119,7 @@ def agree_on_sides(faces: IntArray, pairs: IntArray) -> tuple[IntArray, int]:
     majority = np.bincount(body, weights=turned, minlength=bodies) * 2 > np.bincount(body, minlength=bodies)
     turned ^= majority[body]
     if np.any(clash != (turned[rows] != turned[columns])):
-        raise InvalidMeshError("has only one side, like a Moebius strip; must have an inside.")
+        raise InvalidMeshError("must have an inside, not only one side, like a Moebius strip.")
     return np.where(turned[:, None], faces[:, ::-1], faces), int(turned.sum())
 
 
@@ -142,8 +142,8 @@ def pair_around_edge(vertices: FloatArray, faces: IntArray, crowd: IntArray) -> 
     along = start == a
     place = np.round(0.5 * (vertices[a] + vertices[b]), 4).tolist()
     error = InvalidMeshError(
-        f"is not manifold: {len(crowd)} faces share the edge at {place} m and enclose no bodies; "
-        "allowed are edges of two faces, or of bodies that touch."
+        f"must be manifold, with edges of two faces, or of bodies that touch, not with {len(crowd)} faces that share "
+        f"the edge at {place} m and enclose no bodies."
     )
     if along.sum() * 2 != len(crowd):
         raise error

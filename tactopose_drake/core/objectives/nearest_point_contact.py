@@ -41,7 +41,7 @@ class NearestPointContact(DifferencedObjective):
             InvalidInputError: if the contacts have no normals.
         """
         if contacts.n_PC is None:
-            raise InvalidInputError("contacts: have no normals; this objective needs them.")
+            raise InvalidInputError("contacts must have normals n_PC for this objective, not None.")
         self._p_PC, self._n_PC = contacts.p_PC, contacts.n_PC
         self._tree, self._normals = cKDTree(points), normals
         self._normal_weight, self._ranks = normal_weight, np.arange(1, min(neighbours, len(points)) + 1)

@@ -42,7 +42,7 @@ class PointCloudContact(DifferencedObjective):
             InvalidInputError: if w_n > 0 and the contacts have no normals.
         """
         if normal_weight > 0 and contacts.n_PC is None:
-            raise InvalidInputError("contacts: have no normals; normal_weight > 0 needs them.")
+            raise InvalidInputError("contacts must have normals n_PC for a normal_weight > 0, not None.")
         self._p_PC = contacts.p_PC
         self._n_PC = np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC
         self._normal_weight = normal_weight

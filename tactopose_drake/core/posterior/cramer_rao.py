@@ -91,7 +91,7 @@ def cramer_rao_bound(
         InvalidInputError: if a pose is invalid.
     """
     if len(contacts) < 1:
-        raise TooFewContactsError("contacts: there are 0; the bound needs at least 1.")
+        raise TooFewContactsError("contacts must be at least 1 for the bound, not 0.")
     X_true = pose_matrix("X_PO", X_PO)
     touch = SurfaceContact(model.grid, contacts).normal_equations(X_true[None]).hessian[0]
     free = free_directions(touch[None], model.size)[0]

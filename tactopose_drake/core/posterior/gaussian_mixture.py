@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.geometry_checks import FARTHEST
 from tactopose_drake.core.poses import retract
-from tactopose_drake.core.validation import FloatArray, instance_of, limited
+from tactopose_drake.core.validation import FloatArray, check_count, instance_of, limited
 from tactopose_drake.errors import InvalidInputError
 
 # Bounds on a mixture from outside, far beyond any real belief; products of such numbers are still finite.
@@ -72,8 +72,7 @@ def checked_mixture(name: str, value: object) -> GaussianMixture:
     X_PO = limited(f"{name}.X_PO", value.X_PO, (None, 3, 4), most=FARTHEST)
     weights = limited(f"{name}.weights", value.weights, (len(X_PO),), most=_MOST_WEIGHT)
     covariance = limited(f"{name}.covariance", value.covariance, (len(X_PO), 6, 6), most=_MOST_VARIANCE)
-    if not len(X_PO):
-        raise InvalidInputError(f"{name}: has no mode; must have at least one.")
+    check_count(name, len(X_PO), "modes")
     if weights.min() < 0.0 or not weights.sum() > 0.0:
-        raise InvalidInputError(f"{name}.weights: are {weights}; allowed are numbers >= 0, one of them > 0.")
+        raise InvalidInputError(f"{name}.weights must be numbers >= 0, one of them > 0, not {weights}.")
     return GaussianMixture(X_PO, weights / weights.sum(), covariance)

@@ -201,12 +201,14 @@ def check_mass(model: ObjectModel) -> None:
     """
     if not model.mass_is_known:
         raise InvalidInputError(
-            f"model: the mass of {model.name!r} is not known; balance needs it: `ObjectModel.from_mesh(mass=...)`."
+            f"model must have a mass for the balance, but that of {model.name!r} is not known. Give it by "
+            "`ObjectModel.from_mesh(mass=...)`."
         )
     images = transform_points(model.symmetry_turns, model.center_of_mass[None])
     moved = float(np.linalg.norm(images - model.center_of_mass, axis=-1).max())
     if moved > _SAME_CENTER * model.size:
         raise InvalidInputError(
-            f"model: symmetries of {model.name!r} move its centre of mass by {1e3 * moved:.2g} mm; balance needs a "
-            "model without them: `ObjectModel.from_mesh(symmetry=...)`."
+            f"model must have only symmetries that keep its centre of mass for the balance, not those of "
+            f"{model.name!r}, which move it by {1e3 * moved:.2g} mm. Choose them by "
+            "`ObjectModel.from_mesh(symmetry=...)`."
         )

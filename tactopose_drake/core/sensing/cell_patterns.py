@@ -6,7 +6,7 @@ import numpy as np
 
 from tactopose_drake.core.geometry_checks import unit_vectors
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+from tactopose_drake.core.validation import FloatArray, check_count, finite_array, positive_number
 from tactopose_drake.errors import InvalidInputError
 
 _MAX_CELLS = 10_000  # of an array; the finest real ones have some hundreds
@@ -29,7 +29,7 @@ class CornerPattern:
         Raises:
             InvalidInputError: a value out of its range; the message names it.
         """
-        _check_count("CornerPattern.cells", len(self.cells))
+        check_count("CornerPattern.cells", len(self.cells), "cells", most=_MAX_CELLS)
         corners = finite_array("CornerPattern.cells", self.cells, (None, 4, 3))
         across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
         length = np.linalg.norm(across, axis=1, keepdims=True)
@@ -55,12 +55,12 @@ class PointPattern:
         Raises:
             InvalidInputError: a value out of its range; the message names it.
         """
-        _check_count("PointPattern.points", len(self.points))
+        check_count("PointPattern.points", len(self.points), "points", most=_MAX_CELLS)
         points = finite_array("PointPattern.points", self.points, (None, 3))
         normals = unit_vectors("PointPattern.normals", self.normals or [[0.0, 0.0, 1.0]], (None, 3))
         if len(normals) not in (1, len(points)):
             raise InvalidInputError(
-                f"PointPattern.normals: are {len(normals)} for {len(points)} points; must be one, or as many."
+                f"PointPattern.normals must be 1, or as many as the {len(points)} points, not {len(normals)}."
             )
         edge = positive_number("PointPattern.cell", self.cell)
         along = unit_vectors("PointPattern.along", self.along, (3,))
@@ -76,11 +76,6 @@ def _edges(normals: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArr
     length = np.linalg.norm(first, axis=1, keepdims=True)
     if not np.all(length > 1e-3):
         cell = int(np.argmin(length))
-        raise InvalidInputError(f"PointPattern.along: is the normal of cell {cell}; must be another direction.")
+        raise InvalidInputError(f"PointPattern.along must be another direction than the normal of cell {cell}.")
     first /= length
     return first, np.cross(normals, first)
-
-
-def _check_count(name: str, count: int) -> None:
-    if not 1 <= count <= _MAX_CELLS:
-        raise InvalidInputError(f"{name}: are {count}; allowed are 1 to {_MAX_CELLS}.")

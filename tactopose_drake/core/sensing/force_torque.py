@@ -11,8 +11,7 @@ import math
 import numpy as np
 
 from tactopose_drake.core.poses import skew
-from tactopose_drake.core.validation import FloatArray, finite_array
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_numbers
 
 AXES = ("m_x", "m_y", "m_z", "f_x", "f_y", "f_z")
 GRAVITY_W = np.array([0.0, 0.0, -9.81])
@@ -40,12 +39,10 @@ class ForceTorqueModel:
         Raises:
             InvalidInputError: a list that is not six finite numbers, a range <= 0, a resolution or noise < 0.
         """
-        for name in ("range", "resolution", "noise", "bias", "drift"):
-            values = finite_array(f"ForceTorqueModel.{name}", getattr(self, name), (6,))
-            if name == "range" and values.min() <= 0:
-                raise InvalidInputError(f"ForceTorqueModel.range: holds {values.min():g}; allowed are numbers > 0.")
-            if name in ("resolution", "noise") and values.min() < 0:
-                raise InvalidInputError(f"ForceTorqueModel.{name}: holds {values.min():g}; allowed are numbers >= 0.")
+        for name in ("range", "resolution", "noise"):
+            positive_numbers(f"ForceTorqueModel.{name}", getattr(self, name), (6,), allow_zero=name != "range")
+        for name in ("bias", "drift"):
+            finite_array(f"ForceTorqueModel.{name}", getattr(self, name), (6,))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -49,7 +49,7 @@ class HeightMapSensor:
     def __post_init__(self) -> None:
         if isinstance(self.pixel, list | tuple) and len(self.pixel) != 2:
             raise InvalidInputError(
-                f"HeightMapSensor.pixel: is {self.pixel}; allowed are one number, or two: along rows, along columns."
+                f"HeightMapSensor.pixel must be one number, or two, along rows and along columns, not {self.pixel}."
             )
         for size in self.pixel_size:
             positive_number("HeightMapSensor.pixel", size, most=0.01)
@@ -59,8 +59,8 @@ class HeightMapSensor:
         whole_number("HeightMapSensor.most_cells", self.most_cells, least=8, most=10_000)
         if self.most_depth <= self.least_depth:
             raise InvalidInputError(
-                f"HeightMapSensor.most_depth: is {self.most_depth:g}; allowed are numbers > least_depth = "
-                f"{self.least_depth:g}."
+                f"HeightMapSensor.most_depth must be a number > least_depth = {self.least_depth:g}, not "
+                f"{self.most_depth:g}."
             )
 
     @property
@@ -92,8 +92,8 @@ class HeightMapSensor:
         chosen = _worth_keeping(blocks > self.least_depth, self.most_cells)
         if np.isnan(blocks[chosen]).all():
             raise InvalidInputError(
-                f"depth: is known at {np.count_nonzero(~np.isnan(depth))} of {depth.size} pixels; allowed is a map "
-                "that is mostly known somewhere."
+                "depth must be mostly known somewhere, not only at scattered pixels, "
+                f"{np.count_nonzero(~np.isnan(depth))} of {depth.size}."
             )
         along_rows, along_columns = self.pixel_size
         x, y = _middles(depth.shape[1], width) * along_rows, _middles(depth.shape[0], width) * along_columns
@@ -113,19 +113,19 @@ def _checked(depth: ArrayLike, mask: ArrayLike | None) -> FloatArray:
     """Depths (rows, columns), clipped at 0, and 0 outside the mask."""
     values = number_array("depth", depth, (None, None))
     if not 0 < values.size <= _MOST_PIXELS:
-        raise InvalidInputError(f"depth: has {values.size} pixels; allowed are 1 to {_MOST_PIXELS:g}.")
+        raise InvalidInputError(f"depth must have 1 to {_MOST_PIXELS:g} pixels, not {values.size}.")
     if mask is not None:
         touches = np.asarray(mask)
         if touches.dtype != np.bool_ or touches.shape != values.shape:
             raise InvalidInputError(
-                f"mask: is of {touches.dtype} and shape {touches.shape}; allowed are booleans of shape {values.shape}."
+                f"mask must be booleans of shape {values.shape}, not {touches.dtype} of shape {touches.shape}."
             )
         values = np.where(touches | np.isnan(values), values, 0.0)
     deepest = np.nanmax(np.abs(values), initial=0.0)
     if not deepest <= DEEPEST:
-        raise InvalidInputError(f"depth: holds {deepest:g} m; allowed are numbers up to {DEEPEST:g}, and NaN.")
+        raise InvalidInputError(f"depth must be numbers from {-DEEPEST:g} to {DEEPEST:g} m, or NaN, not {deepest:g} m.")
     if np.isnan(values).all():
-        raise InvalidInputError("depth: every pixel is NaN; a map has at least 1 that is known.")
+        raise InvalidInputError("depth must be known at one pixel or more, but is NaN everywhere.")
     return np.maximum(values, 0.0)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactopose_drake.core.geometry_checks import points_near
-from tactopose_drake.core.validation import FloatArray, limited, number_array, positive_number
+from tactopose_drake.core.validation import FloatArray, check_count, limited, number_array, positive_number
 from tactopose_drake.errors import InvalidInputError
 
 DEEPEST = 0.1
@@ -21,13 +21,12 @@ _ROUNDING = 1e-9  # relative to a covariance's largest entry, and to the largest
 def checked_cells(value: ArrayLike) -> FloatArray:
     """Checks cells (n, 3), m."""
     p_PT = points_near("p_PT", value, (None, 3))
-    if len(p_PT) == 0:
-        raise InvalidInputError("p_PT: is empty; must have at least one cell.")
+    check_count("p_PT", len(p_PT), "cells")
     extent = float(np.ptp(p_PT, axis=0).max())
     if extent > _LARGEST:
         raise InvalidInputError(
-            f"p_PT: the cells are spread over {extent:g} m; must be at most {_LARGEST:g} m. Multiply by 0.001 what "
-            "is in millimetres."
+            f"p_PT must be spread over at most {_LARGEST:g} m, not {extent:g} m. Multiply by 0.001 what is in "
+            "millimetres."
         )
     return p_PT
 
@@ -36,14 +35,14 @@ def check_depths(alpha: float, pressure: FloatArray, threshold: float) -> None:
     """Raises InvalidInputError if a live cell's depth, or the threshold's, exceeds `DEEPEST`."""
     if alpha * threshold > (1.0 + _ROUNDING) * DEEPEST:
         raise InvalidInputError(
-            f"threshold: {threshold:g} Pa at alpha = {alpha:g} m/Pa are {alpha * threshold:g} m; allowed are depths up "
-            f"to {DEEPEST:g} m."
+            f"threshold must be a depth up to {DEEPEST:g} m, not {alpha * threshold:g} m, which {threshold:g} Pa at "
+            f"alpha = {alpha:g} m/Pa are."
         )
     index = int(np.nanargmax(pressure))
     if alpha * pressure[index] > (1.0 + _ROUNDING) * DEEPEST:
         raise InvalidInputError(
-            f"pressure[{index}]: {pressure[index]:g} Pa at alpha = {alpha:g} m/Pa are {alpha * pressure[index]:g} m; "
-            f"allowed are depths up to {DEEPEST:g} m."
+            f"pressure[{index}] must be a depth up to {DEEPEST:g} m, not {alpha * pressure[index]:g} m, which "
+            f"{pressure[index]:g} Pa at alpha = {alpha:g} m/Pa are."
         )
 
 
@@ -53,7 +52,7 @@ def checked_range(threshold: float, saturation: float | None) -> tuple[float, fl
     limited("threshold", least, (), most=_MOST_PRESSURE)
     most = math.inf if saturation is None else positive_number("saturation", saturation)
     if most <= least:
-        raise InvalidInputError(f"saturation: is {most:g}; allowed are numbers > threshold = {least:g}.")
+        raise InvalidInputError(f"saturation must be a number > threshold = {least:g}, not {most:g}.")
     return least, most
 
 
@@ -63,10 +62,10 @@ def checked_pressures(value: ArrayLike, count: int) -> FloatArray:
     dead = np.isnan(pressure)
     limited("pressure", np.where(dead, 0.0, pressure), (count,), most=_MOST_PRESSURE)
     if dead.all():
-        raise InvalidInputError("pressure: every cell is NaN; at least one must be live.")
+        raise InvalidInputError("pressure must be known at one cell or more, but is NaN everywhere.")
     if np.any(pressure < 0):
         index = int(np.nanargmin(pressure))
-        raise InvalidInputError(f"pressure[{index}]: is {pressure[index]:g}; allowed are numbers >= 0, and NaN.")
+        raise InvalidInputError(f"pressure[{index}] must be a number >= 0, or NaN, not {pressure[index]:g}.")
     return pressure
 
 
@@ -75,5 +74,5 @@ def checked_covariance(value: ArrayLike) -> FloatArray:
     covariance = limited("misplacement", value, (6, 6), most=_MOST_MISPLACEMENT)
     rounding = _ROUNDING * np.abs(covariance).max()
     if np.abs(covariance - covariance.T).max() > rounding or np.linalg.eigvalsh(covariance)[0] < -rounding:
-        raise InvalidInputError("misplacement: must be a covariance, symmetric and without negative eigenvalues.")
+        raise InvalidInputError("misplacement must be a covariance, symmetric and without negative eigenvalues.")
     return covariance

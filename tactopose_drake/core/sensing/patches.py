@@ -193,7 +193,7 @@ def describe_patch(
     if n_PT is None:
         n_PT = np.tile(-math.copysign(1.0, alpha) * _flat_normal(p_PT, params), (len(p_PT), 1))
     elif alpha < 0:
-        raise InvalidInputError(f"alpha: is {alpha:g}; allowed with n_PT are numbers >= 0.")
+        raise InvalidInputError(f"alpha must be a number >= 0 if n_PT is given, not {alpha:g}.")
     else:
         n_PT = unit_vectors("n_PT", n_PT, p_PT.shape)
     threshold, saturation = checked_range(threshold, saturation)
@@ -228,11 +228,13 @@ def _flat_normal(p_PT: FloatArray, params: PatchParams) -> FloatArray:
     _, extents, axes = np.linalg.svd(np.vstack([p_PT - p_PT.mean(axis=0), np.zeros((3, 3))]), full_matrices=False)
     across = axes[extents <= params.flat_share * extents[0]]
     if len(across) == 0:
-        raise InvalidInputError("n_PT: is None, but the cells are not in a plane; a curved pad needs its normals.")
+        raise InvalidInputError("n_PT must be the normals of a curved pad, whose cells are not in a plane, not None.")
     normal: FloatArray = across.T @ across[:, 2]
     rise = float(np.linalg.norm(normal))
     if rise < params.least_rise:
-        raise InvalidInputError("n_PT: is None, but the pad is parallel to the z axis, which cannot tell its side.")
+        raise InvalidInputError(
+            "n_PT must be the normals of a pad that is parallel to the z axis, which cannot tell its side, not None."
+        )
     return normal / rise
 
 

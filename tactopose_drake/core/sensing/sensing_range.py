@@ -41,10 +41,10 @@ def sensing_box(patch: Patch, *, thickness: float, height: float) -> SensingBox:
     thickness = positive_number("thickness", thickness, allow_zero=True)
     height = positive_number("height", height)
     if len(patch.p_PT) < 2:
-        raise InvalidInputError("p_PT: has 1 cell; the box over a pad needs at least 2.")
+        raise InvalidInputError("p_PT must have at least 2 cells for the box over a pad, not 1.")
     z = patch.n_PT.mean(axis=0)
     if np.linalg.norm(z) < 1e-3:
-        raise InvalidInputError("n_PT: the normals cancel; the box over a pad needs a side that it faces.")
+        raise InvalidInputError("n_PT must face a side for the box over a pad, but the normals cancel.")
     z /= np.linalg.norm(z)
     middle = patch.p_PT.mean(axis=0)
     flat = patch.p_PT - middle

@@ -47,5 +47,5 @@ class SoftLayer:
         """
         if self.thickness >= half_width:
             raise InvalidInputError(
-                f"thickness: is {self.thickness:g} m; allowed are numbers < {half_width:g} m, the surface's half-width."
+                f"thickness must be less than the surface's half-width, {half_width:g} m, not {self.thickness:g} m."
             )

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactopose_drake.core.sensing.rubber_layer import RubberLayer
 from tactopose_drake.core.sensing.tactile_kernels import cell_forces, faces_are_valid
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
 
 _REACH = 6.0  # standard deviations beyond which a Gaussian is neglected
@@ -46,7 +46,7 @@ class PressureField:
         object.__setattr__(self, "pressure", finite_array("pressure", self.pressure, (len(vertices),)))
         faces = np.asarray(self.faces, dtype=np.int64).ravel()
         if not faces_are_valid(faces, len(vertices)):
-            raise InvalidInputError(f"faces: are not polygons of the {len(vertices)} vertices.")
+            raise InvalidInputError(f"faces must be polygons of the {len(vertices)} vertices.")
         object.__setattr__(self, "faces", faces)
 
     @classmethod
@@ -82,10 +82,7 @@ class TactileModel:
         if self.rubber is not None:
             self.rubber.validate()
         for cell in self.dead_cells:
-            if not 0 <= cell < cells:
-                raise InvalidInputError(
-                    f"TactileModel.dead_cells: holds {cell}; allowed are the cells' indices, 0 to {cells - 1}."
-                )
+            whole_number("TactileModel.dead_cells", cell, least=0, most=cells - 1)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

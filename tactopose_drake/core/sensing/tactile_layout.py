@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from tactopose_drake.core.validation import FloatArray, finite_array
+from tactopose_drake.core.validation import FloatArray, check_count, finite_array
 from tactopose_drake.errors import InvalidInputError
 
 # Tolerance of a cell's flatness, relative to its longest edge.
@@ -42,8 +42,7 @@ class TactileLayout:
 
     def __post_init__(self) -> None:
         corners = np.array(finite_array("corners", self.corners, (None, 4, 3)))
-        if not len(corners):
-            raise InvalidInputError("corners: is empty; must have at least one cell.")
+        check_count("corners", len(corners), "cells")
         rays = np.array(finite_array("rays", self.rays, (len(corners), 4, 3)))
         p_TC, n_T, areas = _measures(corners)
         _check_places(p_TC)
@@ -73,7 +72,7 @@ def _measures(corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         flat = np.all(np.abs(height) <= _FLATNESS * longest[:, None], axis=1)
     for fits, what in ((convex, "convex with an area"), (flat, "flat")):
         if not fits.all():
-            raise InvalidInputError(f"corners[{int(np.argmin(fits))}]: the cell is not {what}.")
+            raise InvalidInputError(f"corners[{int(np.argmin(fits))}] must be a cell that is {what}.")
     halves = np.stack([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]], axis=1)  # two triangles a cell
     weights = 0.5 * np.linalg.norm(
         np.cross(halves[:, :, 1] - halves[:, :, 0], halves[:, :, 2] - halves[:, :, 0]), axis=2
@@ -88,7 +87,7 @@ def _check_places(p_TC: FloatArray) -> None:
     first = firsts[place.ravel()]
     again = int(np.argmax(first != np.arange(len(p_TC))))
     if again:  # Index 0 means no repetition, as the first cell cannot be one.
-        raise InvalidInputError(f"corners[{again}]: the cell is where cell {first[again]} is; must be elsewhere.")
+        raise InvalidInputError(f"corners[{again}] must be elsewhere than cell {first[again]}, not in the same place.")
 
 
 def _unit_rays(rays: FloatArray, n_T: FloatArray) -> FloatArray:
@@ -96,7 +95,7 @@ def _unit_rays(rays: FloatArray, n_T: FloatArray) -> FloatArray:
     outwards = np.einsum("mki,mi->mk", rays, n_T) > 0
     if not outwards.all():
         cell, corner = np.argwhere(~outwards)[0]
-        raise InvalidInputError(f"rays[{cell}, {corner}]: does not point out of the cell.")
+        raise InvalidInputError(f"rays[{cell}, {corner}] must point out of the cell, not into it.")
     unit: FloatArray = rays / np.linalg.norm(rays, axis=2, keepdims=True)
     return unit
 

@@ -7,7 +7,14 @@ import numpy as np
 
 from tactopose_drake.core.geometry_checks import unit_vectors
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
+from tactopose_drake.core.validation import (
+    FloatArray,
+    check_count,
+    finite_array,
+    positive_number,
+    positive_numbers,
+    whole_number,
+)
 from tactopose_drake.errors import InvalidInputError
 
 _MAX_CELLS = 10_000  # of an array; the finest real ones have some hundreds
@@ -16,7 +23,7 @@ _ROUNDING = 0.02  # tolerance of a position as a share of a cell, as of a drawin
 
 def _check_count(name: str, count: float) -> None:
     if not count <= _MAX_CELLS:
-        raise InvalidInputError(f"{name}: makes {count:.4g} cells; must be at most {_MAX_CELLS}.")
+        raise InvalidInputError(f"{name} must make at most {_MAX_CELLS} cells, not {count:.4g}.")
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -51,10 +58,9 @@ class RowPattern:
         along = unit_vectors("RowPattern.along", self.along, (3,))
         normal = unit_vectors("RowPattern.normal", self.normal, (3,))
         if abs(along @ normal) > 1e-6:
-            raise InvalidInputError(f"RowPattern.normal: is {self.normal}; allowed is one at right angles to `along`.")
+            raise InvalidInputError(f"RowPattern.normal must be at right angles to `along`, not {self.normal}.")
         positive_number("RowPattern.pitch", self.pitch)
-        if not self.rows:
-            raise InvalidInputError("RowPattern.rows: is empty; must have at least one row.")
+        check_count("RowPattern.rows", len(self.rows), "rows")
         _check_count("RowPattern.rows", sum(row.count for row in self.rows))
         across = np.cross(along, normal)
         angles = np.radians([self._check(i, row).tangent_deg for i, row in enumerate(self.rows)])[:, None]
@@ -81,11 +87,10 @@ class RowPattern:
         name = f"RowPattern.rows[{index}]"
         finite_array(f"{name}.center", row.center, (3,))
         finite_array(f"{name}.tangent_deg", row.tangent_deg, ())
-        length, width = finite_array(f"{name}.cell", row.cell, (2,))
-        if row.count < 1 or length <= 0 or width <= 0:
-            raise InvalidInputError(f"{name}: has {row.count} cells of {row.cell} m; allowed are numbers > 0.")
+        _, width = positive_numbers(f"{name}.cell", row.cell, (2,))
+        whole_number(f"{name}.count", row.count, least=1)
         if row.count > 1 and width > self.pitch * (1 + 1e-9):
-            raise InvalidInputError(f"{name}.cell: is {width:g} m across; must be at most the pitch {self.pitch:g}.")
+            raise InvalidInputError(f"{name}.cell[1] must be at most the pitch, {self.pitch:g} m, not {width:g} m.")
         return row
 
     def _check_overlaps(self, along: FloatArray, normal: FloatArray) -> None:
@@ -110,8 +115,8 @@ class RowPattern:
             if overlap.any():
                 j = i + 1 + int(overlap.argmax())
                 raise InvalidInputError(
-                    f"RowPattern.rows[{j}].center: is {self.rows[j].center}, where its cells overlap those of "
-                    f"rows[{i}], at {self.rows[i].center}; rows must not overlap."
+                    f"RowPattern.rows[{j}].center must not be {self.rows[j].center}, where its cells overlap those of "
+                    f"rows[{i}], at {self.rows[i].center}."
                 )
 
 
@@ -140,7 +145,9 @@ class CapsulePattern:
             positive_number(f"CapsulePattern.{name}", getattr(self, name))
         for name in ("half_angle_deg", "end_angle_deg"):
             if not 0 < getattr(self, name) < 90:
-                raise InvalidInputError(f"CapsulePattern.{name}: is {getattr(self, name):g}; allowed are 0 to 90.")
+                raise InvalidInputError(
+                    f"CapsulePattern.{name} must be above 0 and below 90, not {getattr(self, name):g}."
+                )
         half, end = math.radians(self.half_angle_deg), math.radians(self.end_angle_deg)
         around, up = 2 * half * self.radius / self.cell, (self.length + end * self.radius) / self.cell
         _check_count("CapsulePattern.cell", max(around, up, around * up))

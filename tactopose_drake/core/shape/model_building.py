@@ -36,7 +36,7 @@ def file_content(path: str | Path) -> tuple[bytes, str] | None:
     try:
         return file.read_bytes(), file.suffix.lower()
     except OSError as error:
-        raise InvalidFileError(f"{file}: cannot be read ({error.strerror}).") from error
+        raise InvalidFileError(f"{file} cannot be read ({error.strerror}).") from error
 
 
 def _scaled(raw: RawMesh, scale: float) -> RawMesh:

@@ -62,7 +62,7 @@ def cache_limit() -> float:
     except ValueError:
         limit = math.nan
     if not limit >= 0.0:
-        raise InvalidInputError(f"{LIMIT_VARIABLE}: is {chosen!r}; allowed are numbers of gigabytes, 0 or larger.")
+        raise InvalidInputError(f"{LIMIT_VARIABLE} must be a number of gigabytes >= 0, not {chosen!r}.")
     return limit * _GB
 
 

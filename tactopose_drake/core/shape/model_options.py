@@ -90,16 +90,14 @@ class ModelOptions:
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         size = float(np.linalg.norm(high - low))
         if self.spacing is not None and self.spacing > size:
-            raise InvalidInputError(
-                f"spacing: is {self.spacing:g} m; allowed are numbers up to the object's size, {size:.3g} m."
-            )
+            raise InvalidInputError(f"spacing must be at most the object's size, {size:.3g} m, not {self.spacing:g} m.")
         if self.center_of_mass is not None:
             center = np.asarray(self.center_of_mass)
             off = float(np.linalg.norm(center - np.clip(center, low, high)))
             if off > size:
                 raise InvalidInputError(
-                    f"center_of_mass: is {center.tolist()}, {off:.3g} m outside of the object's bounding box; allowed "
-                    f"are points up to its size from it, {size:.3g} m."
+                    f"center_of_mass must be at most the object's size, {size:.3g} m, outside of its bounding box, not "
+                    f"{off:.3g} m, at {center.tolist()}."
                 )
 
     @cached_property
@@ -109,7 +107,7 @@ class ModelOptions:
         if isinstance(given, str) and given in ("auto", "none"):
             return None
         if isinstance(given, str) or not isinstance(given, Sequence):
-            raise UnknownNameError("symmetry", given, ("auto", "none", "a list of RotationalSymmetry"))
+            raise UnknownNameError("symmetry", given, ("auto", "none", "or a list of RotationalSymmetry"))
         for i, one in enumerate(given):
             instance_of(f"symmetry[{i}]", one, RotationalSymmetry)
         return tuple(given)

@@ -63,8 +63,8 @@ def build_point_grid(points: ArrayLike, params: PointGridParams = PointGridParam
     """
     points = finite_array("points", points, (None, 3))
     if len(points) < 2 or not np.any(np.ptp(points, axis=0) > 0):
-        count = f"{len(points)}{', all the same' if len(points) > 1 else ''}"
-        raise InvalidInputError(f"points: there are {count}; must be at least 2 different points.")
+        same = ", all the same" if len(points) > 1 else ""
+        raise InvalidInputError(f"points must be at least 2 different ones, not {len(points)}{same}.")
     tree = scipy.spatial.cKDTree(points)
     gaps = np.asarray(tree.query(points, k=2)[0])
     lower, extent = points.min(axis=0), np.ptp(points, axis=0)

@@ -138,9 +138,7 @@ def build_grid(
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     max_nodes = max_bytes // BYTES_PER_NODE
     if max_nodes < LEAST_NODES:
-        raise InvalidInputError(
-            f"max_grid_bytes: is {max_bytes}; allowed are numbers >= {LEAST_NODES * BYTES_PER_NODE}."
-        )
+        raise InvalidInputError(f"max_grid_bytes must be a number >= {LEAST_NODES * BYTES_PER_NODE}, not {max_bytes}.")
     finest = _spacing_for(lower, upper, max_nodes, params)
     wall = _wall_thickness(vertices, faces)
     if spacing is None:
@@ -149,7 +147,7 @@ def build_grid(
         h = positive_number("spacing", spacing)
         if h < finest:
             raise InvalidInputError(
-                f"spacing: is {h:g} m; allowed with max_grid_bytes = {max_bytes} are numbers >= {finest:.3g} m."
+                f"spacing must be at least {finest:.3g} m with max_grid_bytes = {max_bytes}, not {h:g} m."
             )
     shape = grid_shape(lower, upper, h, params)
     origin = 0.5 * (lower + upper) - 0.5 * h * (np.array(shape) - 1)

@@ -45,7 +45,7 @@ class RotationalSymmetry:
         point = limited("point", self.point, (3,), most=FARTHEST)
         order = whole_number("order", self.order, least=0, most=_LARGEST_GROUP)
         if order == 1:
-            raise InvalidInputError("order: is 1; allowed are 0 (continuous) and numbers >= 2.")
+            raise InvalidInputError("order must be 0 (continuous) or an integer >= 2, not 1.")
         for name, array in (("axis", axis), ("point", point)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -119,7 +119,7 @@ def _closure(group: FloatArray, generators: FloatArray) -> FloatArray:
         group = np.concatenate([group, new])
         if len(group) > _LARGEST_GROUP:
             raise InvalidInputError(
-                f"symmetry: the axes generate more than {_LARGEST_GROUP} rotations; allowed are those of one group."
+                f"symmetry must have axes that generate a group of at most {_LARGEST_GROUP} rotations, not more."
             )
     return group
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from tactopose_drake.core.surfaces import surface_kernels
 from tactopose_drake.core.surfaces.surface import Surface, random_directions, three_lengths
-from tactopose_drake.core.validation import FloatArray, finite_array
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import FloatArray, positive_numbers
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -36,9 +35,7 @@ class Superquadric(Surface):
 
     def _shape(self) -> tuple[float, ...]:
         axes = three_lengths("semi_axes", self.semi_axes)
-        e1, e2 = finite_array("exponents", self.exponents, (2,)).tolist()
-        if not (0.1 <= e1 <= 1.5 and 0.1 <= e2 <= 1.5):
-            raise InvalidInputError(f"exponents: are {e1:g} and {e2:g}; allowed are numbers from 0.1 to 1.5.")
+        e1, e2 = positive_numbers("exponents", self.exponents, (2,), least=0.1, most=1.5).tolist()
         return *axes, e1, e2, -math.inf, math.inf, math.hypot(*axes)
 
     def _sample(self, generator: np.random.Generator, count: int) -> FloatArray:

@@ -119,19 +119,16 @@ def three_lengths(name: str, value: ArrayLike) -> tuple[float, float, float]:
     Raises:
         InvalidInputError: otherwise.
     """
-    lengths = finite_array(name, value, (3,))
-    _check_metres(name, lengths)
-    if lengths.min() <= 0.0:
-        raise InvalidInputError(f"{name}: is {lengths.tolist()}; allowed are numbers > 0.")
-    a, b, c = positive_numbers(name, lengths, (3,), least=LEAST_LENGTH, most=MOST_LENGTH).tolist()
+    _check_metres(name, finite_array(name, value, (3,)))
+    a, b, c = positive_numbers(name, value, (3,), least=LEAST_LENGTH, most=MOST_LENGTH).tolist()
     return a, b, c
 
 
 def _check_metres(name: str, lengths: FloatArray) -> None:
     if lengths.max() > MOST_LENGTH:
         raise InvalidInputError(
-            f"{name}: is {lengths.tolist()}, in metres; allowed are lengths up to {MOST_LENGTH:g} m. Multiply by 0.001 "
-            "what is in millimetres."
+            f"{name} must be at most {MOST_LENGTH:g} m, not {lengths.tolist()} m. Multiply by 0.001 what is in "
+            "millimetres."
         )
 
 

@@ -108,7 +108,7 @@ def _places(
             found.append((p, R, depths))
             if len(found) == count:
                 return found
-    raise InvalidInputError(f"{model.name}: pads found {len(found)} places on it in {tries} tries; {count} are needed.")
+    raise InvalidInputError(f"{model.name} must have {count} places for pads, not {len(found)}, in {tries} tries.")
 
 
 def _depths(grid: DistanceGrid, p_OT: FloatArray, inward: FloatArray, way: FloatArray) -> FloatArray:

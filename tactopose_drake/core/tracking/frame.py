@@ -47,10 +47,10 @@ class PoseMeasurement:
         covariance = limited("covariance", self.covariance, (6, 6), most=_MOST_VARIANCE)
         scale = np.sqrt(np.abs(np.diag(covariance)))
         if np.any(np.abs(covariance - covariance.T) > 1e-6 * np.outer(scale, scale)):
-            raise InvalidInputError("covariance: must be symmetric.")
+            raise InvalidInputError("covariance must be symmetric.")
         if scale.min() < _LEAST_SIGMA or np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() <= 0.0:
             raise InvalidInputError(
-                f"covariance: must be positive definite with standard deviations of at least {_LEAST_SIGMA:g}."
+                f"covariance must be positive definite with standard deviations of at least {_LEAST_SIGMA:g}."
             )
         X_PO = pose_near("X_PO", self.X_PO)
         for name, array in (("X_PO", X_PO), ("covariance", covariance)):
@@ -135,9 +135,7 @@ class Frame:
         count = len(self.evidence.touch)
         sources = tuple(map(str, range(count) if self.sources is None else self.sources))
         if len(sources) != count or len(set(sources)) < count:
-            raise InvalidInputError(
-                f"sources: are {sources}; allowed are {count} different names, one for each contact."
-            )
+            raise InvalidInputError(f"sources must be {count} different names, one for each contact, not {sources}.")
         object.__setattr__(self, "sources", sources)
         if self.X_WP is not None:
             object.__setattr__(self, "X_WP", pose_matrix("X_WP", self.X_WP))

@@ -77,8 +77,8 @@ class DepthView:
         wrong = np.argwhere(depth <= 0.0)
         if len(wrong):
             raise InvalidInputError(
-                f"{entry_of('DepthView.depth', wrong[0])}: is {depth[tuple(wrong[0])]:g}; allowed are numbers > 0, "
-                "infinity where nothing is seen, and NaN where the camera has no answer."
+                f"{entry_of('DepthView.depth', wrong[0])} must be a number > 0, infinity where nothing is seen, or NaN "
+                f"where the camera has no answer, not {depth[tuple(wrong[0])]:g}."
             )
         object.__setattr__(self, "depth", depth)
         object.__setattr__(self, "X_CO", pose_matrix("DepthView.X_CO", self.X_CO))
@@ -151,7 +151,7 @@ def reconstruct(
     """
     params = params_of(FusionParams, params)
     if len(views) < 2:
-        raise InvalidInputError(f"views: there are {len(views)}; must be at least two.")
+        raise InvalidInputError(f"views must be at least 2, not {len(views)}.")
     box = _box(views, bounds, params)
     volume = _Volume.of(views, params, box)
     vertices, faces = volume.surface()
@@ -206,7 +206,7 @@ def _box(views: Sequence[DepthView], bounds: FloatArray | None, params: FusionPa
     """Lowest and highest coordinates that the object may have, shape (2, 3), m."""
     points = np.concatenate([view.p_OQ for view in views])
     if len(points) < _LEAST_POINTS:
-        raise InvalidInputError(f"views: see {len(points)} points; must be at least {_LEAST_POINTS}.")
+        raise InvalidInputError(f"views must see at least {_LEAST_POINTS} points, not {len(points)}.")
     size = np.ptp(points, axis=0).max()
     box = np.stack([points.min(axis=0) - _BEYOND * size, points.max(axis=0) + _BEYOND * size])
     if bounds is not None:
@@ -214,11 +214,13 @@ def _box(views: Sequence[DepthView], bounds: FloatArray | None, params: FusionPa
         box = np.stack([np.maximum(box[0], lowest), np.minimum(box[1], highest)])
         if not np.all(box[0] < box[1]):  # Nor with a NaN.
             raise InvalidInputError(
-                f"bounds: are {[lowest.tolist(), highest.tolist()]}; must be the lowest and the highest coordinates "
-                "of a box that contains seen points, m."
+                "bounds must be the lowest and the highest coordinates, m, of a box that contains seen points, not "
+                f"{[lowest.tolist(), highest.tolist()]}."
             )
     if np.prod(np.ptp(box, axis=0) / params.spacing + 8) > _MOST_CELLS:
-        raise InvalidInputError(f"views: see {1e3 * size:.0f} mm, for which FusionParams.spacing is too small.")
+        raise InvalidInputError(
+            f"FusionParams.spacing must be larger than {params.spacing:g} m for views that see {1e3 * size:.0f} mm."
+        )
     return box
 
 
@@ -261,7 +263,7 @@ class _Volume:
         """The part of the grid around what is solid."""
         solid = np.argwhere(self.values < 0.0)
         if not len(solid):
-            raise InvalidInputError("views: leave nothing of the object; the poses of the cameras do not fit.")
+            raise _nothing_left()
         first = np.maximum(solid.min(axis=0) - _RIM, 0)
         last = np.minimum(solid.max(axis=0) + _RIM + 1, self.values.shape)
         kept = self.values[tuple(slice(*ends) for ends in zip(first, last, strict=True))]
@@ -285,7 +287,11 @@ class _Volume:
             # Coincident vertices count as one: an edge of four faces would not be watertight.
             if trimesh.Trimesh(vertices, faces).is_watertight:
                 return vertices, faces
-        raise InvalidInputError("views: give a surface that touches itself; FusionParams.spacing is too large for it.")
+        raise InvalidInputError("FusionParams.spacing must be smaller for views whose surface touches itself.")
+
+
+def _nothing_left() -> InvalidInputError:
+    return InvalidInputError("views must leave something of the object, but the poses of the cameras do not fit.")
 
 
 def _zero_level(values: FloatArray, origin: FloatArray, step: float) -> tuple[FloatArray, NDArray[np.int32]]:
@@ -295,6 +301,6 @@ def _zero_level(values: FloatArray, origin: FloatArray, step: float) -> tuple[Fl
     end = origin + step * (np.array(values.shape) - 1)
     parts = manifold3d.Manifold.level_set(inside, [*corner, *end.tolist()], step).decompose()
     if not parts:
-        raise InvalidInputError("views: leave nothing of the object; the poses of the cameras do not fit.")
+        raise _nothing_left()
     mesh = max(parts, key=lambda part: part.volume()).to_mesh64()
     return np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int32)

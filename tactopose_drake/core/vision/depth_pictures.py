@@ -44,7 +44,7 @@ class DepthCameraModel:
         positive_number("DepthCameraModel.common_share", self.common_share, allow_zero=True, most=1.0)
         if self.nearest >= self.farthest:
             raise InvalidInputError(
-                f"DepthCameraModel.nearest: is {self.nearest:g}; allowed is less than `farthest`, {self.farthest:g}."
+                f"DepthCameraModel.nearest must be less than `farthest`, {self.farthest:g} m, not {self.nearest:g} m."
             )
 
     @property
@@ -153,7 +153,7 @@ def take_picture(
 def _check_size(depth: FloatArray, camera: DepthCameraModel) -> None:
     if depth.shape != (camera.height, camera.width):
         raise InvalidInputError(
-            f"depth: has the shape {depth.shape}; allowed is the camera's, ({camera.height}, {camera.width})."
+            f"depth must have the camera's shape, ({camera.height}, {camera.width}), not {depth.shape}."
         )
 
 

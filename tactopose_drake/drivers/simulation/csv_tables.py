@@ -29,19 +29,19 @@ def read_csv_table(path: Path, columns: int | None = None) -> tuple[list[str], F
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
-        raise InvalidFileError(f"{path}: cannot be read ({' '.join(str(error).split())}).") from None
+        raise InvalidFileError(f"{path} cannot be read ({' '.join(str(error).split())}).") from None
     lines = [(number, line.split(",")) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not lines:
-        raise InvalidFileError(f"{path}: is empty; allowed are a header and rows of numbers.")
+        raise InvalidFileError(f"{path} must have a header and rows of numbers, but is empty.")
     (number, header), *rows = lines
     names = [name.strip() for name in header]
     if any(_number(name) is not None for name in names):
-        raise InvalidFileError(f"{path}: row {number} has numbers; allowed first is a header, the columns' names.")
+        raise InvalidFileError(f"{path}: row {number} must be a header, the columns' names, not numbers.")
     double = next((name for name in names if names.count(name) > 1), None)
     if columns is None and double is not None:
-        raise InvalidFileError(f"{path}: row {number} names {shown(double)} twice; must name each once.")
+        raise InvalidFileError(f"{path}: row {number} must name {shown(double)} once, not twice.")
     if not rows:
-        raise InvalidFileError(f"{path}: has no rows below its header; must have at least one.")
+        raise InvalidFileError(f"{path} must have at least one row below its header, not none.")
     labels = names if columns in (None, len(names)) else [f"column {k}" for k in range(1, 1 + (columns or 0))]
     return names, np.array(list(_numbers(path, labels, rows)))
 
@@ -51,17 +51,15 @@ def _numbers(path: Path, names: Sequence[str], rows: Sequence[tuple[int, list[st
     last = -math.inf
     for row, cells in rows:
         if len(cells) != len(names):
-            raise InvalidFileError(f"{path}: row {row} has {len(cells)} columns; allowed are {len(names)}.")
+            raise InvalidFileError(f"{path}: row {row} must have {len(names)} columns, not {len(cells)}.")
         values = []
         for name, cell in zip(names, cells, strict=True):
             value = _number(cell)
             if value is None or not math.isfinite(value):
-                raise InvalidFileError(
-                    f"{path}: row {row}: {name}: is {shown(cell.strip())}; allowed are finite numbers."
-                )
+                raise InvalidFileError(f"{path}: row {row}: {name} must be a finite number, not {shown(cell.strip())}.")
             values.append(value)
         if values[0] <= last:
-            raise InvalidFileError(f"{path}: row {row}: {names[0]}: is {values[0]:g}, after {last:g}; times must rise.")
+            raise InvalidFileError(f"{path}: row {row}: {names[0]} must rise, not be {values[0]:g} after {last:g}.")
         last = values[0]
         yield values
 

@@ -8,8 +8,8 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex, SpatialInertia
 
-from tactopose_drake.core.validation import FloatArray, finite_array, positive_number
-from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
+from tactopose_drake.core.validation import FloatArray, finite_array, known_name, positive_number, told_of
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand, joint_to_world
 from tactopose_drake.resources import add_model, load_typed_yaml, make_parser, model_path, named_file
 
@@ -30,7 +30,7 @@ class ArmConfig:
         """Raises InvalidInputError if a name is missing, or a number is invalid."""
         for name in ("model", "base_link", "flange_frame"):
             if not getattr(self, name):
-                raise InvalidInputError(f"ArmConfig.{name}: is empty; allowed is a name.")
+                raise InvalidInputError(f"ArmConfig.{name} must be a name, not empty.")
         finite_array("ArmConfig.p_FWrist", self.p_FWrist, (3,))
         positive_number("ArmConfig.wrist_radius", self.wrist_radius, allow_zero=True)
 
@@ -52,10 +52,8 @@ def load_arm_config(name_or_path: str | Path) -> ArmConfig:
     """
     path = named_file(name_or_path, "arms", model_path("arms").glob("*/*.arm.yaml"), ".arm.yaml")
     config = load_typed_yaml(ArmConfig, path)
-    try:
+    with told_of(f"{path}: ", InvalidFileError):
         config.validate()
-    except InvalidInputError as error:
-        raise InvalidFileError(f"{path}: {error}") from None
     if "://" not in config.model:
         config.model = str(path.parent / config.model)
     return config
@@ -72,8 +70,7 @@ def add_arm(plant: MultibodyPlant, config: ArmConfig, X_WBase: RigidTransform) -
     instance = add_model(make_parser(plant), config.model)
     frames = {plant.get_frame(index).name(): plant.get_frame(index) for index in plant.GetFrameIndices(instance)}
     for name in (config.base_link, config.flange_frame):
-        if name not in frames:
-            raise UnknownNameError("frame of the arm", name, sorted(frames))
+        known_name("each frame of the arm", name, sorted(frames))
     plant.WeldFrames(plant.world_frame(), frames[config.base_link], X_WBase)
     return Arm(config, instance, frames[config.flange_frame])
 
@@ -87,8 +84,8 @@ def mount_hand(plant: MultibodyPlant, arm: Arm, hand: Hand, X_FBase: RigidTransf
     joint = joint_to_world(plant, hand)
     if joint is not None:
         raise InvalidInputError(
-            f"{hand.config.model}: its joint {joint.name()!r} fixes {hand.config.base_link!r} to the world; allowed on "
-            "an arm is a model without that joint."
+            f"{hand.config.model} must be a model without the joint {joint.name()!r} on an arm, as it fixes "
+            f"{hand.config.base_link!r} to the world."
         )
     plant.WeldFrames(arm.flange, plant.GetFrameByName(hand.config.base_link, hand.model_instance), X_FBase)
 

@@ -142,7 +142,7 @@ def make_arm_station(
     setup.validate()
     for name in ("grip", "exploration"):
         if getattr(scenario, name) is not None:
-            raise InvalidInputError(f"Scenario.{name}: is given; allowed on an arm is None.")
+            raise InvalidInputError(f"Scenario.{name} must be None on an arm.")
     model = scenario.object_model() if model is None else model
     builder = DiagramBuilder()
     plant, scene_graph = add_plant(builder, scenario)

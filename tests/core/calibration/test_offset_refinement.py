@@ -135,5 +135,5 @@ def test_no_offset_is_known_better_than_to_the_least_standard_deviation(box: Obj
 @pytest.mark.parametrize("value", [0, -1])
 def test_parameters_that_are_none_are_named(name: str, value: int) -> None:
     PARAMS.validate()
-    with pytest.raises(InvalidInputError, match=rf"OffsetRefinementParams\.{name}: is {value}"):
+    with pytest.raises(InvalidInputError, match=rf"OffsetRefinementParams\.{name} must be .*, not {value}"):
         dataclasses.replace(PARAMS, **{name: value}).validate()

@@ -40,17 +40,17 @@ def test_contacts_cannot_be_changed_from_outside() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"p_PC": [[0.0, math.nan, 0.0]]}, r"p_PC\[0, 1\]: is nan; allowed are finite numbers"),
-        ({"p_PC": [[0.0, math.inf, 0.0]]}, r"p_PC\[0, 1\]: is inf"),
-        ({"p_PC": [0.0, 0.0, 0.0]}, r"p_PC: has shape \(3,\); allowed is \(n, 3\)"),
-        ({"p_PC": [["a", 0, 0]]}, "p_PC: not an array of numbers"),
-        ({"p_PC": POINTS, "n_PC": NORMALS[:1]}, r"n_PC: has shape \(1, 3\); allowed is \(2, 3\)"),
-        ({"p_PC": POINTS, "n_PC": NORMALS * 1.002}, r"n_PC\[0\]: has length 1.002; allowed is 1 within 0.001"),
-        ({"p_PC": POINTS, "f_PC": NORMALS * math.nan}, r"f_PC\[0, 0\]: is nan"),
-        ({"p_PC": POINTS, "sigma_position": 0.0}, "sigma_position: is 0; allowed are numbers > 0"),
-        ({"p_PC": POINTS, "sigma_normal": [0.1, -0.1]}, "sigma_normal: is -0.1; allowed are numbers > 0"),
-        ({"p_PC": POINTS, "sigma_force": 0.0}, "sigma_force: is 0; allowed are numbers > 0"),
-        ({"p_PC": POINTS, "sigma_normal": [0.1]}, r"sigma_normal: has shape \(1,\); allowed are \(\) and \(2,\)"),
+        ({"p_PC": [[0.0, math.nan, 0.0]]}, r"p_PC\[0, 1\] must be a finite number, not nan"),
+        ({"p_PC": [[0.0, math.inf, 0.0]]}, r"p_PC\[0, 1\] must be .*, not inf"),
+        ({"p_PC": [0.0, 0.0, 0.0]}, r"p_PC must have the shape \(n, 3\), not \(3,\)"),
+        ({"p_PC": [["a", 0, 0]]}, "p_PC.* must (be a number|consist of numbers), not"),
+        ({"p_PC": POINTS, "n_PC": NORMALS[:1]}, r"n_PC must have the shape \(2, 3\), not \(1, 3\)"),
+        ({"p_PC": POINTS, "n_PC": NORMALS * 1.002}, r"n_PC\[0\] must have the length 1 within 0.001, not 1.002"),
+        ({"p_PC": POINTS, "f_PC": NORMALS * math.nan}, r"f_PC\[0, 0\] must be .*, not nan"),
+        ({"p_PC": POINTS, "sigma_position": 0.0}, "sigma_position must be a number > 0, not 0"),
+        ({"p_PC": POINTS, "sigma_normal": [0.1, -0.1]}, r"sigma_normal\[1\] must be a number > 0, not -0.1"),
+        ({"p_PC": POINTS, "sigma_force": 0.0}, "sigma_force must be a number > 0, not 0"),
+        ({"p_PC": POINTS, "sigma_normal": [0.1]}, r"sigma_normal must have the shape \(\) or \(2,\), not \(1,\)"),
     ],
 )
 def test_bad_contacts_are_named(arguments: dict[str, object], message: str) -> None:
@@ -60,7 +60,7 @@ def test_bad_contacts_are_named(arguments: dict[str, object], message: str) -> N
 
 def test_a_scan_s_points_are_too_many() -> None:
     assert len(Contacts(np.zeros((5000, 3)))) == 5000
-    with pytest.raises(InvalidInputError, match=r"p_PC: there are 5001 contacts; must be at most 5000\."):
+    with pytest.raises(InvalidInputError, match=r"p_PC must have at most 5000 contacts, not 5001\."):
         Contacts(np.zeros((5001, 3)))
 
 
@@ -112,14 +112,14 @@ INDEFINITE[0, 1:3] = INDEFINITE[1:3, 0] = 1e-5
 @pytest.mark.parametrize(
     ("covariance", "message"),
     [
-        (np.zeros((2, 6, 6)), r"covariance\[0\]: says 0 of the point"),
-        (np.eye(6), r"covariance: .*shape"),
-        (np.triu(np.ones((2, 6, 6))), "covariance: must be symmetric, but is not"),
+        (np.zeros((2, 6, 6)), r"covariance\[0\] must have a variance of the point above 0, not 0"),
+        (np.eye(6), r"covariance must have the shape"),
+        (np.triu(np.ones((2, 6, 6))), "covariance must be symmetric, not asymmetric by"),
         (np.full((2, 6, 6), np.nan), "covariance"),
-        (np.tile(-np.eye(6), (2, 1, 1)), r"covariance\[0\]: says -1 of the point"),
+        (np.tile(-np.eye(6), (2, 1, 1)), r"covariance\[0\] must have a variance of the point above 0, not -1"),
         (
             np.stack([1e-6 * np.eye(6), INDEFINITE]),
-            r"covariance\[1\]: must be positive semidefinite, but some combination of errors",
+            r"covariance\[1\] must be positive semidefinite, but some combination of errors",
         ),
     ],
 )
@@ -175,7 +175,9 @@ def test_contacts_are_indexed_and_walked_through() -> None:
 
 @pytest.mark.parametrize("index", [None, [[0, 1], [1, 0]], True])
 def test_what_tells_no_contacts_apart_is_no_index(index: object) -> None:
-    with pytest.raises(InvalidInputError, match=r"^index: is "):
+    with pytest.raises(
+        InvalidInputError, match=r"^index must be a number, a slice, numbers or a mask of length \d+, not "
+    ):
         some_contacts()[index]  # type: ignore[index]
 
 
@@ -228,15 +230,31 @@ class Lazy:
 @pytest.mark.parametrize(
     ("frame", "sigmas", "message"),
     [
-        (Twice(**POINT_COLUMNS), {}, "frame: has the column 'p_y' more than once; must be there once"),
-        (Lazy(), {}, "frame: is a Lazy; allowed is a table with named columns, such as a DataFrame"),
-        (Table(x=[0.0]), {}, "frame: has no column 'p_x'"),
-        (POINT_COLUMNS, {}, "frame: is a dict; allowed is a table"),
-        (Table(**POINT_COLUMNS, n_x=[1.0, 0.0]), {}, "has no column 'n_y'; must have all of n_x, n_y, n_z, or none"),
-        (Table(**{**POINT_COLUMNS, "p_y": ["a", "b"]}), {}, r"p_PC: not an array of numbers"),
-        (Table(**{**POINT_COLUMNS, "p_y": [0.0]}), {}, r"frame: has \[2, 1, 2\] rows in the columns p_x, p_y, p_z"),
-        (Table(**POINT_COLUMNS, n_x=[1.0], n_y=[0.0], n_z=[0.0]), {}, r"n_PC: has shape \(1, 3\); allowed is \(2, 3\)"),
-        (Table(**POINT_COLUMNS, sigma_position=[0.1, 0.1]), {"sigma_position": 0.1}, "sigma_position: is given, and"),
+        (Twice(**POINT_COLUMNS), {}, "frame must have the column 'p_y' at most once, not 2 times"),
+        (Lazy(), {}, "frame must be a table with named columns, such as a DataFrame, not a Lazy"),
+        (Table(x=[0.0]), {}, "frame must have the columns p_x, p_y and p_z"),
+        (POINT_COLUMNS, {}, "frame must be a table with .*, not a dict"),
+        (
+            Table(**POINT_COLUMNS, n_x=[1.0, 0.0]),
+            {},
+            "must have all of the columns n_x, n_y, n_z, or none, but lacks 'n_y'",
+        ),
+        (Table(**{**POINT_COLUMNS, "p_y": ["a", "b"]}), {}, r"p_PC.* must (be a number|consist of numbers), not"),
+        (
+            Table(**{**POINT_COLUMNS, "p_y": [0.0]}),
+            {},
+            r"frame must have as many rows in each of the columns p_x, p_y, p_z, not \[2, 1, 2\]",
+        ),
+        (
+            Table(**POINT_COLUMNS, n_x=[1.0], n_y=[0.0], n_z=[0.0]),
+            {},
+            r"n_PC must have the shape \(2, 3\), not \(1, 3\)",
+        ),
+        (
+            Table(**POINT_COLUMNS, sigma_position=[0.1, 0.1]),
+            {"sigma_position": 0.1},
+            "sigma_position must be an argument or a column of the table, not both",
+        ),
     ],
 )
 def test_a_table_without_what_is_needed_is_refused(frame, sigmas: dict[str, float], message: str) -> None:
@@ -247,20 +265,20 @@ def test_a_table_without_what_is_needed_is_refused(frame, sigmas: dict[str, floa
 @pytest.mark.parametrize("name", ["sigma_position", "sigma_normal", "sigma_force"])
 @pytest.mark.parametrize("value", [Contacts(POINTS), None, "1", [[0.1], [0.1]], np.ones(3)])
 def test_a_sigma_that_is_no_numbers_of_the_contacts_is_refused(name: str, value: object) -> None:
-    with pytest.raises(InvalidInputError, match=rf"^{name}: "):
+    with pytest.raises(InvalidInputError, match=rf"^{name} must "):
         Contacts(POINTS, **{name: value})  # type: ignore[arg-type]
 
 
 def test_a_covariance_that_is_too_small_is_called_so() -> None:
     with pytest.raises(
-        InvalidInputError, match=r"^covariance: its sigma_position: is 3.16228e-08; allowed are .* m\.$"
+        InvalidInputError, match=r"^covariance: its sigma_position.* must be a number from .* m, not 3.16228e-08\.$"
     ):
         Contacts(POINTS, NORMALS, covariance=np.tile(np.diag([1e-15] * 3 + [0.01] * 3), (2, 1, 1)))
 
 
 @pytest.mark.parametrize("index", [1.5, "a", [True], [0.5], None, 10**400, [[0, 1]], Contacts(POINTS), (0, 1)])
 def test_what_is_no_index_is_named(index: object) -> None:
-    with pytest.raises(InvalidInputError, match=r"^index: is .*; allowed are a number, .* and a mask of length 2"):
+    with pytest.raises(InvalidInputError, match=r"^index must be a number, .* or a mask of length 2, not"):
         Contacts(POINTS)[index]  # type: ignore[index]
 
 

@@ -121,7 +121,7 @@ def test_a_pad_that_says_how_far_it_is_misplaced_is_as_sure_as_that() -> None:
 @pytest.mark.parametrize("name", ["sigma_depth", "sigma_position", "sigma_rotation", "sigma_lean"])
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
 def test_a_sigma_that_is_none_is_named(name: str, value: float) -> None:
-    with pytest.raises(InvalidInputError, match=f"{name}: is {value:g}"):
+    with pytest.raises(InvalidInputError, match=f"{name} must be .*, not {value:g}"):
         patch_contacts([pressed(np.full(24, 0.001))], **{name: value})
 
 

@@ -36,7 +36,7 @@ def test_bad_planes_are_named(arguments: dict[str, object], message: str) -> Non
 def test_evidence_takes_planes_and_nothing_else() -> None:
     contacts, plane = Contacts(np.zeros((1, 3))), PlaneContact([0.0, 0.0, 0.0], UP)  # type: ignore[arg-type]
     assert Evidence(contacts, planes=[plane]).planes == (plane,)
-    with pytest.raises(InvalidInputError, match=r"planes\[0\]: is a Contacts; allowed is a PlaneContact"):
+    with pytest.raises(InvalidInputError, match=r"planes\[0\] must be a PlaneContact, not a Contacts"):
         Evidence(contacts, planes=[contacts])  # type: ignore[list-item]
-    with pytest.raises(InvalidInputError, match="planes: is a PlaneContact; allowed is a sequence of PlaneContact"):
+    with pytest.raises(InvalidInputError, match="planes must be a sequence of PlaneContact, not a PlaneContact"):
         Evidence(contacts, planes=plane)  # type: ignore[arg-type]

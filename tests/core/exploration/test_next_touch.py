@@ -279,9 +279,9 @@ def test_what_a_touch_tells_does_not_hang_on_the_frame_of_the_object(mug: Object
 
 def test_a_belief_without_a_mode_is_refused(mug: ObjectModel) -> None:
     nothing, contacts = GaussianMixture.empty(), Contacts(HELD)
-    with pytest.raises(InvalidInputError, match="belief: has no mode"):
+    with pytest.raises(InvalidInputError, match="belief must have 1 or more modes, not 0"):
         choose_touch(mug, Hold(contacts, NAMES, 0.7), nothing, {"ring": inward(np.pi)})
-    with pytest.raises(InvalidInputError, match="belief: has no mode"):
+    with pytest.raises(InvalidInputError, match="belief must have 1 or more modes, not 0"):
         is_allowed(mug, Hold(contacts, NAMES, 0.7), nothing, "ring", inward(np.pi))
 
 
@@ -335,7 +335,7 @@ def test_a_finger_that_would_meet_another_takes_another_way(mug: ObjectModel) ->
 
 
 def test_each_contact_has_a_name(mug: ObjectModel) -> None:
-    with pytest.raises(InvalidInputError, match="fingers: are 2 names; allowed are as many as contacts, 4"):
+    with pytest.raises(InvalidInputError, match="fingers must be as many names as there are contacts, 4, not 2"):
         choose_touch(mug, Hold(Contacts(HELD), NAMES[:2], 0.7), spins(0.0), {})
 
 

@@ -114,5 +114,5 @@ def test_where_the_frame_of_an_object_is_changes_nothing(can: ObjectModel) -> No
 def test_bad_tolerances_and_beliefs_are_refused(can: ObjectModel) -> None:
     with pytest.raises(InvalidInputError, match=r"Tolerance\.rotation"):
         Tolerance(rotation=0.0)
-    with pytest.raises(InvalidInputError, match="belief: has no mode"):
+    with pytest.raises(InvalidInputError, match="belief must have 1 or more modes, not 0"):
         resolved_share(can, GaussianMixture.empty())

@@ -161,5 +161,5 @@ def test_a_fingertip_that_a_push_does_not_move_is_not_aligned():
 
 
 def test_bad_parameter_is_named():
-    with pytest.raises(InvalidInputError, match=r"ReachParams\.lift: is -1"):
+    with pytest.raises(InvalidInputError, match=r"ReachParams\.lift must be .*, not -1"):
         ReachParams(lift=-1.0).validate()

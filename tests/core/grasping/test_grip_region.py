@@ -36,5 +36,5 @@ def test_fingers_evenly_about_an_axis_hold_things_there(tmp_path: Path, count: i
 
 def test_fingers_that_all_press_from_one_side_hold_nothing(tmp_path: Path) -> None:
     finger = fingers_of(tmp_path, 2, 0)["f0"]
-    with pytest.raises(InvalidInputError, match="grip_low, grip_high: are empty, and no place"):
+    with pytest.raises(InvalidInputError, match="grip_low and grip_high must be given, as no place"):
         find_grip_region({"a": finger}, NO_PALM, ReachParams())

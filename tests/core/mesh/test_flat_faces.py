@@ -41,5 +41,5 @@ def test_faces_without_area_go_and_the_mesh_stays_closed(shares: list[float]) ->
 def test_faces_that_cannot_be_removed_are_named() -> None:
     line = np.outer(np.linspace(0.0, 0.1, 4), [1.0, 0.0, 0.0])
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
-    with pytest.raises(InvalidMeshError, match="faces without area that cannot be removed, one of 4"):
+    with pytest.raises(InvalidMeshError, match="must have faces whose corners do not lie on one line, but 4, one"):
         without_flat_faces(line, faces, 0.1, [])

@@ -61,19 +61,19 @@ def test_a_damaged_gltf_is_not_replaced_by_another_model(tmp_path: Path) -> None
     gltf(tmp_path).rename(tmp_path / "model.gltf")
     path = tmp_path / "damaged.gltf"
     path.write_text("{")
-    with pytest.raises(InvalidFileError, match=r"damaged\.gltf: cannot be read as a mesh .JSONDecodeError"):
+    with pytest.raises(InvalidFileError, match=r"damaged\.gltf cannot be read as a mesh .JSONDecodeError"):
         load_mesh(path)
 
 
 def test_numbers_made_of_nothing_are_bounded(tmp_path: Path) -> None:
-    with pytest.raises(InvalidFileError, match="lists 1000000008 rows of numbers; must be at most 60000000"):
+    with pytest.raises(InvalidFileError, match="must list at most 60000000 rows of numbers, not 1000000008"):
         load_mesh(gltf(tmp_path, accessors={"count": 10**9}))
 
 
 def test_a_short_glb_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "thing.glb"
     path.write_bytes(b"glTF" + struct.pack("<II", 2, 10**9))
-    with pytest.raises(InvalidFileError, match=r"thing\.glb: cannot be read"):
+    with pytest.raises(InvalidFileError, match=r"thing\.glb cannot be read"):
         load_mesh(path)
 
 
@@ -88,7 +88,7 @@ def test_archives_that_unpack_to_too_much_are_not_unpacked(tmp_path: Path, name:
             file.write(bytes(2**20))
     path = tmp_path / name
     path.write_bytes(packed.getvalue())
-    with pytest.raises(InvalidFileError, match="unpacks to 269484032 bytes; must be at most 268435456"):
+    with pytest.raises(InvalidFileError, match="must unpack to at most 268435456 bytes, not 269484032"):
         load_mesh(path)
 
 
@@ -96,7 +96,7 @@ def test_archives_of_any_files_are_not_meshes(tmp_path: Path) -> None:
     path = tmp_path / "mesh.zip"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("cube.stl", cube().export(file_type="stl"))
-    with pytest.raises(UnknownNameError, match=r"\.zip' is unknown; valid names: \.3mf"):
+    with pytest.raises(UnknownNameError, match=r"must be one of \.3mf.*, not '\.zip'"):
         load_mesh(path)
 
 
@@ -109,7 +109,7 @@ def test_parts_of_parts_are_counted_before_they_are_placed(tmp_path: Path, endin
         if depth == 2:
             assert load_mesh(path).faces.shape == (24, 3)
         else:
-            with pytest.raises(InvalidFileError, match="places too many parts; must be at most 2000"):
+            with pytest.raises(InvalidFileError, match="must place at most 2000 parts"):
                 load_mesh(path)
 
 
@@ -117,26 +117,26 @@ def test_files_larger_than_allowed_are_not_opened(tmp_path: Path, monkeypatch: p
     path = tmp_path / "cube.stl"
     cube().export(path)
     monkeypatch.setattr(loading, "LARGEST_FILE", 100)
-    with pytest.raises(InvalidFileError, match=r"cube.stl: has \d+ bytes; must be at most 100\."):
+    with pytest.raises(InvalidFileError, match=r"cube.stl must have at most 100 bytes, not \d+\."):
         load_mesh(path)
 
 
-@pytest.mark.parametrize(("bound", "what"), [("MOST_FACES", "12 faces"), ("MOST_VERTICES", "8 vertices")])
+@pytest.mark.parametrize(("bound", "what"), [("MOST_FACES", "faces, not 12"), ("MOST_VERTICES", "vertices, not 8")])
 def test_more_faces_or_vertices_than_allowed_are_refused(
     monkeypatch: pytest.MonkeyPatch, bound: str, what: str
 ) -> None:
     monkeypatch.setattr(loading, bound, 7)
-    with pytest.raises(InvalidMeshError, match=f"mesh: has {what}; must be at most 7\\."):
+    with pytest.raises(InvalidMeshError, match=f"mesh must have at most 7 {what}\\."):
         load_mesh(cube())
     scene = trimesh.Scene([cube()])
-    with pytest.raises(InvalidMeshError, match=f"has {what}"):
+    with pytest.raises(InvalidMeshError, match=f"must have at most 7 {what}"):
         load_mesh(scene)
 
 
 def test_readers_neither_warn_nor_print(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "thing.stl"
     path.write_text("solid\nfacet normal 0 0 x\nvertex 1e999 0 0\nendsolid")
-    with pytest.raises(InvalidFileError, match=r"thing\.stl: cannot be read") as caught:
+    with pytest.raises(InvalidFileError, match=r"thing\.stl cannot be read") as caught:
         load_mesh(path)
     assert "\n" not in str(caught.value)
     assert capfd.readouterr() == ("", "")

@@ -34,14 +34,14 @@ def test_a_body_that_is_no_alike_on_all_sides_turns_about_its_centroid() -> None
 
 def test_an_edge_without_a_second_face_is_refused() -> None:
     vertices, faces = arrays(cube())
-    with pytest.raises(InvalidMeshError, match="is not closed after all repairs: 3 edges have no face beyond"):
+    with pytest.raises(InvalidMeshError, match="must be closed after all repairs, but 3 edges have no face beyond"):
         solid_properties(vertices, faces[1:])
 
 
 def test_faces_that_show_different_sides_are_refused() -> None:
     vertices, faces = arrays(cube())
     faces[0] = faces[0, ::-1]
-    with pytest.raises(InvalidMeshError, match="is not closed after all repairs"):
+    with pytest.raises(InvalidMeshError, match="must be closed after all repairs, but"):
         solid_properties(vertices, faces)
 
 
@@ -55,11 +55,11 @@ def test_an_edge_of_four_faces_is_refused() -> None:
 def test_faces_of_no_vertex_are_refused(index: int) -> None:
     vertices, faces = arrays(cube())
     faces[3, 1] = index
-    with pytest.raises(InvalidMeshError, match="faces of vertices that do not exist"):
+    with pytest.raises(InvalidMeshError, match="must have faces, all of them of finite vertices that exist"):
         solid_properties(vertices, faces)
 
 
 def test_a_mesh_inside_out_is_no_solid() -> None:
     vertices, faces = arrays(cube())
-    with pytest.raises(InvalidMeshError, match="encloses no volume"):
+    with pytest.raises(InvalidMeshError, match="must enclose a volume"):
         solid_properties(vertices, faces[:, ::-1])

@@ -176,11 +176,11 @@ def test_a_line_does_not_pass_for_a_plane() -> None:
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        ({"gate": 0.0}, "gate: is 0; allowed are numbers > 0"),
-        ({"h1": -1.0}, "h1: is -1"),
-        ({"h2": -1.0}, "h2: is -1; allowed are numbers >= 0"),
-        ({"h3": np.nan}, "h3: is nan"),
-        ({"height": 0.0}, "height: is 0"),
+        ({"gate": 0.0}, "gate must be a number > 0, not 0"),
+        ({"h1": -1.0}, "h1 must be .*, not -1"),
+        ({"h2": -1.0}, "h2 must be a number >= 0, not -1"),
+        ({"h3": np.nan}, "h3 must be .*, not nan"),
+        ({"height": 0.0}, "height must be .*, not 0"),
     ],
 )
 def test_bad_options_are_named(cloud: PointGrid, option: dict[str, float], message: str) -> None:

@@ -50,5 +50,5 @@ def test_poses_come_in_batches() -> None:
 
 
 def test_it_needs_normals() -> None:
-    with pytest.raises(InvalidInputError, match="contacts: have no normals"):
+    with pytest.raises(InvalidInputError, match="contacts must have normals n_PC"):
         cost(Contacts(np.zeros((1, 3))))

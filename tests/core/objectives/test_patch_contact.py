@@ -247,5 +247,5 @@ def test_costs_are_log_likelihoods(blob: ObjectModel) -> None:
 @pytest.mark.parametrize("option", ["sigma_depth", "share", "sigma_position", "sigma_rotation", "sigma_lean"])
 def test_bad_options_are_named(slab: ObjectModel, option: str) -> None:
     patch = describe_patch(flat_pad(), np.ones(24), alpha=ALPHA)
-    with pytest.raises(InvalidInputError, match=f"{option}: is -1; allowed are numbers >"):
+    with pytest.raises(InvalidInputError, match=f"{option} must be a number >.*, not -1"):
         PatchContact(slab.grid, [patch], **{option: -1.0})  # type: ignore[arg-type]

@@ -48,5 +48,5 @@ def test_the_forward_difference_is_the_derivative() -> None:
 
 
 def test_a_normal_weight_needs_normals() -> None:
-    with pytest.raises(InvalidInputError, match="contacts: have no normals"):
+    with pytest.raises(InvalidInputError, match="contacts must have normals n_PC"):
         PointCloudContact(POINTS, NORMALS, Contacts([[0.0, 0.0, 0.0]]), IDENTITY, normal_weight=1.0)

@@ -138,9 +138,9 @@ def test_the_bound_moves_with_the_frame(blob: ObjectModel) -> None:
 
 def test_bad_arguments_are_named(blob: ObjectModel) -> None:
     exact, X_PO = grasp(blob, 3, 5)
-    with pytest.raises(TooFewContactsError, match="contacts: there are 0"):
+    with pytest.raises(TooFewContactsError, match=r"contacts must be at least 1 .*, not 0"):
         cramer_rao_bound(blob, Contacts.empty(), X_PO)
-    with pytest.raises(InvalidInputError, match="X_PO: its left 3x3 block"):
+    with pytest.raises(InvalidInputError, match="X_PO must have a rotation matrix as its left 3x3 block"):
         cramer_rao_bound(blob, exact, 2 * X_PO)
-    with pytest.raises(InvalidInputError, match="function: has shape"):
+    with pytest.raises(InvalidInputError, match=r"function must have the shape .*"):
         cramer_rao_bound(blob, exact, X_PO).variance([1.0])

@@ -80,7 +80,7 @@ def test_a_batch_is_as_its_items_and_invalid_ones_have_none() -> None:
 @pytest.mark.parametrize("name", ["sigma_moment", "sigma_force"])
 def test_a_negative_sigma_is_refused(name: str) -> None:
     solution = solve_contact([0, 0, 0, 0, 0, -2.0], Sphere(radius=0.009))
-    with pytest.raises(InvalidInputError, match=f"{name}: is -1"):
+    with pytest.raises(InvalidInputError, match=f"{name} must be .*, not -1"):
         contact_covariance(solution, Sphere(radius=0.009), **{name: -1.0})  # type: ignore[arg-type]
 
 

@@ -76,11 +76,11 @@ def test_a_shifted_wrench_does_the_same_work() -> None:
 @pytest.mark.parametrize(
     ("field", "values", "message"),
     [
-        ("range", [1, 1, 0, 1, 1, 1], "range: holds 0"),
-        ("noise", [0, 0, -1e-3, 0, 0, 0], "noise: holds -0.001"),
-        ("resolution", [0, 0, -1, 0, 0, 0], "resolution: holds -1"),
-        ("bias", [0, 0, 0], "bias: has shape"),
-        ("bias", [0, 0, 0, 0, 0, np.nan], r"bias\[5\]: is nan"),
+        ("range", [1, 1, 0, 1, 1, 1], "range\\[2\\] must be .*, not 0"),
+        ("noise", [0, 0, -1e-3, 0, 0, 0], "noise\\[2\\] must be .*, not -0.001"),
+        ("resolution", [0, 0, -1, 0, 0, 0], "resolution\\[2\\] must be .*, not -1"),
+        ("bias", [0, 0, 0], "bias must have the shape .*"),
+        ("bias", [0, 0, 0, 0, 0, np.nan], r"bias\[5\] must be .*, not nan"),
     ],
 )
 def test_a_bad_parameter_is_named(field: str, values: list[float], message: str) -> None:

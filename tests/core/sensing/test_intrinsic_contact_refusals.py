@@ -126,7 +126,7 @@ def test_a_wrench_that_is_not_finite(bad: float, column: int) -> None:
     np.testing.assert_array_equal(found.valid, [True, False, True])
     assert found.reason[1] == "the wrench is not finite"
     assert np.isnan(found.p_SC[1]).all()
-    with pytest.raises(InvalidInputError, match=rf"F_S\[{column}\]: is {bad}"):
+    with pytest.raises(InvalidInputError, match=rf"F_S\[{column}\] must be .*, not {bad}"):
         solve_contact(F_S[1], Sphere(radius=0.009))
 
 
@@ -161,17 +161,17 @@ def test_local_torque_is_bounded_by_friction() -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda s: solve_contact(np.zeros(5), s), r"F_S: has shape \(5,\); allowed is \(6,\)"),
-        (lambda s: solve_contact(np.zeros((1, 6)), s), r"F_S: has shape \(1, 6\)"),
-        (lambda s: solve_contact("wrench", s), r"F_S: not an array of numbers"),
-        (lambda s: solve_contacts(np.zeros(6), s), r"F_S: has shape \(6,\); allowed is \(n, 6\)"),
-        (lambda s: solve_contacts(np.zeros((2, 3)), s), r"F_S: has shape \(2, 3\)"),
-        (lambda s: solve_contacts([["a"] * 6], s), r"F_S: not an array of numbers"),
-        (lambda s: solve_contact(np.zeros(6), s, min_force=-1.0), r"min_force: is -1"),
-        (lambda s: solve_contact(np.zeros(6), s, friction_coefficient=0.0), r"friction_coefficient: is 0"),
+        (lambda s: solve_contact(np.zeros(5), s), r"F_S must have the shape \(6,\), not \(5,\)"),
+        (lambda s: solve_contact(np.zeros((1, 6)), s), r"F_S must have the shape .*, not \(1, 6\)"),
+        (lambda s: solve_contact("wrench", s), r"F_S.* must (be a number|consist of numbers), not"),
+        (lambda s: solve_contacts(np.zeros(6), s), r"F_S must have the shape \(n, 6\), not \(6,\)"),
+        (lambda s: solve_contacts(np.zeros((2, 3)), s), r"F_S must have the shape .*, not \(2, 3\)"),
+        (lambda s: solve_contacts([["a"] * 6], s), r"F_S.* must (be a number|consist of numbers), not"),
+        (lambda s: solve_contact(np.zeros(6), s, min_force=-1.0), r"min_force must be .*, not -1"),
+        (lambda s: solve_contact(np.zeros(6), s, friction_coefficient=0.0), r"friction_coefficient must be .*, not 0"),
         (
             lambda s: solve_contact(np.zeros(6), s, layer=SoftLayer(thickness=0.01, stiffness=1e3)),
-            r"thickness: is 0.01 m",
+            r"thickness must be less than .*, not 0.01 m",
         ),
     ],
 )
@@ -181,5 +181,5 @@ def test_unusable_input_is_refused(call, message: str) -> None:  # type: ignore[
 
 
 def test_an_unknown_method_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(UnknownNameError, match=r"method: 'guess' is unknown; valid names: auto, newton"):
+    with pytest.raises(UnknownNameError, match=r"method must be one of auto, newton.*, not 'guess'"):
         solve_contact(np.zeros(6), Sphere(radius=0.009), method="guess")  # type: ignore[arg-type]

@@ -210,31 +210,43 @@ def test_a_patch_cannot_be_changed() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"p_PT": np.zeros((0, 3)), "pressure": []}, "p_PT: is empty; must have at least one cell"),
-        ({"p_PT": CELLS[:, :2]}, r"p_PT: has shape \(24, 2\); allowed is \(n, 3\)"),
-        ({"p_PT": np.full((24, 3), math.nan)}, r"p_PT\[0, 0\]: is nan"),
-        ({"pressure": np.zeros(23)}, r"pressure: has shape \(23,\); allowed is \(24,\)"),
-        ({"pressure": np.full(24, math.nan)}, "pressure: every cell is NaN"),
-        ({"pressure": np.full(24, math.inf)}, r"pressure\[0\]: is inf"),
-        ({"pressure": np.where(np.arange(24) == 5, -1.0, np.nan)}, r"pressure\[5\]: is -1; allowed are numbers >= 0"),
-        ({"pressure": ["a"] * 24}, "pressure: not an array of numbers"),
-        ({"alpha": math.nan}, "alpha: is nan"),
-        ({"alpha": -ALPHA, "n_PT": OUT}, "alpha: is -1e-07; allowed with n_PT are numbers >= 0"),
-        ({"n_PT": OUT[:5]}, r"n_PT: has shape \(5, 3\); allowed is \(24, 3\)"),
-        ({"n_PT": 2.0 * OUT}, r"n_PT\[0\]: has length 2"),
-        ({"threshold": -1.0}, "threshold: is -1; allowed are numbers >= 0"),
+        ({"p_PT": np.zeros((0, 3)), "pressure": []}, "p_PT must have 1 or more cells, not 0"),
+        ({"p_PT": CELLS[:, :2]}, r"p_PT must have the shape \(n, 3\), not \(24, 2\)"),
+        ({"p_PT": np.full((24, 3), math.nan)}, r"p_PT\[0, 0\] must be .*, not nan"),
+        ({"pressure": np.zeros(23)}, r"pressure must have the shape \(24,\), not \(23,\)"),
+        ({"pressure": np.full(24, math.nan)}, "pressure must be known at one cell or more"),
+        ({"pressure": np.full(24, math.inf)}, r"pressure\[0\] must be .*, not inf"),
+        (
+            {"pressure": np.where(np.arange(24) == 5, -1.0, np.nan)},
+            r"pressure\[5\] must be a number >= 0, or NaN, not -1",
+        ),
+        ({"pressure": ["a"] * 24}, "pressure\\[0\\] must be a number, not 'a'"),
+        ({"alpha": math.nan}, "alpha must be .*, not nan"),
+        ({"alpha": -ALPHA, "n_PT": OUT}, "alpha must be a number >= 0 if n_PT is given, not -1e-07"),
+        ({"n_PT": OUT[:5]}, r"n_PT must have the shape \(24, 3\), not \(5, 3\)"),
+        ({"n_PT": 2.0 * OUT}, r"n_PT\[0\] must have the length .*, not 2"),
+        ({"threshold": -1.0}, "threshold must be a number >= 0, not -1"),
         ({"threshold": 1e300}, "threshold"),
-        ({"threshold": 5.0, "saturation": 5.0}, "saturation: is 5; allowed are numbers > threshold = 5"),
+        ({"threshold": 5.0, "saturation": 5.0}, "saturation must be a number > threshold = 5, not 5"),
         ({"p_PT": 1e3 * CELLS}, "p_PT.*Multiply by 0.001 what is in millimetres"),
         (
             {"p_PT": 1e3 * CELLS - [3.0, 9.0, 0.0]},
-            "p_PT: the cells are spread over .*; must be at most 1 m",
+            "p_PT must be spread over at most 1 m, not .* m",
         ),
-        ({"alpha": 1e-4}, r"pressure\[\d+\]: .* Pa at alpha = 0.0001 m/Pa are .* m; allowed are depths up to 0.1 m"),
-        ({"alpha": -1e-4}, r"pressure\[\d+\]: .* Pa at alpha = 0.0001 m/Pa are .* m; allowed are depths up to 0.1 m"),
-        ({"threshold": 2e6}, "threshold: 2e\\+06 Pa at alpha = 1e-07 m/Pa are 0.2 m; allowed are depths up to 0.1 m"),
-        ({"p_PT": CELLS[:, [2, 0, 1]]}, "n_PT: is None, but the pad is parallel to the z axis"),
-        ({"p_PT": bent_pad()[0][:24]}, "n_PT: is None, but the cells are not in a plane"),
+        (
+            {"alpha": 1e-4},
+            r"pressure\[\d+\] must be a depth up to 0.1 m, not .* m, which .* Pa at alpha = 0.0001 m/Pa are",
+        ),
+        (
+            {"alpha": -1e-4},
+            r"pressure\[\d+\] must be a depth up to 0.1 m, not .* m, which .* Pa at alpha = 0.0001 m/Pa are",
+        ),
+        (
+            {"threshold": 2e6},
+            "threshold must be a depth up to 0.1 m, not 0.2 m, which 2e\\+06 Pa at alpha = 1e-07 m/Pa are",
+        ),
+        ({"p_PT": CELLS[:, [2, 0, 1]]}, "n_PT must be the normals of a pad that is parallel to the z axis"),
+        ({"p_PT": bent_pad()[0][:24]}, "n_PT must be the normals of a curved pad, whose cells are not in a plane"),
     ],
 )
 def test_bad_frames_are_named(arguments: dict[str, object], message: str) -> None:
@@ -243,5 +255,5 @@ def test_bad_frames_are_named(arguments: dict[str, object], message: str) -> Non
 
 
 def test_parameters_of_another_type_are_named() -> None:
-    with pytest.raises(InvalidInputError, match=r"^params: is a int; allowed is a PatchParams"):
+    with pytest.raises(InvalidInputError, match=r"^params must be a PatchParams, not an int"):
         tp.describe_patch(CELLS, noise(0), alpha=ALPHA, params=3)  # type: ignore[arg-type]

@@ -154,12 +154,12 @@ def test_an_ideal_array_reads_the_pressure_and_says_whether_anything_touches() -
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("range", 0.0, "TactileModel.range: is 0"),
-        ("resolution", -1.0, "TactileModel.resolution: is -1"),
-        ("noise", np.nan, "TactileModel.noise: is nan"),
-        ("spread", -1e-3, "TactileModel.spread: is -0.001"),
-        ("dead_cells", [3, 24], "dead_cells: holds 24; allowed are the cells' indices, 0 to 23"),
-        ("dead_cells", [-1], "dead_cells: holds -1"),
+        ("range", 0.0, "TactileModel.range must be .*, not 0"),
+        ("resolution", -1.0, "TactileModel.resolution must be .*, not -1"),
+        ("noise", np.nan, "TactileModel.noise must be .*, not nan"),
+        ("spread", -1e-3, "TactileModel.spread must be .*, not -0.001"),
+        ("dead_cells", [3, 24], "dead_cells must be an integer from 0 to 23, not 24"),
+        ("dead_cells", [-1], "dead_cells must be .*, not -1"),
     ],
 )
 def test_a_bad_parameter_is_named(field: str, value: object, message: str) -> None:
@@ -170,12 +170,12 @@ def test_a_bad_parameter_is_named(field: str, value: object, message: str) -> No
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"vertices": np.full((5, 3), np.nan)}, r"vertices\[0, 0\]: is nan"),
-        ({"pressure": np.zeros(4)}, "pressure: has shape"),
-        ({"faces": np.array([5, 0, 1, 2, 3])}, "faces: are not polygons of the 5 vertices"),
-        ({"faces": np.array([3, 0, 1, 5])}, "faces: are not"),
-        ({"faces": np.array([3, 0, 1, -1])}, "faces: are not"),
-        ({"faces": np.array([2, 0, 1])}, "faces: are not"),
+        ({"vertices": np.full((5, 3), np.nan)}, r"vertices\[0, 0\] must be .*, not nan"),
+        ({"pressure": np.zeros(4)}, "pressure must have the shape .*"),
+        ({"faces": np.array([5, 0, 1, 2, 3])}, "faces must be polygons of the 5 vertices"),
+        ({"faces": np.array([3, 0, 1, 5])}, "faces must be polygons"),
+        ({"faces": np.array([3, 0, 1, -1])}, "faces must be polygons"),
+        ({"faces": np.array([2, 0, 1])}, "faces must be polygons"),
     ],
 )
 def test_a_broken_field_is_named(change: dict[str, np.ndarray], message: str) -> None:

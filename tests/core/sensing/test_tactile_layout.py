@@ -62,7 +62,7 @@ def test_rows_do_not_overlap(rows: list[CellRow], is_allowed: bool) -> None:
         assert len(pattern.make()) == sum(row.count for row in rows)
         return
     last = len(rows) - 1
-    with pytest.raises(InvalidInputError, match=rf"rows\[{last}\].center: .* overlap those of rows\[0\]"):
+    with pytest.raises(InvalidInputError, match=rf"rows\[{last}\].center must not be .* overlap those of rows\[0\]"):
         pattern.make()
 
 
@@ -129,12 +129,12 @@ def test_neighbours_share_the_plane_between_them() -> None:
 @pytest.mark.parametrize(
     ("corners", "message"),
     [
-        (np.zeros((0, 4, 3)), "must have at least one cell"),
-        (np.zeros((2, 4, 3)), r"corners\[0\]: the cell is not convex with an area"),
-        (SQUARE[:, [0, 2, 1, 3]], "is not convex"),
-        (SQUARE + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.1], [0, 0, 0]]), "is not flat"),
-        (SQUARE * np.nan, r"corners\[0, 0, 0\]: is nan"),
-        (np.zeros((3, 3)), "corners: has shape"),
+        (np.zeros((0, 4, 3)), "corners must have 1 or more cells, not 0"),
+        (np.zeros((2, 4, 3)), r"corners\[0\] must be a cell that is convex with an area"),
+        (SQUARE[:, [0, 2, 1, 3]], "must be a cell that is convex"),
+        (SQUARE + np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.1], [0, 0, 0]]), "must be a cell that is flat"),
+        (SQUARE * np.nan, r"corners\[0, 0, 0\] must be .*, not nan"),
+        (np.zeros((3, 3)), "corners must have the shape .*"),
     ],
 )
 def test_impossible_cells_are_named(corners: np.ndarray, message: str) -> None:
@@ -145,9 +145,9 @@ def test_impossible_cells_are_named(corners: np.ndarray, message: str) -> None:
 @pytest.mark.parametrize(
     ("rays", "message"),
     [
-        (-UPRIGHT, r"rays\[0, 0\]: does not point out of the cell"),
-        (UPRIGHT[0], "rays: has shape"),
-        (np.where(UPRIGHT > 0, np.inf, 0.0), r"rays\[0, 0, 2\]: is inf"),
+        (-UPRIGHT, r"rays\[0, 0\] must point out of the cell, not into it"),
+        (UPRIGHT[0], "rays must have the shape .*"),
+        (np.where(UPRIGHT > 0, np.inf, 0.0), r"rays\[0, 0, 2\] must be .*, not inf"),
     ],
 )
 def test_impossible_rays_are_named(rays: np.ndarray, message: str) -> None:
@@ -158,19 +158,22 @@ def test_impossible_rays_are_named(rays: np.ndarray, message: str) -> None:
 @pytest.mark.parametrize(
     ("pattern", "message"),
     [
-        (RowPattern(), "rows: is empty"),
-        (RowPattern(along=[1, 1, 0], rows=[CellRow()]), "along: has length"),
-        (RowPattern(normal=[0.6, 0, 0.8], rows=[CellRow()]), "normal: is .* right angles"),
-        (RowPattern(pitch=0.0, rows=[CellRow()]), "pitch: is 0"),
-        (RowPattern(rows=[CellRow(), CellRow(count=0)]), r"rows\[1\]: has 0 cells"),
-        (RowPattern(rows=[CellRow(cell=[0.001, -0.001])]), r"rows\[0\]: has 1 cells of"),
-        (RowPattern(rows=[CellRow(count=2, cell=[0.001, 0.002])]), r"rows\[0\].cell: is 0.002 m across"),
-        (RowPattern(rows=[CellRow(center=[0, 0])]), r"rows\[0\].center: has shape"),
-        (RowPattern(rows=[CellRow(tangent_deg=np.inf)]), "tangent_deg: is inf"),
-        (RowPattern(rows=[CellRow(), CellRow()]), r"rows\[1\].center: is .* overlap those of rows\[0\], .* must not"),
-        (CapsulePattern(radius=-1), "radius: is -1"),
-        (CapsulePattern(half_angle_deg=90), "half_angle_deg: is 90"),
-        (CapsulePattern(end_angle_deg=np.nan), "end_angle_deg: is nan"),
+        (RowPattern(), "rows must have 1 or more rows, not 0"),
+        (RowPattern(along=[1, 1, 0], rows=[CellRow()]), "along must have the length 1"),
+        (RowPattern(normal=[0.6, 0, 0.8], rows=[CellRow()]), "normal must be at right angles to `along`, not"),
+        (RowPattern(pitch=0.0, rows=[CellRow()]), "pitch must be .*, not 0"),
+        (RowPattern(rows=[CellRow(), CellRow(count=0)]), r"rows\[1\]\.count must be .*, not 0"),
+        (RowPattern(rows=[CellRow(cell=[0.001, -0.001])]), r"rows\[0\]\.cell\[1\] must be .*, not -0\.001"),
+        (
+            RowPattern(rows=[CellRow(count=2, cell=[0.001, 0.002])]),
+            r"rows\[0\].cell\[1\] must be at most .*, not 0\.002 m",
+        ),
+        (RowPattern(rows=[CellRow(center=[0, 0])]), r"rows\[0\].center must have the shape .*"),
+        (RowPattern(rows=[CellRow(tangent_deg=np.inf)]), "tangent_deg must be .*, not inf"),
+        (RowPattern(rows=[CellRow(), CellRow()]), r"rows\[1\].center must not be .* overlap those of rows\[0\], at"),
+        (CapsulePattern(radius=-1), "radius must be .*, not -1"),
+        (CapsulePattern(half_angle_deg=90), "half_angle_deg must be above 0 and below 90, not 90"),
+        (CapsulePattern(end_angle_deg=np.nan), "end_angle_deg must be .*, not nan"),
     ],
 )
 def test_an_impossible_pattern_is_named(pattern: RowPattern | CapsulePattern, message: str) -> None:

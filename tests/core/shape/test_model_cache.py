@@ -218,7 +218,7 @@ def test_the_limit_is_two_gigabytes_or_what_is_said(monkeypatch: pytest.MonkeyPa
     assert model_cache.cache_limit() == 5e8
     for wrong in ("much", "-1", "nan"):
         monkeypatch.setenv(model_cache.LIMIT_VARIABLE, wrong)
-        with pytest.raises(InvalidInputError, match=r"TACTOPOSE_CACHE_GB: is '.*'; allowed are numbers"):
+        with pytest.raises(InvalidInputError, match=r"TACTOPOSE_CACHE_GB must be a number of gigabytes >= 0, not '.*'"):
             model_cache.cache_limit()
 
 

@@ -45,10 +45,10 @@ def test_each_cell_holds_its_points(name: str) -> None:
 @pytest.mark.parametrize(
     ("points", "message"),
     [
-        (np.zeros((0, 3)), "points: there are 0; must be at least 2 different points"),
-        (np.ones((5, 3)), "points: there are 5, all the same"),
-        ([[0.0, math.nan, 0.0]], r"points\[0, 1\]: is nan"),
-        (np.zeros((4, 2)), r"points: has shape \(4, 2\)"),
+        (np.zeros((0, 3)), "points must be at least 2 different ones, not 0"),
+        (np.ones((5, 3)), "points must be at least 2 different ones, not 5, all the same"),
+        ([[0.0, math.nan, 0.0]], r"points\[0, 1\] must be .*, not nan"),
+        (np.zeros((4, 2)), r"points must have the shape .*, not \(4, 2\)"),
     ],
 )
 def test_bad_clouds_are_named(points: object, message: str) -> None:

@@ -185,9 +185,9 @@ def test_a_grid_is_read_only_and_contiguous() -> None:
 @pytest.mark.parametrize(
     ("spacing", "max_bytes", "message"),
     [
-        (0.0, 2**20, "spacing: is 0"),
-        (1e-4, 2**20, r"spacing: is 0.0001 m; allowed with max_grid_bytes = 1048576 are numbers >= 0\.00"),
-        (None, 1000, "max_grid_bytes: is 1000; allowed are numbers >= 160000"),
+        (0.0, 2**20, "spacing must be .*, not 0"),
+        (1e-4, 2**20, r"spacing must be at least 0\.00\d+ m with max_grid_bytes = 1048576, not 0\.0001 m"),
+        (None, 1000, "max_grid_bytes must be a number >= 160000, not 1000"),
     ],
 )
 def test_impossible_resolutions_are_refused(spacing: float | None, max_bytes: int, message: str) -> None:

@@ -34,18 +34,20 @@ def test_continuous_symmetries_are_not_in_the_group() -> None:
 
 def test_axes_that_belong_to_no_finite_group_are_refused() -> None:
     tilted = exp_so3(np.array([0.5, 0.0, 0.0])) @ Z
-    with pytest.raises(InvalidInputError, match="symmetry: the axes generate more than 60 rotations"):
+    with pytest.raises(
+        InvalidInputError, match="symmetry must have axes that generate a group of at most 60 rotations"
+    ):
         symmetry_group([RotationalSymmetry(Z, np.zeros(3), 4), RotationalSymmetry(tilted, np.zeros(3), 4)])
 
 
 @pytest.mark.parametrize(
     ("axis", "point", "order", "message"),
     [
-        ([0, 0, 2], [0, 0, 0], 2, "axis: has length 2"),
-        ([0, 0, 1], [0, np.nan, 0], 2, r"point\[1\]: is nan"),
-        ([0, 0, 1], [0, 0, 0], 1, "order: is 1; allowed are 0"),
-        ([0, 0, 1], [0, 0, 0], -2, "order: is -2"),
-        ([0, 0, 1], [0, 0, 0], 360, "order: is 360; allowed are integers from 0 to 60"),
+        ([0, 0, 2], [0, 0, 0], 2, "axis must have the length .*, not 2"),
+        ([0, 0, 1], [0, np.nan, 0], 2, r"point\[1\] must be .*, not nan"),
+        ([0, 0, 1], [0, 0, 0], 1, "order must be 0 .* or an integer .*2.*, not 1"),
+        ([0, 0, 1], [0, 0, 0], -2, "order must be .*, not -2"),
+        ([0, 0, 1], [0, 0, 0], 360, "order must be an integer from 0 to 60, not 360"),
     ],
 )
 def test_impossible_symmetries_are_refused(axis: list[float], point: list[float], order: int, message: str) -> None:

@@ -81,6 +81,6 @@ def test_the_stable_part_of_the_error_stays(ball: ObjectModel) -> None:
 def test_a_move_takes_time(ball: ObjectModel) -> None:
     touch = start(ball)
     before = touch.X_PO
-    with pytest.raises(InvalidInputError, match="duration: is 0; allowed are numbers > 0"):
+    with pytest.raises(InvalidInputError, match="duration must be a number > 0, not 0"):
         touch.move(np.ones(6), np.zeros((4, 3)), slides=False, duration=0.0)
     np.testing.assert_array_equal(touch.X_PO, before)

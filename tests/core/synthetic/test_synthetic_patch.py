@@ -49,7 +49,7 @@ def test_the_noise_moves_pads_as_a_whole_and_depths_one_by_one() -> None:
 
 def test_an_object_too_small_for_a_pad_is_named() -> None:
     needle = ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=2, radius=0.001))
-    with pytest.raises(InvalidInputError, match="pads found 0 places on it in 40 tries; 10 are needed"):
+    with pytest.raises(InvalidInputError, match="must have 10 places for pads, not 0, in 40 tries"):
         touch_with_pads(needle, np.eye(3, 4), 1, np.random.default_rng(0))
 
 

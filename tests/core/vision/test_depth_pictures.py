@@ -105,9 +105,7 @@ def test_where_neither_the_object_nor_anything_is_seen_nothing_agrees(block: Obj
 
 def test_an_image_of_another_size_is_refused() -> None:
     wrong = np.full((40, 61), 0.5)
-    with pytest.raises(
-        InvalidInputError, match=r"depth: has the shape \(40, 61\); allowed is the camera's, \(40, 60\)"
-    ):
+    with pytest.raises(InvalidInputError, match=r"depth must have the camera's shape, \(40, 60\), not \(40, 61\)"):
         noisy_depth(wrong, CAMERA, np.random.default_rng(0))
-    with pytest.raises(InvalidInputError, match="depth: has the shape"):
+    with pytest.raises(InvalidInputError, match="depth must have the camera's shape"):
         take_picture(wrong, *NO_HAND, CAMERA)

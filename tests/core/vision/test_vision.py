@@ -47,7 +47,7 @@ def test_beyond_the_lost_share_the_error_grows_no_more() -> None:
         for hidden in (0.125, 0.25, 0.8)
     ]
     assert sizes == pytest.approx([0.027, 0.05, 0.05])
-    with pytest.raises(InvalidInputError, match=r"lost_share: is 1\.5"):
+    with pytest.raises(InvalidInputError, match=r"lost_share must be .*, not 1\.5"):
         VisionModel(lost_share=1.5).validate()
 
 
@@ -71,5 +71,5 @@ def test_the_same_noise_gives_the_same_pose_and_no_noise_is_no_failure() -> None
     "name", ["translation_clear", "translation_hidden", "rotation_clear_deg", "rotation_hidden_deg"]
 )
 def test_an_error_of_zero_is_refused_by_name(name: str) -> None:
-    with pytest.raises(InvalidInputError, match=f"{name}: is 0"):
+    with pytest.raises(InvalidInputError, match=f"{name} must be .*, not 0"):
         VisionModel(**{name: 0.0}).validate()

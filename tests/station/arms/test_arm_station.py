@@ -55,7 +55,7 @@ def test_a_gripper_whose_file_says_nothing_of_contact_holds_an_object(tmp_path: 
 )
 def test_what_an_arm_s_station_does_not_do_is_refused(name: str, part: object) -> None:
     scenario = Scenario(object="cube", **{name: part})
-    with pytest.raises(InvalidInputError, match=rf"^Scenario\.{name}: is given; allowed on an arm is None"):
+    with pytest.raises(InvalidInputError, match=rf"^Scenario\.{name} must be None on an arm"):
         make_arm_station(scenario, GraspPlan(np.eye(3, 4), {}, 0.0), ArmSetup(), stay)
 
 

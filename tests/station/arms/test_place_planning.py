@@ -201,7 +201,7 @@ def test_the_rod_leans_on_the_table_and_the_hand_stays_off_it(planner: PlacePlan
     ],
 )
 def test_how_fast_the_arm_goes_has_limits(name: str, value: float, allowed: str) -> None:
-    with pytest.raises(InvalidInputError, match=rf"PlaceParams\.{name}: is {value:g}; allowed are \w+ {allowed}"):
+    with pytest.raises(InvalidInputError, match=rf"PlaceParams\.{name} must be an? \w+ {allowed}, not {value:g}"):
         PlaceParams(**{name: value}).validate()
 
 

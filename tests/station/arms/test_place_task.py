@@ -280,7 +280,7 @@ def test_what_the_noise_of_the_estimates_explains_is_no_motion() -> None:
 
 
 def test_a_bad_parameter_is_named() -> None:
-    with pytest.raises(InvalidInputError, match=r"PlaceTaskParams\.patience: is -1"):
+    with pytest.raises(InvalidInputError, match=r"PlaceTaskParams\.patience must be .*, not -1"):
         PlaceTaskParams(patience=-1.0).validate()
 
 

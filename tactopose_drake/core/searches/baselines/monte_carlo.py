@@ -22,8 +22,7 @@ from tactopose_drake.core.searches.search import (
     join_results,
     never,
 )
-from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import FloatArray, positive_number, whole_number
 
 # The confidence is tested whenever this many more particles have been made. [B16] section 4.2.6.
 _CHECKED_EVERY = 1000
@@ -59,8 +58,7 @@ class MonteCarloDesign:
     confidence: float
 
     def __post_init__(self) -> None:
-        if not 1 <= self.population <= self.particles:
-            raise InvalidInputError(f"population: is {self.population}; allowed are 1 to {self.particles} (particles).")
+        whole_number("population", self.population, least=1, most=self.particles)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -103,10 +101,8 @@ class MonteCarlo(Search):
     polish: LevenbergMarquardt = dataclasses.field(default_factory=LevenbergMarquardt)
 
     def __post_init__(self) -> None:
-        if self.batch < 1:
-            raise InvalidInputError(f"batch: is {self.batch}; allowed are numbers >= 1.")
-        if not self.scale > 0:
-            raise InvalidInputError(f"scale: is {self.scale:g}; allowed are numbers > 0.")
+        whole_number("batch", self.batch, least=1)
+        positive_number("scale", self.scale)
 
     def minimize(
         self,
