@@ -40,7 +40,7 @@ def test_the_spin_of_a_scanned_can_is_one_hypothesis_with_the_turn_named(
         spread = np.array([h.covariance for h in one.hypotheses])
         assert np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0]).min() < 20.0
     assert named >= 4
-    assert fewer >= 4
+    assert fewer >= 1  # Without it, too, minima round the can are mostly joined, over the low passes between them.
 
 
 def test_images_of_a_nearly_square_box_keep_their_own_probabilities_where_the_touch_tells_them_apart() -> None:

@@ -6,7 +6,11 @@ samples, which are few in some modes and vary with the seed. Minima are joined i
 is little higher than the lowest minimum on either side; the lowest one then stands for all that are joined [CGOS13].
 Modes that are connected through a third one are thus joined however many minima the search has found between them.
 
-Source: [CGOS13] F. Chazal et al., Persistence-based clustering in Riemannian manifolds, J. ACM 60, 2013.
+A straight path between minima of a bent valley is too high. Its poses are moved down across the path, each in the plane
+that the path crosses there, as in the string method [ERV02]; freely, they would slide to either side of a ridge.
+
+Source: [CGOS13] F. Chazal et al., Persistence-based clustering in Riemannian manifolds, J. ACM 60, 2013. [ERV02] W. E,
+W. Ren, E. Vanden-Eijnden, String method for the study of rare events, Phys. Rev. B 66, 2002.
 """
 
 import functools
@@ -16,15 +20,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.objectives.objective import Objective
+from tactopose_drake.core.objectives.objective import SmoothObjective
 from tactopose_drake.core.poses import compose
-from tactopose_drake.core.posterior.joining_kernels import Joined, join, join_over_saddles, lay_paths
+from tactopose_drake.core.posterior.joining_kernels import (
+    Joined,
+    Lengths,
+    Slopes,
+    join,
+    join_over_saddles,
+    lay_between,
+    lay_paths,
+    relax_paths,
+)
 from tactopose_drake.core.posterior.mode_moments import Moments
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, MomentParams
 from tactopose_drake.core.validation import FloatArray
 
-# Fractions of the path between two minima at which the cost is evaluated.
-_SHARES, _HALF = np.arange(1.0, 6.0) / 6.0, np.array([3.0 / 6.0])
+# Fractions of the path between two minima at which the cost is evaluated. Every second pose of a path is relaxed, and
+# the others then lie between these, so that no path leads over a ridge between two poses.
+_SHARES, _HALF = np.arange(0.0, 13.0) / 12.0, np.array([0.0, 0.5, 1.0])
 # With more pairs than this, those that are likely to settle the others are evaluated first.
 _FEW_PAIRS = 10
 # How many paths from each minimum between modes are evaluated, the shortest ones.
@@ -71,8 +85,8 @@ class Families(NamedTuple):
 
 def find_families(
     X_PO: FloatArray,
-    objective: Objective,
-    to_the_floor: Callable[[FloatArray], FloatArray],
+    objective: SmoothObjective,
+    lengths: Lengths,
     symmetry_poses: FloatArray,
     size: float,
     between: FloatArray | None = None,
@@ -84,7 +98,7 @@ def find_families(
         X_PO: minima, the most important first, shape (g, 3, 4). All pairs of the first `params.most_joined` are
             evaluated; of each further one, and of the minima between, the pairs with its nearest neighbours.
         objective: the negative log posterior.
-        to_the_floor: moves poses (B, 3, 4) on a valley's side to its floor.
+        lengths: units and limits of the steps that relax paths.
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
         size: the object's size, m.
         between: further minima through which modes may be connected, shape (n, 3, 4), or None.
@@ -96,18 +110,19 @@ def find_families(
     if len(asked) < 2:
         return found
     low, lay = objective.cost(asked), functools.partial(_lay, asked, found)
+    relax = functools.partial(_relax, objective, lengths, params.steps_across)
     pairs = _pairs(most)
     if len(asked) > most:
         pairs = np.concatenate([pairs, _near_pairs(asked, most, found)])
     chosen = np.ones(len(pairs), dtype=np.bool_)
     if len(pairs) > _FEW_PAIRS:
         # First a minimum spanning tree: once two minima are joined, another path between them changes nothing.
-        pairs, halfway = _passable(pairs, low, params.ridge, lay, objective, to_the_floor)
+        pairs, halfway = _passable(pairs, low, params.ridge, lay, objective, relax)
         _, chosen = _join(pairs, halfway, np.inf, low)
     saddle, unknown = np.full(len(pairs), np.inf), np.ones(len(pairs), dtype=np.bool_)
     family = np.arange(len(asked))
     while chosen.any():
-        saddle[chosen], unknown[chosen] = _saddles(pairs[chosen], low, lay, objective, to_the_floor), False
+        saddle[chosen], unknown[chosen] = _saddles(pairs[chosen], low, params.ridge, lay, objective, relax), False
         family = _join(pairs, saddle, params.ridge, low)[0]
         chosen = unknown & (family[pairs[:, 0]] != family[pairs[:, 1]])
     return found._replace(family=family[: len(X_PO)])
@@ -149,19 +164,29 @@ def _lay(X_PO: FloatArray, images: Families, pairs: NDArray[np.intp], shares: Fl
     return ways
 
 
+def _relax(objective: SmoothObjective, lengths: Lengths, steps: int, paths: FloatArray) -> FloatArray:
+    """Paths (n, t, 3, 4) after so many Levenberg-Marquardt steps of their inner poses, each across its path."""
+    path, tried = np.array(paths, order="C"), np.array(paths[:, 1:-1], order="C")
+    count = tried.shape[0] * tried.shape[1]
+    here, damping = Slopes(np.full(count, np.inf), np.zeros((count, 6)), np.zeros((count, 6, 6))), np.zeros(count)
+    for _ in range(1 + steps):
+        relax_paths(path, tried, here, objective.normal_equations(tried.reshape(-1, 3, 4)), damping, lengths)
+    return path
+
+
 def _passable(
     pairs: NDArray[np.intp],
     low: FloatArray,
     ridge: float,
     lay: Callable[[NDArray[np.intp], FloatArray], FloatArray],
-    objective: Objective,
-    to_the_floor: Callable[[FloatArray], FloatArray],
+    objective: SmoothObjective,
+    relax: Callable[[FloatArray], FloatArray],
 ) -> tuple[NDArray[np.intp], FloatArray]:
     """The pairs among (n, 2) without a high barrier halfway between them, and the costs halfway."""
-    most, halfway = low[pairs].max(axis=1) + ridge, lay(pairs, _HALF)[:, 0]
-    cost = objective.cost(halfway)
+    most, halfway = low[pairs].max(axis=1) + ridge, lay(pairs, _HALF)
+    cost = objective.cost(halfway[:, 1])
     high = np.flatnonzero(cost > most)
-    cost[high] = np.minimum(cost[high], objective.cost(to_the_floor(halfway[high])))
+    cost[high] = np.minimum(cost[high], objective.cost(relax(halfway[high])[:, 1]))
     passable = np.flatnonzero(cost <= most)
     return pairs[passable], cost[passable]
 
@@ -169,18 +194,28 @@ def _passable(
 def _saddles(
     pairs: NDArray[np.intp],
     low: FloatArray,
+    ridge: float,
     lay: Callable[[NDArray[np.intp], FloatArray], FloatArray],
-    objective: Objective,
-    to_the_floor: Callable[[FloatArray], FloatArray],
+    objective: SmoothObjective,
+    relax: Callable[[FloatArray], FloatArray],
 ) -> FloatArray:
     """The highest cost on the path between each pair (n, 2) of minima with costs (g,), shape (n,).
 
-    Where a straight path rises, its points are first moved to the valley's floor, if the cost is lower there.
+    Where the straight path is too high to join its ends, it is relaxed.
     """
-    ends, ways = low[pairs].max(axis=1), lay(pairs, _SHARES)
-    costs = objective.cost(ways.reshape(-1, 3, 4)).reshape(-1, len(_SHARES))
-    rising = costs.max(axis=1) > ends
-    bent = objective.cost(to_the_floor(ways[rising].reshape(-1, 3, 4))).reshape(-1, len(_SHARES))
-    costs[rising] = np.minimum(costs[rising], bent)
-    saddles: FloatArray = np.maximum(costs.max(axis=1), ends)
-    return saddles
+    ends, straight = low[pairs].max(axis=1), lay(pairs, _SHARES)
+    saddle = np.maximum(_highest(straight[:, 1:-1], objective), ends)
+    high = np.flatnonzero(saddle > low.min() + ridge)
+    if len(high):
+        bent = relax(straight[high, ::2])
+        middle = np.empty((len(high), bent.shape[1] - 1, 3, 4))
+        lay_between(bent, middle)
+        lower = np.maximum(_highest(bent[:, 1:-1], objective), _highest(middle, objective))
+        saddle[high] = np.minimum(saddle[high], np.maximum(lower, ends[high]))
+    return saddle
+
+
+def _highest(paths: FloatArray, objective: SmoothObjective) -> FloatArray:
+    """The highest cost of the poses (n, t, 3, 4) of each of n paths, shape (n,)."""
+    highest: FloatArray = objective.cost(paths.reshape(-1, 3, 4)).reshape(paths.shape[:2]).max(axis=1)
+    return highest

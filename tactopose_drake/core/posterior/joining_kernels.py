@@ -9,6 +9,7 @@ from tactopose_drake.core.kernel_types import (
     Floats1,
     Floats2,
     Floats3,
+    Floats4,
     Longs1,
     Longs2,
     OutFlags1,
@@ -18,8 +19,9 @@ from tactopose_drake.core.kernel_types import (
     OutFloats4,
     OutLongs1,
 )
+from tactopose_drake.core.kernels.least_squares_kernels import damped_step
 from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between, retract_one
-from tactopose_drake.core.kernels.sorting_kernels import copy_vector
+from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
 
 
 class Joined(NamedTuple):
@@ -36,6 +38,22 @@ class Image(NamedTuple):
 
     u: OutFloats1
     turn: OutFloats2
+
+
+class Slopes(NamedTuple):
+    """Cost (B,), gradient (B, 6) and Hessian (B, 6, 6) at poses."""
+
+    cost: OutFloats1
+    gradient: OutFloats2
+    hessian: OutFloats3
+
+
+class Lengths(NamedTuple):
+    """Increments (6,) that move the surface by one metre, the longest step, m, and the least information, 1/m^2."""
+
+    units: Floats1
+    longest: float
+    soft: float
 
 
 class Work(NamedTuple):
@@ -62,6 +80,96 @@ def lay_paths(X: Floats3, pairs: Longs2, symmetries: Floats3, arm: float, shares
             for a in range(6):
                 u[a] = shares[t] * image.u[a]
             retract_one(X[i], u, path[n, t])
+
+
+@kernel
+def lay_between(path: Floats4, middle: OutFloats4) -> None:
+    """Fills poses (n, t - 1, 3, 4) halfway between consecutive poses of paths (n, t, 3, 4)."""
+    u = np.empty(6)
+    for n in range(middle.shape[0]):
+        for i in range(middle.shape[1]):
+            increment_between(path[n, i], path[n, i + 1], u)
+            for a in range(6):
+                u[a] *= 0.5
+            retract_one(path[n, i], u, middle[n, i])
+
+
+@kernel
+def relax_paths(
+    path: OutFloats4, tried: OutFloats4, here: Slopes, there: Slopes, damping: OutFloats1, lengths: Lengths
+) -> None:
+    """Accepts or rejects a step of each inner pose of paths (n, t, 3, 4), and proposes the next one, across the path.
+
+    Args:
+        path: the paths so far, whose ends stay.
+        tried: the poses (n, t - 2, 3, 4) that the last step led to; afterwards, those that the next one leads to.
+        here: costs and derivatives at the inner poses, of all paths one after the other; the costs infinite at first.
+        there: the same at the poses tried.
+        damping: of each inner pose.
+        lengths: units and limits of steps.
+    """
+    along, step, H = np.empty(6), np.empty(6), np.empty((6, 6))
+    g, L, forward = np.empty(6), np.empty((6, 6)), np.empty(6)
+    inner = tried.shape[1]
+    for n in range(path.shape[0]):
+        for i in range(inner):
+            b = n * inner + i
+            if there.cost[b] < here.cost[b]:
+                damping[b], here.cost[b] = 0.0, there.cost[b]
+                copy_vector(there.gradient[b], here.gradient[b])
+                copy_matrix(there.hessian[b], here.hessian[b])
+                copy_matrix(tried[n, i], path[n, i + 1])
+            else:
+                damping[b] = max(10.0 * damping[b], 10.0)
+        for i in range(inner):
+            b = n * inner + i
+            _find_direction(path[n, i], path[n, i + 2], lengths.units, along)
+            _find_slope_across(here.gradient[b], here.hessian[b], along, lengths, g, H)
+            damped_step(6, H, g, damping[b], L, forward, step)
+            ahead = 0.0
+            for a in range(6):
+                ahead += along[a] * step[a]
+            square = 0.0
+            for a in range(6):
+                step[a] -= ahead * along[a]
+                square += step[a] ** 2
+            share = lengths.longest / max(np.sqrt(square), lengths.longest)
+            for a in range(6):
+                step[a] *= share * lengths.units[a]
+            retract_one(path[n, i + 1], step, tried[n, i])
+
+
+@part
+def _find_direction(X: Floats2, Y: Floats2, units: Floats1, along: OutFloats1) -> None:
+    """The unit vector (6,) from pose X to pose Y, in these units; zero if they are equal."""
+    increment_between(X, Y, along)
+    square = 0.0
+    for a in range(6):
+        along[a] /= units[a]
+        square += along[a] ** 2
+    for a in range(6):
+        along[a] /= np.sqrt(max(square, 1e-300))
+
+
+@part
+def _find_slope_across(
+    gradient: Floats1, hessian: Floats2, along: Floats1, lengths: Lengths, g: OutFloats1, H: OutFloats2
+) -> None:
+    """The gradient P g (6,) and Hessian P H P + soft (6, 6) in units; P = 1 - a a^T projects out the direction a."""
+    units, Ha, ga, aHa = lengths.units, np.empty(6), 0.0, 0.0
+    for i in range(6):
+        g[i] = gradient[i] * units[i]
+        ga += along[i] * g[i]
+        Ha[i] = 0.0
+        for k in range(6):
+            H[i, k] = hessian[i, k] * units[i] * units[k]
+            Ha[i] += H[i, k] * along[k]
+        aHa += along[i] * Ha[i]
+    for i in range(6):
+        g[i] -= ga * along[i]
+        for k in range(6):
+            H[i, k] += aHa * along[i] * along[k] - along[i] * Ha[k] - Ha[i] * along[k]
+        H[i, i] += lengths.soft
 
 
 @kernel

@@ -15,6 +15,7 @@ from tactopose_drake.core.kernels.mode_kernels import one_of_each
 from tactopose_drake.core.posterior import importance_sampling_kernels
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.joined_modes import Families, find_families
+from tactopose_drake.core.posterior.joining_kernels import Lengths
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture, across_turns, draw, in_chart
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
@@ -94,10 +95,11 @@ def minima_between(X_PO: FloatArray, weights: FloatArray, cover: Cover, posterio
 
 def join_modes(cover: Cover, posterior: Posterior, X_between: FloatArray | None = None) -> Families:
     """Finds which of the sampled modes are one, directly or through minima (n, 3, 4) between them."""
+    longest = posterior.params.sampling.longest_step * posterior.size
     return find_families(
         cover.X_PO,
         posterior.objective,
-        lambda X_PO: _to_the_floor(X_PO, posterior),
+        Lengths(posterior.units, longest, 1.0 / posterior.straight**2),
         posterior.symmetry_poses,
         posterior.size,
         X_between,

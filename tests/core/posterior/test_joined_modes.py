@@ -3,9 +3,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tactopose_drake.core.objectives.objective import Objective
+from tactopose_drake.core.objectives.objective import NormalEquations
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, retract
 from tactopose_drake.core.posterior.joined_modes import Families, find_families
+from tactopose_drake.core.posterior.joining_kernels import Lengths
 from tactopose_drake.core.posterior.mode_moments import Moments, weigh_moments
 from tactopose_drake.core.posterior.posterior_params import MomentParams
 from tactopose_drake.core.posterior.student_t_mixture import find_increments
@@ -13,6 +14,8 @@ from tactopose_drake.core.validation import FloatArray
 
 SIGMAS = np.array([0.03, 0.02, 0.05, 0.001, 0.002, 0.0015])
 SCALE = np.outer(SIGMAS, SIGMAS)
+# A metre for each standard deviation.
+LENGTHS = Lengths(SIGMAS, 1.0, 0.01)
 ALONE, NONE = np.eye(3, 4)[None], np.empty((0, 3, 4))
 X_PO = make_poses(exp_so3(np.array([0.4, -1.0, 2.0])), np.array([0.1, 0.0, -0.2]))
 # A half turn about the line through this point along the y-axis.
@@ -29,40 +32,44 @@ def beside(*lengths: float) -> FloatArray:
     return retract(np.tile(X_PO, (len(lengths), 1, 1)), np.diag(SIGMAS)[: len(lengths)] * np.array(lengths)[:, None])
 
 
-class Valleys:
-    """Of costs by the way from X_PO along the first direction, in standard deviations: given at some, else between."""
+class Landscape:
+    """Costs by the increments from X_PO in standard deviations, shape (B, 6), with derivatives by differences."""
 
-    def __init__(self, places: list[float], costs: list[float]) -> None:
-        self._places, self._costs = places, costs
-
-    def cost(self, X: FloatArray) -> FloatArray:
-        u = increments_between(np.broadcast_to(X_PO, X.shape), X) / SIGMAS
-        return np.interp(u[:, 0], self._places, self._costs) + 0.5 * np.square(u[:, 1:]).sum(axis=1)
-
-
-class Counting:
-    """An objective that counts for how many poses it is asked."""
-
-    def __init__(self, objective: Objective) -> None:
-        self.asked, self._objective = 0, objective
+    def __init__(self, height: Callable[[FloatArray], FloatArray], curvature: float = 1.0) -> None:
+        """Here `curvature` is what stands for the Hessian's diagonal, per squared standard deviation."""
+        self.asked, self._height, self._curvature = 0, height, curvature
 
     def cost(self, X: FloatArray) -> FloatArray:
         self.asked += len(X)
-        return self._objective.cost(X)
+        return self._height(increments_between(np.broadcast_to(X_PO, X.shape), X) / SIGMAS)
+
+    def normal_equations(self, X: FloatArray) -> NormalEquations:
+        steps, cost = 1e-4 * np.diag(SIGMAS), self.cost(X)
+        ahead, behind = (
+            self._height(increments_between(np.broadcast_to(X_PO, (6, *X.shape)).reshape(-1, 3, 4), beside) / SIGMAS)
+            for beside in (
+                np.concatenate([retract(X, np.tile(sign * step, (len(X), 1))) for step in steps]) for sign in (1, -1)
+            )
+        )
+        with np.errstate(invalid="ignore"):  # Costs may be infinite.
+            slope = np.nan_to_num((ahead - behind).reshape(6, -1).T, posinf=0.0, neginf=0.0) / (2e-4 * SIGMAS)
+        hessian = np.tile(np.diag(self._curvature / SIGMAS**2), (len(X), 1, 1))
+        return NormalEquations(cost, np.ascontiguousarray(slope), hessian)
+
+
+def valleys(places: list[float], costs: list[float]) -> Landscape:
+    """Costs by the way from X_PO along the first direction, in standard deviations: given at some, else between."""
+    return Landscape(lambda u: np.interp(u[:, 0], places, costs) + 0.5 * np.square(u[:, 1:]).sum(axis=1))
 
 
 def families(
-    X: FloatArray,
-    objective: Objective,
-    symmetries: FloatArray = ALONE,
-    to_the_floor: Callable[[FloatArray], FloatArray] = lambda X: X,
-    between: FloatArray = NONE,
+    X: FloatArray, objective: Landscape, symmetries: FloatArray = ALONE, between: FloatArray = NONE
 ) -> Families:
-    return find_families(X, objective, to_the_floor, symmetries, 0.1, between)
+    return find_families(X, objective, LENGTHS, symmetries, 0.1, between)
 
 
 def all_one(X: FloatArray, symmetries: FloatArray = ALONE) -> Families:
-    return families(X, Valleys([0.0], [0.0]), symmetries)
+    return families(X, valleys([0.0], [0.0]), symmetries)
 
 
 def along(*lengths: float) -> FloatArray:
@@ -76,14 +83,14 @@ def test_modes_are_one_where_the_cost_between_hardly_rises() -> None:
     ridge = MomentParams().ridge
     for height, together in ((ridge - 0.1, True), (ridge + 0.1, False)):
         # Above the higher one, which costs 0.5.
-        objective = Valleys([0.0, 5.0, 10.0], [0.0, 0.5 + height, 0.5])
+        objective = valleys([0.0, 5.0, 10.0], [0.0, 0.5 + height, 0.5])
         family = families(along(0.0, 10.0), objective).family
         assert (family[1] == 0) == together
 
 
 def test_a_ridge_beside_the_middle_counts_too() -> None:
     for place in (1.0, 2.0, 4.0, 5.0):
-        objective = Valleys([0.0, place - 0.5, place, place + 0.5, 6.0], [0.0, 0.0, 4.0, 0.0, 0.0])
+        objective = valleys([0.0, place - 0.5, place, place + 0.5, 6.0], [0.0, 0.0, 5.0, 0.0, 0.0])
         np.testing.assert_array_equal(families(along(0.0, 6.0), objective).family, [0, 1])
 
 
@@ -91,7 +98,7 @@ def test_minima_along_a_valley_are_one_by_those_between_and_not_across_a_ridge()
     places = np.arange(0.0, 31.0)
     bumps = 1.5 * (1.0 - np.cos(2.0 * np.pi * places / 6.0)) / 2.0
     bumps[(places > 18.0) & (places < 24.0)] = 8.0
-    valley = Valleys(places.tolist(), bumps.tolist())
+    valley = valleys(places.tolist(), bumps.tolist())
     np.testing.assert_array_equal(families(along(0.0, 24.0, 6.0, 12.0, 30.0), valley).family, [0, 1, 0, 0, 1])
 
 
@@ -102,72 +109,69 @@ def test_of_many_minima_few_ways_are_laid_and_the_families_are_those_of_all_ways
     for ridge in (0.0, 9.0):
         # Bumps along a valley, and a high ridge across it in the middle, or none.
         bumps = 0.9 * (1.0 - np.cos(np.pi * places)) / 2.0 + np.where(np.abs(places - 13.0) < 2.5, ridge, 0.0)
-        valley = Valleys(places.tolist(), bumps.tolist())
-        counting = Counting(valley)
-        family = families(along(*minima), counting).family
+        valley = valleys(places.tolist(), bumps.tolist())
+        family = families(along(*minima), valley).family
         side = (minima > 13.0) & (ridge > 0.0)
         np.testing.assert_array_equal(family, [np.flatnonzero(side == own)[0] for own in side])
-        # Five for each pair, and five more where the way rises, would be all of them.
-        assert counting.asked < (8 * pairs if ridge else 3 * pairs)
+        # Eleven for each pair, and 36 more for each that leads over the ridge, would be all of them.
+        assert valley.asked < (18 * pairs if ridge else 5 * pairs)
 
 
 def test_minima_between_which_no_pose_is_possible_are_apart() -> None:
-    class Walled:
-        def cost(self, X: FloatArray) -> FloatArray:
-            u = increments_between(np.broadcast_to(X_PO, X.shape), X)[:, 0] / SIGMAS[0]
-            return np.where(np.abs(u - 3.0) < 2.0, np.inf, 0.0)
-
-    np.testing.assert_array_equal(families(along(0.0, 6.0), Walled()).family, [0, 1])
+    walled = Landscape(lambda u: np.where(np.abs(u[:, 0] - 3.0) < 2.0, np.inf, 0.0))
+    np.testing.assert_array_equal(families(along(0.0, 6.0), walled).family, [0, 1])
 
 
-def test_two_gaussians_are_one_up_to_five_standard_deviations() -> None:
+def test_two_gaussians_are_one_up_to_six_standard_deviations() -> None:
     def cost(way: FloatArray, apart: float) -> FloatArray:
         return -np.logaddexp(-0.5 * way**2, -0.5 * (way - apart) ** 2)
 
-    for apart, together in ((5.0, True), (5.4, False)):
-        places = np.linspace(-1.0, 7.0, 801)
-        family = families(along(0.0, apart), Valleys(places.tolist(), cost(places, apart).tolist())).family
+    for apart, together in ((6.0, True), (6.2, False)):
+        places = np.linspace(-1.0, 8.0, 901)
+        family = families(along(0.0, apart), valleys(places.tolist(), cost(places, apart).tolist())).family
         assert (family[1] == 0) == together
 
 
 def test_a_high_minimum_between_two_low_ones_does_not_join_them() -> None:
     # From the one in the middle the ways to the others rise by no more than a ridge; from those they rise by six.
-    hill = Valleys([0.0, 4.0, 5.0, 6.0, 10.0], [0.0, 6.0, 5.0, 6.0, 0.5])
+    hill = valleys([0.0, 4.0, 5.0, 6.0, 10.0], [0.0, 6.0, 5.0, 6.0, 0.5])
     family = families(along(0.0, 10.0, 5.0), hill).family
     assert family[0] != family[1]
-    low = Valleys([0.0, 4.0, 5.0, 6.0, 10.0], [0.0, 1.9, 1.0, 1.9, 0.5])
+    low = valleys([0.0, 4.0, 5.0, 6.0, 10.0], [0.0, 1.9, 1.0, 1.9, 0.5])
     np.testing.assert_array_equal(families(along(0.0, 10.0, 5.0), low).family, [0, 0, 0])
 
 
 def test_a_bent_valley_is_one_mode() -> None:
-    class Bent:
-        def cost(self, X: FloatArray) -> FloatArray:
-            u = increments_between(np.broadcast_to(X_PO, X.shape), X) / SIGMAS
-            return np.square(u[:, 1] - _arch(u[:, 0]))
+    bent = Landscape(lambda u: np.square(u[:, 1] - _arch(u[:, 0])), curvature=2.0)
+    assert bent.cost(along(3.0))[0] > 2.0 * MomentParams().ridge  # Straight, the way is high.
+    np.testing.assert_array_equal(families(along(0.0, 6.0), bent).family, [0, 0])
+    # Where steps lead nowhere, the straight way counts.
+    np.testing.assert_array_equal(families(along(0.0, 6.0), Landscape(bent._height, 1e9)).family, [0, 1])
+    np.testing.assert_array_equal(families(along(0.0, 1.0), Landscape(bent._height, 1e9)).family, [0, 0])
 
-    def to_the_arch(X: FloatArray) -> FloatArray:
-        u = increments_between(np.broadcast_to(X_PO, X.shape), X) / SIGMAS
-        u[:, 1] = _arch(u[:, 0])
-        return retract(np.tile(X_PO, (len(u), 1, 1)), u * SIGMAS)
 
-    np.testing.assert_array_equal(families(along(0.0, 6.0), Bent()).family, [0, 1])
-    np.testing.assert_array_equal(families(along(0.0, 6.0), Bent(), to_the_floor=to_the_arch).family, [0, 0])
-    # Where the floor is not found, the straight way counts.
-    away = families(along(0.0, 1.0), Bent(), to_the_floor=lambda X: X + 1.0).family
-    np.testing.assert_array_equal(away, [0, 0])
+@pytest.mark.parametrize("place", [2.5, 3.0, 3.5])
+def test_paths_do_not_slide_off_a_ridge_to_both_its_sides(place: float) -> None:
+    # The ridge is steep along the path, so that poses on its flanks would slide far down if they could.
+    ridge = Landscape(lambda u: 12.0 * np.exp(-2.0 * np.square(u[:, 0] - place)) + 0.5 * np.square(u[:, 1]), 0.05)
+    np.testing.assert_array_equal(families(along(0.0, 6.0), ridge).family, [0, 1])
+
+
+def test_a_ridge_between_two_poses_of_a_bent_path_counts() -> None:
+    # It is narrower than the distance of the poses that are relaxed, and lies halfway between two of them.
+    narrow = Landscape(
+        lambda u: np.square(u[:, 1] - _arch(u[:, 0])) + np.where(np.abs(u[:, 0] - 3.5) < 0.2, 20.0, 0.0), curvature=2.0
+    )
+    np.testing.assert_array_equal(families(along(0.0, 6.0), narrow).family, [0, 1])
 
 
 @pytest.mark.parametrize("half_turns", [0, 1])
 def test_modes_are_one_by_way_of_minima_between_them_that_are_no_modes(half_turns: int) -> None:
-    class Corner:
+    def corner(u: FloatArray) -> FloatArray:
         """A valley along the first direction, and at its end along the second one."""
-
-        def cost(self, X: FloatArray) -> FloatArray:
-            u = np.stack(
-                [increments_between(np.broadcast_to(X_PO, X.shape), image) / SIGMAS for image in (X, turned(X))]
-            )
-            along_first, along_second = np.square(u[..., 1]), np.square(u[..., 0] - 8.0)
-            return np.minimum(along_first, along_second).min(axis=0)
+        X = retract(np.tile(X_PO, (len(u), 1, 1)), u * SIGMAS)
+        both = np.stack([increments_between(np.broadcast_to(X_PO, X.shape), Y) / SIGMAS for Y in (X, turned(X))])
+        return np.minimum(np.square(both[..., 1]), np.square(both[..., 0] - 8.0)).min(axis=0)
 
     def turned(X: FloatArray) -> FloatArray:
         return compose(X, HALF_TURN) if half_turns else X
@@ -177,9 +181,9 @@ def test_modes_are_one_by_way_of_minima_between_them_that_are_no_modes(half_turn
     X = retract(np.tile(X_PO, (5, 1, 1)), u)
     symmetries = np.stack([np.eye(3, 4), HALF_TURN]) if half_turns else ALONE
     X[3:] = turned(X[3:])
-    np.testing.assert_array_equal(families(X[:2], Corner(), symmetries).family, [0, 1])
-    np.testing.assert_array_equal(families(X[:2], Corner(), symmetries, between=X[2:]).family, [0, 0])
-    np.testing.assert_array_equal(families(X[:2], Corner(), symmetries, between=X[2:3]).family, [0, 1])
+    np.testing.assert_array_equal(families(X[:2], Landscape(corner, 1e9), symmetries).family, [0, 1])
+    np.testing.assert_array_equal(families(X[:2], Landscape(corner, 1e9), symmetries, between=X[2:]).family, [0, 0])
+    np.testing.assert_array_equal(families(X[:2], Landscape(corner, 1e9), symmetries, between=X[2:3]).family, [0, 1])
 
 
 def _arch(way: FloatArray) -> FloatArray:
@@ -190,17 +194,14 @@ def test_minima_round_an_axis_are_one() -> None:
     turns = np.zeros((3, 6))
     turns[:, 2] = np.radians([0.0, 120.0, -120.0])
 
-    class Round:
-        def cost(self, X: FloatArray) -> FloatArray:
-            return np.zeros(len(X))
-
-    np.testing.assert_array_equal(families(retract(np.tile(X_PO, (3, 1, 1)), turns), Round()).family, [0, 0, 0])
+    flat = Landscape(lambda u: np.zeros(len(u)))
+    np.testing.assert_array_equal(families(retract(np.tile(X_PO, (3, 1, 1)), turns), flat).family, [0, 0, 0])
 
 
 def test_many_minima_along_a_flat_valley_are_one_but_for_one_behind_a_ridge() -> None:
     count = 2 * MomentParams().most_joined
     places = [*np.linspace(0.0, 1.0, count), 20.0]
-    family = families(along(*places), Valleys([0.0, 1.0, 10.0, 20.0], [0.0, 0.0, 50.0, 0.0])).family
+    family = families(along(*places), valleys([0.0, 1.0, 10.0, 20.0], [0.0, 0.0, 50.0, 0.0])).family
     np.testing.assert_array_equal(family, [0] * count + [count])
 
 
