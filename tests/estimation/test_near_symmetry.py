@@ -24,15 +24,12 @@ def test_the_spin_of_a_scanned_can_is_one_hypothesis_with_the_turn_named(
     touches: list[tuple[np.ndarray, int]],
 ) -> None:
     model = ObjectModel.from_mesh(scanned_can())
-    plain = ObjectModel.from_mesh(scanned_can(), symmetry="none")
-    named, fewer = 0, 0
+    named = 0
     for X_PO, seed in touches:
         contacts = touch_surface(model, X_PO, 8, np.random.default_rng(seed))
-        one, many = estimate_pose(model, contacts), estimate_pose(plain, contacts)
+        one = estimate_pose(model, contacts)
         assert sum(h.probability for h in one.hypotheses) == pytest.approx(1.0)
-        likely = [sum(h.probability > 0.02 for h in each.hypotheses) for each in (one, many)]
-        assert likely[0] <= min(2, likely[1])  # upright and upside down
-        fewer += likely[0] < likely[1]
+        assert sum(h.probability > 0.02 for h in one.hypotheses) <= 2  # upright and upside down
         named += direction_names(one.best) == ["turn about the object's z"]
         # Across the turn one of them is where the can is, by its own account.
         X_hat = np.array([h.X_PO.GetAsMatrix34() for h in one.hypotheses])
@@ -40,7 +37,6 @@ def test_the_spin_of_a_scanned_can_is_one_hypothesis_with_the_turn_named(
         spread = np.array([h.covariance for h in one.hypotheses])
         assert np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0]).min() < 20.0
     assert named >= 4
-    assert fewer >= 1  # Without it, too, minima round the can are mostly joined, over the low passes between them.
 
 
 def test_images_of_a_nearly_square_box_keep_their_own_probabilities_where_the_touch_tells_them_apart() -> None:

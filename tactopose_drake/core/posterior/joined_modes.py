@@ -9,6 +9,10 @@ Modes that are connected through a third one are thus joined however many minima
 A straight path between minima of a bent valley is too high. Its poses are moved down across the path, each in the plane
 that the path crosses there, as in the string method [ERV02]; freely, they would slide to either side of a ridge.
 
+From a pose that takes one contact for false to one that takes another leads a plateau on which both are false. It is no
+higher than a second false contact is improbable, however far apart the poses are: such poses are one mode only if the
+saddle is lower.
+
 Source: [CGOS13] F. Chazal et al., Persistence-based clustering in Riemannian manifolds, J. ACM 60, 2013. [ERV02] W. E,
 W. Ren, E. Vanden-Eijnden, String method for the study of rare events, Phys. Rev. B 66, 2002.
 """
@@ -43,6 +47,20 @@ _SHARES, _HALF = np.arange(0.0, 13.0) / 12.0, np.array([0.0, 0.5, 1.0])
 _FEW_PAIRS = 10
 # How many paths from each minimum between modes are evaluated, the shortest ones.
 _NEAREST = 5
+
+
+class Landscape(NamedTuple):
+    """What decides which minima are one mode.
+
+    Attributes:
+        objective: the negative log posterior.
+        lengths: units and limits of the steps that relax paths.
+        false_ones: tells which contacts and pads poses (B, 3, 4) take for false, shape (B, k); None if there is none.
+    """
+
+    objective: SmoothObjective
+    lengths: Lengths
+    false_ones: Callable[[FloatArray], NDArray[np.bool_]] | None = None
 
 
 class Families(NamedTuple):
@@ -85,8 +103,7 @@ class Families(NamedTuple):
 
 def find_families(
     X_PO: FloatArray,
-    objective: SmoothObjective,
-    lengths: Lengths,
+    landscape: Landscape,
     symmetry_poses: FloatArray,
     size: float,
     between: FloatArray | None = None,
@@ -97,8 +114,7 @@ def find_families(
     Args:
         X_PO: minima, the most important first, shape (g, 3, 4). All pairs of the first `params.most_joined` are
             evaluated; of each further one, and of the minima between, the pairs with its nearest neighbours.
-        objective: the negative log posterior.
-        lengths: units and limits of the steps that relax paths.
+        landscape: the posterior.
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
         size: the object's size, m.
         between: further minima through which modes may be connected, shape (n, 3, 4), or None.
@@ -109,20 +125,24 @@ def find_families(
     asked = X_PO if between is None else np.concatenate([X_PO, between])
     if len(asked) < 2:
         return found
-    low, lay = objective.cost(asked), functools.partial(_lay, asked, found)
-    relax = functools.partial(_relax, objective, lengths, params.steps_across)
+    low, ways = landscape.objective.cost(asked), _Ways(asked, found, landscape, params.steps_across)
     pairs = _pairs(most)
     if len(asked) > most:
         pairs = np.concatenate([pairs, _near_pairs(asked, most, found)])
     chosen = np.ones(len(pairs), dtype=np.bool_)
     if len(pairs) > _FEW_PAIRS:
         # First a minimum spanning tree: once two minima are joined, another path between them changes nothing.
-        pairs, halfway = _passable(pairs, low, params.ridge, lay, objective, relax)
+        pairs, halfway = _passable(pairs, low, params.ridge, ways)
         _, chosen = _join(pairs, halfway, np.inf, low)
+    raised = np.zeros(len(pairs))
+    if landscape.false_ones is not None:
+        false_ones = landscape.false_ones(asked)
+        raised[(false_ones[pairs[:, 0]] != false_ones[pairs[:, 1]]).any(axis=1)] = params.ridge - params.plateau
     saddle, unknown = np.full(len(pairs), np.inf), np.ones(len(pairs), dtype=np.bool_)
     family = np.arange(len(asked))
     while chosen.any():
-        saddle[chosen], unknown[chosen] = _saddles(pairs[chosen], low, params.ridge, lay, objective, relax), False
+        saddle[chosen] = _saddles(pairs[chosen], low, low.min() + params.ridge - raised[chosen], ways) + raised[chosen]
+        unknown[chosen] = False
         family = _join(pairs, saddle, params.ridge, low)[0]
         chosen = unknown & (family[pairs[:, 0]] != family[pairs[:, 1]])
     return found._replace(family=family[: len(X_PO)])
@@ -157,65 +177,61 @@ def _near_pairs(X_PO: FloatArray, first: int, images: Families) -> NDArray[np.in
     return np.unique(pairs[pairs[:, 0] < pairs[:, 1]], axis=0)[:, ::-1]
 
 
-def _lay(X_PO: FloatArray, images: Families, pairs: NDArray[np.intp], shares: FloatArray) -> FloatArray:
-    """Poses (n, t, 3, 4) at fractions (t,) of the paths between pairs (n, 2) of minima (g, 3, 4)."""
-    ways = np.empty((len(pairs), len(shares), 3, 4))
-    lay_paths(X_PO, pairs, images.symmetry_poses, images.arm, shares, ways)
-    return ways
+class _Ways(NamedTuple):
+    """Paths between minima (g, 3, 4), up to a symmetry, and how many steps relax them."""
 
+    X_PO: FloatArray
+    images: Families
+    landscape: Landscape
+    steps: int
 
-def _relax(objective: SmoothObjective, lengths: Lengths, steps: int, paths: FloatArray) -> FloatArray:
-    """Paths (n, t, 3, 4) after so many Levenberg-Marquardt steps of their inner poses, each across its path."""
-    path, tried = np.array(paths, order="C"), np.array(paths[:, 1:-1], order="C")
-    count = tried.shape[0] * tried.shape[1]
-    here, damping = Slopes(np.full(count, np.inf), np.zeros((count, 6)), np.zeros((count, 6, 6))), np.zeros(count)
-    for _ in range(1 + steps):
-        relax_paths(path, tried, here, objective.normal_equations(tried.reshape(-1, 3, 4)), damping, lengths)
-    return path
+    def lay(self, pairs: NDArray[np.intp], shares: FloatArray) -> FloatArray:
+        """Poses (n, t, 3, 4) at fractions (t,) of the straight paths between pairs (n, 2) of minima."""
+        ways = np.empty((len(pairs), len(shares), 3, 4))
+        lay_paths(self.X_PO, pairs, self.images.symmetry_poses, self.images.arm, shares, ways)
+        return ways
+
+    def relax(self, paths: FloatArray) -> FloatArray:
+        """Paths (n, t, 3, 4) after Levenberg-Marquardt steps of their inner poses, each across its path."""
+        path, tried = np.array(paths, order="C"), np.array(paths[:, 1:-1], order="C")
+        count, (objective, lengths, _) = tried.shape[0] * tried.shape[1], self.landscape
+        here = Slopes(np.full(count, np.inf), np.zeros((count, 6)), np.zeros((count, 6, 6)))
+        damping = np.zeros(count)
+        for _ in range(1 + self.steps):
+            there = Slopes(*objective.normal_equations(tried.reshape(-1, 3, 4)))
+            relax_paths(path, tried, here, there, damping, lengths)
+        return path
+
+    def highest(self, poses: FloatArray) -> FloatArray:
+        """The highest cost of the poses (n, t, 3, 4) of each of n paths, shape (n,)."""
+        costs = self.landscape.objective.cost(poses.reshape(-1, 3, 4))
+        return np.asarray(costs.reshape(poses.shape[:2]).max(axis=1))
 
 
 def _passable(
-    pairs: NDArray[np.intp],
-    low: FloatArray,
-    ridge: float,
-    lay: Callable[[NDArray[np.intp], FloatArray], FloatArray],
-    objective: SmoothObjective,
-    relax: Callable[[FloatArray], FloatArray],
+    pairs: NDArray[np.intp], low: FloatArray, ridge: float, ways: _Ways
 ) -> tuple[NDArray[np.intp], FloatArray]:
     """The pairs among (n, 2) without a high barrier halfway between them, and the costs halfway."""
-    most, halfway = low[pairs].max(axis=1) + ridge, lay(pairs, _HALF)
-    cost = objective.cost(halfway[:, 1])
+    most, halfway = low[pairs].max(axis=1) + ridge, ways.lay(pairs, _HALF)
+    cost = ways.highest(halfway[:, 1:-1])
     high = np.flatnonzero(cost > most)
-    cost[high] = np.minimum(cost[high], objective.cost(relax(halfway[high])[:, 1]))
+    cost[high] = np.minimum(cost[high], ways.highest(ways.relax(halfway[high])[:, 1:-1]))
     passable = np.flatnonzero(cost <= most)
     return pairs[passable], cost[passable]
 
 
-def _saddles(
-    pairs: NDArray[np.intp],
-    low: FloatArray,
-    ridge: float,
-    lay: Callable[[NDArray[np.intp], FloatArray], FloatArray],
-    objective: SmoothObjective,
-    relax: Callable[[FloatArray], FloatArray],
-) -> FloatArray:
+def _saddles(pairs: NDArray[np.intp], low: FloatArray, enough: FloatArray, ways: _Ways) -> FloatArray:
     """The highest cost on the path between each pair (n, 2) of minima with costs (g,), shape (n,).
 
-    Where the straight path is too high to join its ends, it is relaxed.
+    Straight paths that are higher than `enough` (n,), with which they surely join their ends, are relaxed.
     """
-    ends, straight = low[pairs].max(axis=1), lay(pairs, _SHARES)
-    saddle = np.maximum(_highest(straight[:, 1:-1], objective), ends)
-    high = np.flatnonzero(saddle > low.min() + ridge)
+    ends, straight = low[pairs].max(axis=1), ways.lay(pairs, _SHARES)
+    saddle: FloatArray = np.maximum(ways.highest(straight[:, 1:-1]), ends)
+    high = np.flatnonzero(saddle > enough)
     if len(high):
-        bent = relax(straight[high, ::2])
+        bent = ways.relax(straight[high, ::2])
         middle = np.empty((len(high), bent.shape[1] - 1, 3, 4))
         lay_between(bent, middle)
-        lower = np.maximum(_highest(bent[:, 1:-1], objective), _highest(middle, objective))
+        lower = np.maximum(ways.highest(bent[:, 1:-1]), ways.highest(middle))
         saddle[high] = np.minimum(saddle[high], np.maximum(lower, ends[high]))
     return saddle
-
-
-def _highest(paths: FloatArray, objective: SmoothObjective) -> FloatArray:
-    """The highest cost of the poses (n, t, 3, 4) of each of n paths, shape (n,)."""
-    highest: FloatArray = objective.cost(paths.reshape(-1, 3, 4)).reshape(paths.shape[:2]).max(axis=1)
-    return highest

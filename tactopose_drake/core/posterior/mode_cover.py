@@ -14,7 +14,7 @@ from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.kernels.mode_kernels import one_of_each
 from tactopose_drake.core.posterior import importance_sampling_kernels
 from tactopose_drake.core.posterior.hypotheses import Modes
-from tactopose_drake.core.posterior.joined_modes import Families, find_families
+from tactopose_drake.core.posterior.joined_modes import Families, Landscape, find_families
 from tactopose_drake.core.posterior.joining_kernels import Lengths
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture, across_turns, draw, in_chart
@@ -96,10 +96,10 @@ def minima_between(X_PO: FloatArray, weights: FloatArray, cover: Cover, posterio
 def join_modes(cover: Cover, posterior: Posterior, X_between: FloatArray | None = None) -> Families:
     """Finds which of the sampled modes are one, directly or through minima (n, 3, 4) between them."""
     longest = posterior.params.sampling.longest_step * posterior.size
+    lengths = Lengths(posterior.units, longest, 1.0 / posterior.straight**2)
     return find_families(
         cover.X_PO,
-        posterior.objective,
-        Lengths(posterior.units, longest, 1.0 / posterior.straight**2),
+        Landscape(posterior.objective, lengths, posterior.false_ones),
         posterior.symmetry_poses,
         posterior.size,
         X_between,

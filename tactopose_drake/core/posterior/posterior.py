@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.objective import SmoothObjective
@@ -33,6 +34,7 @@ class Posterior:
         size: the object's size, m.
         sigma: the smallest standard deviation of the positions of contacts and pads, m.
         params: how it is sampled.
+        false_ones: tells which contacts and pads poses (B, 3, 4) take for false, shape (B, k); None if there is none.
     """
 
     likelihood: SmoothObjective
@@ -45,6 +47,7 @@ class Posterior:
     size: float
     sigma: float
     params: PosteriorParams = DEFAULT_PARAMS
+    false_ones: Callable[[FloatArray], NDArray[np.bool_]] | None = None
 
     def turn_directions(self, X_PO: FloatArray) -> FloatArray:
         """The increments of turns about the axes at poses (B, 3, 4), shape (B, 6, c)."""
@@ -114,6 +117,7 @@ def make_posterior(
         size=model.size,
         sigma=float(np.min(evidence.touch.sigma_position)),
         params=_for_contacts(params, len(evidence.contacts)),
+        false_ones=problem.false_ones,
     )
 
 

@@ -100,12 +100,13 @@ class MomentParams:
     chance: float = 12.6
     as_good: float = 0.3  # a pose whose cost exceeds its mode's minimum by this explains the touch as well
     tried_shares: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the way to the mean, the last one none of it
-    # Largest height of the saddle between minima of one mode above the higher of the sides' lowest minima: a quarter of
-    # a Gaussian mode lies higher (half of chi-square's 75 % quantile, 6 degrees). Two equal ones join up to a distance
-    # of 6.1 deviations. With two thirds of the height, more touches have a saddle so near the limit that the seed of
-    # the search decides. With a sixth more, poses that take different contacts for false are one: from one to the
-    # other leads a plateau on which both are false.
-    ridge: float = 3.92
+    # Largest height of the saddle between minima of one mode above the higher of the sides' lowest minima: a tenth of a
+    # Gaussian mode lies higher (half of chi-square's 90 % quantile, 6 degrees). Two equal ones join up to a distance of
+    # 6.9 deviations. With half the height, twice as many touches have a saddle so near the limit that the search's seed
+    # decides.
+    ridge: float = 5.32
+    # The same between minima that take different contacts or pads for false: half of a mode lies higher.
+    plateau: float = 2.67
     steps_across: int = 4  # that bring a path between minima to the lowest pass
     most_joined: int = 24  # number of modes, the most important ones, of which all pairs are evaluated
     # Minima between modes: the number of samples, drawn by weight, that are refined to minima; how many standard

@@ -4,6 +4,7 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.contact_mixture import ContactMixture
@@ -25,6 +26,7 @@ from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.searches.search import PoseSpace, PriorSpace
 from tactopose_drake.core.searches.touch_space import TouchSpace
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
 # Overlap with the hand that costs nothing, in standard deviations of the hand's geometry: contacts, whose noise is of
@@ -72,6 +74,16 @@ class PoseProblem(NamedTuple):
     prior: PriorObjective | None = None
     hand: Penetration | None = None
     but_for_one: ContactsButOne | None = None
+
+    def false_ones(self, X_PO: FloatArray) -> NDArray[np.bool_]:
+        """Which contacts, and then which pads that feel the object, poses (B, 3, 4) take for false, shape (B, k)."""
+        of_contacts = np.empty((len(X_PO), 0), dtype=np.bool_)
+        of_pads = of_contacts
+        if self.mixture is not None:
+            of_contacts = self.mixture.judge(X_PO).is_false
+        if self.pad_mixture is not None:
+            of_pads = self.pad_mixture.inlier_probability(X_PO) < 0.5
+        return np.concatenate([of_contacts, of_pads], axis=1)
 
     def doubted(self, objective: LeastSquaresObjective) -> DoubtedObjective:
         """The robust form of one of the objectives, in which contacts and pads may be outliers."""

@@ -2,10 +2,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tactopose_drake.core.objectives.objective import NormalEquations
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, retract
-from tactopose_drake.core.posterior.joined_modes import Families, find_families
+from tactopose_drake.core.posterior.joined_modes import Families, Landscape, find_families
 from tactopose_drake.core.posterior.joining_kernels import Lengths
 from tactopose_drake.core.posterior.mode_moments import Moments, weigh_moments
 from tactopose_drake.core.posterior.posterior_params import MomentParams
@@ -32,7 +33,7 @@ def beside(*lengths: float) -> FloatArray:
     return retract(np.tile(X_PO, (len(lengths), 1, 1)), np.diag(SIGMAS)[: len(lengths)] * np.array(lengths)[:, None])
 
 
-class Landscape:
+class Costs:
     """Costs by the increments from X_PO in standard deviations, shape (B, 6), with derivatives by differences."""
 
     def __init__(self, height: Callable[[FloatArray], FloatArray], curvature: float = 1.0) -> None:
@@ -57,15 +58,19 @@ class Landscape:
         return NormalEquations(cost, np.ascontiguousarray(slope), hessian)
 
 
-def valleys(places: list[float], costs: list[float]) -> Landscape:
+def valleys(places: list[float], costs: list[float]) -> Costs:
     """Costs by the way from X_PO along the first direction, in standard deviations: given at some, else between."""
-    return Landscape(lambda u: np.interp(u[:, 0], places, costs) + 0.5 * np.square(u[:, 1:]).sum(axis=1))
+    return Costs(lambda u: np.interp(u[:, 0], places, costs) + 0.5 * np.square(u[:, 1:]).sum(axis=1))
 
 
 def families(
-    X: FloatArray, objective: Landscape, symmetries: FloatArray = ALONE, between: FloatArray = NONE
+    X: FloatArray,
+    objective: Costs,
+    symmetries: FloatArray = ALONE,
+    between: FloatArray = NONE,
+    false_ones: Callable[[FloatArray], NDArray[np.bool_]] | None = None,
 ) -> Families:
-    return find_families(X, objective, LENGTHS, symmetries, 0.1, between)
+    return find_families(X, Landscape(objective, LENGTHS, false_ones), symmetries, 0.1, between)
 
 
 def all_one(X: FloatArray, symmetries: FloatArray = ALONE) -> Families:
@@ -90,7 +95,7 @@ def test_modes_are_one_where_the_cost_between_hardly_rises() -> None:
 
 def test_a_ridge_beside_the_middle_counts_too() -> None:
     for place in (1.0, 2.0, 4.0, 5.0):
-        objective = valleys([0.0, place - 0.5, place, place + 0.5, 6.0], [0.0, 0.0, 5.0, 0.0, 0.0])
+        objective = valleys([0.0, place - 0.5, place, place + 0.5, 6.0], [0.0, 0.0, 6.0, 0.0, 0.0])
         np.testing.assert_array_equal(families(along(0.0, 6.0), objective).family, [0, 1])
 
 
@@ -118,15 +123,15 @@ def test_of_many_minima_few_ways_are_laid_and_the_families_are_those_of_all_ways
 
 
 def test_minima_between_which_no_pose_is_possible_are_apart() -> None:
-    walled = Landscape(lambda u: np.where(np.abs(u[:, 0] - 3.0) < 2.0, np.inf, 0.0))
+    walled = Costs(lambda u: np.where(np.abs(u[:, 0] - 3.0) < 2.0, np.inf, 0.0))
     np.testing.assert_array_equal(families(along(0.0, 6.0), walled).family, [0, 1])
 
 
-def test_two_gaussians_are_one_up_to_six_standard_deviations() -> None:
+def test_two_gaussians_are_one_up_to_seven_standard_deviations() -> None:
     def cost(way: FloatArray, apart: float) -> FloatArray:
         return -np.logaddexp(-0.5 * way**2, -0.5 * (way - apart) ** 2)
 
-    for apart, together in ((6.0, True), (6.2, False)):
+    for apart, together in ((6.8, True), (7.1, False)):
         places = np.linspace(-1.0, 8.0, 901)
         family = families(along(0.0, apart), valleys(places.tolist(), cost(places, apart).tolist())).family
         assert (family[1] == 0) == together
@@ -141,25 +146,39 @@ def test_a_high_minimum_between_two_low_ones_does_not_join_them() -> None:
     np.testing.assert_array_equal(families(along(0.0, 10.0, 5.0), low).family, [0, 0, 0])
 
 
+def test_minima_that_take_different_contacts_for_false_are_one_over_a_lower_ridge_only() -> None:
+    def by_side(X: FloatArray) -> NDArray[np.bool_]:
+        way = increments_between(np.broadcast_to(X_PO, X.shape), X)[:, 0] / SIGMAS[0]
+        return np.stack([way < 3.0, way > 3.0, np.zeros(len(X), dtype=np.bool_)], axis=1)
+
+    params = MomentParams()
+    for height, together in ((params.plateau - 0.1, True), (params.plateau + 0.1, False)):
+        plateau = valleys([0.0, 1.0, 5.0, 6.0], [0.0, height, height, 0.0])
+        assert (families(along(0.0, 6.0), plateau, false_ones=by_side).family[1] == 0) == together
+        # With the same ones they are one over a ridge of either height.
+        alike = families(along(0.0, 6.0), plateau, false_ones=lambda X: np.ones((len(X), 3), dtype=np.bool_))
+        np.testing.assert_array_equal(alike.family, [0, 0])
+
+
 def test_a_bent_valley_is_one_mode() -> None:
-    bent = Landscape(lambda u: np.square(u[:, 1] - _arch(u[:, 0])), curvature=2.0)
+    bent = Costs(lambda u: np.square(u[:, 1] - _arch(u[:, 0])), curvature=2.0)
     assert bent.cost(along(3.0))[0] > 2.0 * MomentParams().ridge  # Straight, the way is high.
     np.testing.assert_array_equal(families(along(0.0, 6.0), bent).family, [0, 0])
     # Where steps lead nowhere, the straight way counts.
-    np.testing.assert_array_equal(families(along(0.0, 6.0), Landscape(bent._height, 1e9)).family, [0, 1])
-    np.testing.assert_array_equal(families(along(0.0, 1.0), Landscape(bent._height, 1e9)).family, [0, 0])
+    np.testing.assert_array_equal(families(along(0.0, 6.0), Costs(bent._height, 1e9)).family, [0, 1])
+    np.testing.assert_array_equal(families(along(0.0, 1.0), Costs(bent._height, 1e9)).family, [0, 0])
 
 
 @pytest.mark.parametrize("place", [2.5, 3.0, 3.5])
 def test_paths_do_not_slide_off_a_ridge_to_both_its_sides(place: float) -> None:
     # The ridge is steep along the path, so that poses on its flanks would slide far down if they could.
-    ridge = Landscape(lambda u: 12.0 * np.exp(-2.0 * np.square(u[:, 0] - place)) + 0.5 * np.square(u[:, 1]), 0.05)
+    ridge = Costs(lambda u: 12.0 * np.exp(-2.0 * np.square(u[:, 0] - place)) + 0.5 * np.square(u[:, 1]), 0.05)
     np.testing.assert_array_equal(families(along(0.0, 6.0), ridge).family, [0, 1])
 
 
 def test_a_ridge_between_two_poses_of_a_bent_path_counts() -> None:
     # It is narrower than the distance of the poses that are relaxed, and lies halfway between two of them.
-    narrow = Landscape(
+    narrow = Costs(
         lambda u: np.square(u[:, 1] - _arch(u[:, 0])) + np.where(np.abs(u[:, 0] - 3.5) < 0.2, 20.0, 0.0), curvature=2.0
     )
     np.testing.assert_array_equal(families(along(0.0, 6.0), narrow).family, [0, 1])
@@ -181,9 +200,9 @@ def test_modes_are_one_by_way_of_minima_between_them_that_are_no_modes(half_turn
     X = retract(np.tile(X_PO, (5, 1, 1)), u)
     symmetries = np.stack([np.eye(3, 4), HALF_TURN]) if half_turns else ALONE
     X[3:] = turned(X[3:])
-    np.testing.assert_array_equal(families(X[:2], Landscape(corner, 1e9), symmetries).family, [0, 1])
-    np.testing.assert_array_equal(families(X[:2], Landscape(corner, 1e9), symmetries, between=X[2:]).family, [0, 0])
-    np.testing.assert_array_equal(families(X[:2], Landscape(corner, 1e9), symmetries, between=X[2:3]).family, [0, 1])
+    np.testing.assert_array_equal(families(X[:2], Costs(corner, 1e9), symmetries).family, [0, 1])
+    np.testing.assert_array_equal(families(X[:2], Costs(corner, 1e9), symmetries, between=X[2:]).family, [0, 0])
+    np.testing.assert_array_equal(families(X[:2], Costs(corner, 1e9), symmetries, between=X[2:3]).family, [0, 1])
 
 
 def _arch(way: FloatArray) -> FloatArray:
@@ -194,7 +213,7 @@ def test_minima_round_an_axis_are_one() -> None:
     turns = np.zeros((3, 6))
     turns[:, 2] = np.radians([0.0, 120.0, -120.0])
 
-    flat = Landscape(lambda u: np.zeros(len(u)))
+    flat = Costs(lambda u: np.zeros(len(u)))
     np.testing.assert_array_equal(families(retract(np.tile(X_PO, (3, 1, 1)), turns), flat).family, [0, 0, 0])
 
 
