@@ -57,7 +57,9 @@ class DriverContract:
             NetCanOemForceTorque(bus, calibration_slot=SLOT) as sensor,
             NetCanOemForceTorque(bus, 0x30, name="little finger") as absent,
         ):
-            with pytest.raises(DeviceTimeoutError, match=r"little finger: .* no reply to the request for its firmware"):
+            with pytest.raises(
+                DeviceTimeoutError, match=r"little finger gave no sample .* no reply to the request for its firmware"
+            ):
                 absent.read(0.3)
             unread(sensor)
             assert sensor.read(5.0).status == "ok"

@@ -151,7 +151,7 @@ def test_a_message_that_names_a_part_twice_is_refused(twice: str) -> None:
     )
     HandSensesMessage.decode(made.encode())
     first, second = names[twice]
-    with pytest.raises(ProtocolError, match=f"lcmt_hand_senses names '{first.decode()}' twice"):
+    with pytest.raises(ProtocolError, match=f"lcmt_hand_senses must name '{first.decode()}' once, not twice"):
         HandSensesMessage.decode(made.encode().replace(second, first))
 
 

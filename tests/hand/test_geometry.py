@@ -124,13 +124,15 @@ def test_of_many_spheres_those_go_that_hardly_stick_out_of_larger_ones_of_their_
 
 def test_a_hand_without_a_volume_is_refused() -> None:
     plant, context = make_hand(HalfSpace())
-    with pytest.raises(InvalidInputError, match="'palm' has no collision geometry"):
+    with pytest.raises(InvalidInputError, match="palm_frame must be of a hand with collision geometry, not 'palm'"):
         HandGeometry.from_plant(plant, context, plant.GetFrameByName("palm"))
 
 
 def test_a_context_without_a_scene_graph_is_refused() -> None:
     plant, _ = make_hand(Sphere(0.01))
-    with pytest.raises(InvalidInputError, match="not connected to a SceneGraph"):
+    with pytest.raises(
+        InvalidInputError, match="context must be the plant's context in a diagram, and connect it to a SceneGraph"
+    ):
         HandGeometry.from_plant(plant, plant.CreateDefaultContext(), plant.GetFrameByName("palm"))
 
 

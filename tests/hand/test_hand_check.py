@@ -188,7 +188,7 @@ def test_joints_that_follow_in_a_chain_are_coupled_to_the_one_that_leads(tmp_pat
 def test_joints_that_follow_each_other_are_told(tmp_path: Path) -> None:
     circle = '<mimic joint="right_second"/>', '<mimic joint="right_slide"/>'
     (fault,) = (fault for fault in check_hand(write_chain(tmp_path, *circle)).faults if fault.part == "couplings")
-    assert "two_finger.urdf: the joints right_slide, right_second follow each other" in fault.text
+    assert "two_finger.urdf: one of the joints right_slide, right_second must follow none" in fault.text
 
 
 def test_a_model_of_visual_shapes_alone_is_told(tmp_path: Path) -> None:

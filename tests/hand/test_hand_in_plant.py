@@ -117,5 +117,7 @@ def test_it_is_checked_simulated_where_it_stands_and_on_no_arm(tmp_path: Path) -
     check_bodies(scenario)
     plant = MultibodyPlant(0.001)
     arm = add_arm(plant, load_arm_config("seven_axis"), RigidTransform())
-    with pytest.raises(InvalidInputError, match="its joint 'stand' fixes 'base' to the world"):
+    with pytest.raises(
+        InvalidInputError, match="must be a model without the joint 'stand' on an arm, as it fixes 'base' to the world"
+    ):
         mount_hand(plant, arm, add_hand(plant, load_hand_config(path)), RigidTransform())
