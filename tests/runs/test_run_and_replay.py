@@ -175,7 +175,7 @@ def test_a_recording_without_the_prior_that_the_run_had_is_refused(
     copy = Path(shutil.copytree(recording, tmp_path / "copy"))
     signals = (copy / "signals.jsonl").read_text().splitlines(keepends=True)
     (copy / "signals.jsonl").write_text("".join(line for line in signals if '"name": "prior"' not in line))
-    with pytest.raises(InvalidFileError, match="has no prior, which the run has recorded"):
+    with pytest.raises(InvalidFileError, match="must have the prior, which the run has recorded, but lacks it"):
         replay(copy, load_scenario(folder / "cube.scenario.yaml"))
 
 

@@ -103,7 +103,7 @@ def test_a_shape_without_end_is_left_out() -> None:
 
 def test_a_context_without_a_scene_graph_is_refused() -> None:
     plant, _ = make_hand(Sphere(0.01))
-    with pytest.raises(InvalidInputError, match="not connected to a SceneGraph"):
+    with pytest.raises(InvalidInputError, match="context must be of a plant that is connected to a SceneGraph"):
         BodyMeshes.in_palm(plant, plant.CreateDefaultContext(), plant.GetFrameByName("palm"))
 
 

@@ -64,7 +64,8 @@ OPEN = {
 def test_what_may_be_a_pipe_is_refused_with_its_holes(mesh: trimesh.Trimesh, turned: bool) -> None:
     mesh = inside_out(mesh) if turned else mesh
     with pytest.raises(
-        InvalidMeshError, match=r"is open, .* agree on \d+ % of the surface; .* Holes: at \[.* mm across"
+        InvalidMeshError,
+        match=r"is open, .* must agree on at least \d+ % of the surface, not \d+ %\. Holes: at \[.* mm across",
     ):
         closed(mesh)
     solid, _ = closed(mesh, agreement=0.1)

@@ -256,7 +256,7 @@ def test_bad_meshes_are_refused_before_the_work(
     mesh: trimesh.Trimesh, error: type[TactoposeError], no_building: Callable[[], None]
 ) -> None:
     no_building()
-    with pytest.raises(error, match=r"mesh: "):
+    with pytest.raises(error, match=r"mesh must "):
         model_of(mesh)
 
 
