@@ -1,8 +1,5 @@
 from .depth_detection import find_poses as find_poses
-from .depth_fusion import DepthView as DepthView
 from .depth_fusion import FusionParams as FusionParams
-from .depth_fusion import Reconstruction as Reconstruction
-from .depth_fusion import reconstruct as reconstruct
 from .depth_hypotheses import TrackedPoses as TrackedPoses
 from .depth_hypotheses import track_poses as track_poses
 from .depth_pictures import DepthCameraModel as DepthCameraModel
@@ -12,10 +9,13 @@ from .depth_pictures import take_picture as take_picture
 from .depth_tracking import DepthTrackerModel as DepthTrackerModel
 from .depth_tracking import TrackedPose as TrackedPose
 from .depth_tracking import fit_pose as fit_pose
+from .depth_view import DepthView as DepthView
 from .occlusion import hidden_share as hidden_share
 from .rasterizer import Camera as Camera
 from .rasterizer import DrawnSurface as DrawnSurface
 from .rasterizer import Layer as Layer
 from .rasterizer import render as render
+from .reconstruction import Reconstruction as Reconstruction
+from .reconstruction import reconstruct as reconstruct
 from .vision_model import VisionModel as VisionModel
 from .vision_model import measure_pose as measure_pose

@@ -1,109 +1,16 @@
-"""Meshes of objects that are known from depth images only."""
-
-import dataclasses
-import math
+"""Depth images fused into distances on a grid."""
 
 import numpy as np
-import pytest
-import trimesh
 
-from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.vision.depth_fusion import (
-    DepthView,
-    FusionParams,
-    Reconstruction,
-    _is_seen,
-    _Volume,
-    reconstruct,
-)
-from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, noisy_depth
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.vision.depth_fusion import FusedVolume, FusionParams
 from tests.core.models import brick
-from tests.core.vision.seen_scenes import NO_HAND, depth_of_scene
-
-CAMERA = DepthCameraModel(width=200, height=150, focal_length=220.0)
+from tests.core.vision.seen_scenes import views_of
 
 
-@pytest.fixture(scope="module")
-def box() -> ObjectModel:
-    return brick(0.06, 0.08, 0.1)
-
-
-def views(model: ObjectModel, apart: float, count: int = 3) -> list[DepthView]:
-    """From 0.5 m and 30 degrees above, about z."""
-    found = []
-    for i in range(count):
-        angle = math.radians(apart * (i - 1) + 20.0)
-        forward = -np.array([math.cos(angle) * math.sqrt(0.75), math.sin(angle) * math.sqrt(0.75), 0.5])
-        right = np.cross(forward, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        R_CO = np.stack([right, np.cross(forward, right), forward])
-        X_CO = np.column_stack([R_CO, [0.0, 0.0, 0.5]])
-        depth = noisy_depth(depth_of_scene(model, X_CO, NO_HAND, CAMERA), CAMERA, np.random.default_rng(i))
-        found.append(DepthView(depth, X_CO, CAMERA))
-    return found
-
-
-def test_the_surface_is_off_by_the_mean_square_over_what_is_seen_and_what_is_not() -> None:
-    nothing = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32), np.zeros(0, dtype=np.bool_)
-    found = Reconstruction(*nothing, seen_sigma=0.001, unseen_sigma=0.007, unseen_share=0.25)
-    assert found.surface_sigma == pytest.approx(math.sqrt(0.75 * 0.001**2 + 0.25 * 0.007**2))
-
-
-TABLE = np.array([[-np.inf, -np.inf, -0.05], [np.inf] * 3])
-
-
-@pytest.fixture(scope="module")
-def around(box: ObjectModel) -> Reconstruction:
-    return reconstruct(views(box, 120.0), TABLE)
-
-
-def test_what_was_seen_lies_on_the_object(box: ObjectModel, around: Reconstruction) -> None:
-    mesh = trimesh.Trimesh(around.vertices, around.faces)
-    assert mesh.is_watertight
-    assert mesh.volume == pytest.approx(box.volume, rel=0.12)
-    distance = box.grid.distance(around.vertices)
-    assert np.sqrt(np.mean(distance[around.seen] ** 2)) < 1.5 * around.seen_sigma
-    assert around.seen_sigma < 0.0015
-
-
-def test_the_order_of_cameras_that_differ_tells_nothing(box: ObjectModel) -> None:
-    """One whose errors are all alike, and two whose errors average out: what is common to an image is its camera's."""
-    shares = (1.0, 0.0, 0.0)
-    seen = [
-        dataclasses.replace(view, camera=dataclasses.replace(CAMERA, common_share=share))
-        for view, share in zip(views(box, 120.0), shares, strict=True)
-    ]
-    first, last = (reconstruct(ordered, TABLE).seen_sigma for ordered in (seen, seen[::-1]))
-    assert first == pytest.approx(last, rel=1e-6)
-    alike = [dataclasses.replace(view, camera=dataclasses.replace(CAMERA, common_share=1.0)) for view in seen]
-    assert first < reconstruct(alike, TABLE).seen_sigma
-
-
-def test_what_an_image_s_errors_have_in_common_adds_to_those_of_its_points(box: ObjectModel) -> None:
-    seen = views(box, 120.0)
-    sigmas = []
-    for share in (0.0, 0.8):
-        camera = dataclasses.replace(CAMERA, common_share=share)
-        sigmas.append(reconstruct([dataclasses.replace(view, camera=camera) for view in seen], TABLE).seen_sigma)
-    noise = np.mean([CAMERA.depth_noise * np.median(view.depth[np.isfinite(view.depth)]) ** 2 for view in seen])
-    assert sigmas[1] ** 2 - sigmas[0] ** 2 == pytest.approx(0.8 * noise**2)
-
-
-def test_a_surface_is_seen_within_half_of_the_truncation(box: ObjectModel) -> None:
-    seen, params = views(box, 120.0), FusionParams()
-    points = seen[0].p_OQ[::50]
-    ray = points + seen[0].X_CO[:, :3].T @ seen[0].X_CO[:, 3]
-    for share, is_seen in ((0.4, True), (-0.4, True), (0.6, False), (-0.6, False)):
-        shifted = points + share * params.truncation * ray / (ray @ seen[0].X_CO[2, :3])[:, None]
-        found = np.isfinite(seen[0].depth_behind(shifted))
-        assert np.all(_is_seen(shifted[found], seen[:1], params) == is_seen)
-
-
-def test_what_lies_behind_a_surface_is_known_as_deep_as_distances_are(box: ObjectModel) -> None:
+def test_what_lies_behind_a_surface_is_known_as_deep_as_distances_are() -> None:
     """Of one image; deeper, and where it sees nothing, all is as solid as can be."""
-    view, params = views(box, 120.0)[0], FusionParams()
-    volume = _Volume.of([view], params, np.array([[-0.1] * 3, [0.1] * 3]))
+    view, params = views_of(brick(0.06, 0.08, 0.1), 120.0)[0], FusionParams()
+    volume = FusedVolume.of([view], params, np.array([[-0.1] * 3, [0.1] * 3]))
     axes = [volume.origin[i] + volume.spacing * np.arange(volume.values.shape[i]) for i in range(3)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     within = np.abs(points).max(axis=3) < 0.1 - params.truncation
@@ -111,65 +18,3 @@ def test_what_lies_behind_a_surface_is_known_as_deep_as_distances_are(box: Objec
     expected = np.where(np.isnan(behind), -params.truncation, np.clip(behind, -params.truncation, params.truncation))
     assert np.count_nonzero((behind > -0.9 * params.truncation) & (behind < -0.6 * params.truncation)) > 100
     np.testing.assert_allclose(volume.values[within], expected, atol=1e-12)
-
-
-def test_the_unseen_part_is_said(box: ObjectModel, around: Reconstruction) -> None:
-    # The bottom's share of the surface, and a part of the sides near it.
-    assert 0.5 * 48.0 / 376.0 < around.unseen_share < 3.0 * 48.0 / 376.0
-    assert around.vertices[~around.seen, 2].mean() < -0.035
-    one_side = reconstruct(views(box, 40.0), TABLE)
-    assert one_side.unseen_share > 2.0 * around.unseen_share
-    assert one_side.unseen_sigma > 1.5 * one_side.seen_sigma
-    assert one_side.surface_sigma > around.surface_sigma
-    # A back that nobody has seen is too large, never too small.
-    assert box.grid.distance(one_side.vertices[~one_side.seen]).mean() > 0.002
-
-
-def test_what_cannot_be_fused_is_refused(box: ObjectModel) -> None:
-    seen = views(box, 120.0)
-    with pytest.raises(InvalidInputError, match="views must be at least 2, not 1"):
-        reconstruct(seen[:1])
-    nothing = [DepthView(np.full_like(view.depth, np.inf), view.X_CO, view.camera) for view in seen]
-    with pytest.raises(InvalidInputError, match=r"views must see at least .* points, not 0"):
-        reconstruct(nothing)
-    with pytest.raises(InvalidInputError, match=r"FusionParams\.spacing must be larger than"):
-        reconstruct(seen, params=FusionParams(spacing=1e-5))
-
-
-def test_depths_are_told_from_what_is_none(box: ObjectModel) -> None:
-    """Cameras write 0 where they have no answer, which would be a point in the camera."""
-    view = views(box, 120.0)[0]
-    row, column = np.argwhere(np.isfinite(view.depth))[0]
-    for wrong in (0.0, -0.1):
-        depth = np.where(np.isfinite(view.depth), view.depth, wrong)
-        with pytest.raises(
-            InvalidInputError, match=rf"^DepthView\.depth\[0, 0\] must be a number > 0, .*, not {wrong:g}"
-        ):
-            DepthView(depth, view.X_CO, view.camera)
-    with pytest.raises(InvalidInputError, match=r"^DepthView\.depth must have the shape .*, not \(2, 2\)"):
-        DepthView(view.depth[:2, :2], view.X_CO, view.camera)
-    with pytest.raises(InvalidInputError, match=r"^DepthView\.X_CO must have a rotation matrix"):
-        DepthView(view.depth, 2.0 * view.X_CO, view.camera)
-    depth = view.depth.astype(np.float32)
-    depth[row, column] = np.nan
-    unknown = DepthView(depth.tolist(), np.vstack([view.X_CO, [0.0, 0.0, 0.0, 1.0]]), view.camera)  # type: ignore[arg-type]
-    np.testing.assert_allclose(unknown.p_OQ, view.p_OQ[1:], atol=1e-6)
-    assert np.isnan(unknown.depth_behind(view.p_OQ[:1])).all()
-
-
-def test_an_image_beside_the_object_says_nothing_of_it(box: ObjectModel) -> None:
-    seen = views(box, 120.0)
-    aside = np.column_stack([seen[0].X_CO[:, :3], seen[0].X_CO[:, 3] + [5.0, 0.0, 0.0]])
-    beside = DepthView(np.full_like(seen[0].depth, np.inf), aside, seen[0].camera)
-    with_it, without = reconstruct([*seen, beside], TABLE), reconstruct(seen, TABLE)
-    np.testing.assert_array_equal(with_it.vertices, without.vertices)
-    assert with_it.seen_sigma == without.seen_sigma
-
-
-@pytest.mark.parametrize(
-    "bounds",
-    [[[0.2] * 3, [0.5] * 3], [[1.0] * 3, [-1.0] * 3], [[np.nan] * 3, [1.0] * 3], [[-1.0] * 2, [1.0] * 2]],
-)
-def test_bounds_that_leave_nothing_are_refused(box: ObjectModel, bounds: list[list[float]]) -> None:
-    with pytest.raises(InvalidInputError, match="bounds must "):
-        reconstruct(views(box, 120.0), np.array(bounds))
