@@ -69,7 +69,25 @@ def misfits(grid: DistanceGrid, samples: SurfaceSamples, poses: FloatArray) -> F
     return off
 
 
-def near_symmetry_line(near: Sequence[RotationalSymmetry], grid: DistanceGrid, samples: SurfaceSamples) -> str:
+def symmetry_lines(
+    known: KnownSymmetries, are_given: bool, grid: DistanceGrid, samples: SurfaceSamples, size: float
+) -> list[str]:
+    """A sentence on each given symmetry that leaves the surface far off, or one on near symmetries that were found."""
+    if not are_given:
+        return [_near_symmetry_line(known.near, grid, samples)] if known.near else []
+    lines = []
+    for i, each in enumerate(known.symmetries):
+        turns = RotationalSymmetry(each.axis, each.point, each.order or _TURNS).poses()
+        off = float(misfits(grid, samples, turns).max())
+        if off > _USUAL_MISFIT * size:
+            lines.append(
+                f"symmetry[{i}] is taken as told, though its turns leave the surface off by up to {1e3 * off:.3g} mm, "
+                f"rms. Is its axis through {np.round(each.point, 4).tolist()} m, in the mesh's frame?"
+            )
+    return lines
+
+
+def _near_symmetry_line(near: Sequence[RotationalSymmetry], grid: DistanceGrid, samples: SurfaceSamples) -> str:
     """A sentence on what a near symmetry means, and how to declare it."""
     turns = np.concatenate([RotationalSymmetry(each.axis, each.point, _TURNS).poses() for each in near])
     off = f"surface off by up to {1e3 * misfits(grid, samples, turns).max():.1f} mm, rms"
@@ -80,23 +98,6 @@ def near_symmetry_line(near: Sequence[RotationalSymmetry], grid: DistanceGrid, s
         f"one hypothesis with that direction free. `{option}`, or tp.RotationalSymmetry in from_mesh(symmetry=...), "
         "says that they never matter, `none` that they do."
     )
-
-
-def doubtful_symmetry_lines(
-    told: Sequence[RotationalSymmetry], grid: DistanceGrid, samples: SurfaceSamples, size: float
-) -> list[str]:
-    """A sentence on each given symmetry that leaves the surface far off."""
-    lines = []
-    for i, each in enumerate(told):
-        off = float(
-            misfits(grid, samples, RotationalSymmetry(each.axis, each.point, each.order or _TURNS).poses()).max()
-        )
-        if off > _USUAL_MISFIT * size:
-            lines.append(
-                f"symmetry[{i}] is taken as told, though its turns leave the surface off by up to {1e3 * off:.3g} mm, "
-                f"rms. Is its axis through {np.round(each.point, 4).tolist()} m, in the mesh's frame?"
-            )
-    return lines
 
 
 def axis_name(axis: FloatArray) -> str:

@@ -2,37 +2,30 @@
 
 from __future__ import annotations
 
-import json
 import logging
-import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.mesh.bodies import cross_products
-from tactopose_drake.core.mesh.loading import MeshSource, mesh_name
-from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.mesh.solid import DENSITY
 from tactopose_drake.core.plain_values import seal
 from tactopose_drake.core.shape import kept_parts
 from tactopose_drake.core.shape.coarse_field import CoarseField, over_grid
-from tactopose_drake.core.shape.model_building import arrays_of
 from tactopose_drake.core.shape.model_cache import Arrays
+from tactopose_drake.core.shape.model_from_mesh import MadeFromMesh
 from tactopose_drake.core.shape.model_options import ModelOptions
-from tactopose_drake.core.shape.model_symmetries import doubtful_symmetry_lines, known_symmetries, near_symmetry_line
+from tactopose_drake.core.shape.model_symmetries import known_symmetries, symmetry_lines
 from tactopose_drake.core.shape.pair_features import PairFeatures, build_pair_features
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
-from tactopose_drake.core.shape.simple_bodies import SimpleBodies
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.shape.surfels import Surfels, make_surfels, surfel_sigmas, surfel_spacing
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, sampled_turns
-from tactopose_drake.core.shape.symmetry_judge import SymmetryDetectionParams
 from tactopose_drake.core.shape.unevenness import Unevenness, find_unevenness
 from tactopose_drake.core.validation import FloatArray
 
@@ -41,7 +34,7 @@ _USUAL_SIGMA = 0.0009
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectModel(SimpleBodies):
+class ObjectModel(MadeFromMesh):
     """A rigid object in its own frame O, made by `from_mesh`; all arrays are read-only.
 
     Attributes:
@@ -222,87 +215,7 @@ class ObjectModel(SimpleBodies):
         return sampled_turns(self.symmetry_poses, self.symmetries)
 
     @classmethod
-    def from_mesh(
-        cls,
-        mesh: MeshSource,
-        *,
-        name: str | None = None,
-        scale: float = 1.0,
-        mass: float | None = None,
-        center_of_mass: ArrayLike | None = None,
-        symmetry: Literal["auto", "none"] | Sequence[RotationalSymmetry] = "auto",
-        symmetry_tolerance: float = SymmetryDetectionParams().tolerance,
-        samples: int = 3000,
-        spacing: float | None = None,
-        max_grid_bytes: int = 64 * 2**20,
-        surface_sigma: float = 0.0,
-        scale_sigma: float = 0.0,
-        cache: bool = True,
-    ) -> ObjectModel:
-        """Builds the model of a mesh, or loads it from the cache, by the mesh's content.
-
-        Args:
-            mesh: a file (obj, stl, ply, off, glb, gltf, dae, zae, 3mf or xaml), a `trimesh.Trimesh`, or a
-                `trimesh.Scene`, whose meshes are joined.
-            name: of the object.
-            scale: the mesh's unit in metres: 0.001 for millimetres. A dae, zae or 3mf file states its unit and is
-                converted to metres anyway; the scale is applied in addition.
-            mass: kg.
-            center_of_mass: in O, shape (3,), m; in the bounding box, or outside of it by no more than the size.
-            symmetry: "auto" detects the rotations that leave the object unchanged, "none" assumes that there are none,
-                a list gives them.
-            symmetry_tolerance: how far the turned surface may be off, as a share of the size (see
-                `detect_symmetries`).
-            samples: number of surface samples, at least 100.
-            spacing: of the distance grid, m, up to the size; by default chosen from that and the walls' thickness.
-            max_grid_bytes: the largest size of the distance grid, bytes.
-            surface_sigma: standard deviation of the surface's distance from the mesh, along its normal, m, for scans or
-                worn objects. It is added to the contacts' errors.
-            scale_sigma: relative standard deviation of the mesh's scale: 0.03 if it may be 3 % too small.
-            cache: whether to cache the result on disk (in `TACTOPOSE_CACHE_DIR`).
-
-        Raises:
-            InvalidFileError: if a file is missing or cannot be read as a mesh.
-            UnknownNameError: if a file's format or `symmetry` is unknown.
-            InvalidMeshError: if the mesh is empty, not finite, not manifold, flat, too open to have an inside, passes
-                through itself so that its inertia is that of no body, or lies far from its frame's origin.
-            MeshUnitsError: if the mesh is evidently not in metres.
-            InvalidInputError: if an option is out of its range.
-
-        Warns:
-            MeshRepairWarning: once for each repair; see `repair_mesh`.
-        """
-        options = ModelOptions(
-            name=mesh_name(mesh) if name is None else name,
-            scale=scale,
-            mass=mass,
-            center_of_mass=center_of_mass,
-            symmetry=symmetry,
-            symmetry_tolerance=symmetry_tolerance,
-            samples=samples,
-            spacing=spacing,
-            max_grid_bytes=max_grid_bytes,
-            surface_sigma=surface_sigma,
-            scale_sigma=scale_sigma,
-            is_kept=cache,
-        )
-        arrays = arrays_of(mesh, options)
-        repairs = tuple(json.loads(arrays["repairs"].tobytes()))
-        for repair in repairs:
-            warnings.warn(f"{options.name}: {repair}.", MeshRepairWarning, stacklevel=2)
-        model = cls._of(arrays, repairs, options)
-        if cache:
-            model._load_kept_parts()
-        lines = doubtful_symmetry_lines(options.symmetries or (), model.grid, model.samples, model.size)
-        if model.near_symmetries:
-            lines.append(near_symmetry_line(model.near_symmetries, model.grid, model.samples))
-        for line in lines:
-            logging.getLogger("tactopose_drake").warning("%s: %s", model.name, line)
-        return model
-
-    @classmethod
     def _of(cls, arrays: Arrays, repairs: tuple[str, ...], options: ModelOptions) -> ObjectModel:
-        """The model from arrays built from a mesh, and the options."""
         volume = float(arrays["volume"])
         mass = DENSITY * volume if options.mass is None else options.mass
         inertia = arrays["inertia"] * (mass / (DENSITY * volume))
@@ -337,4 +250,8 @@ class ObjectModel(SimpleBodies):
         )
         for array in (*arrays.values(), center, inertia, known.poses, known.likenesses):
             array.setflags(write=False)
+        if options.is_kept:
+            model._load_kept_parts()
+        for line in symmetry_lines(known, model.symmetries_are_given, grid, surface, model.size):
+            logging.getLogger("tactopose_drake").warning("%s: %s", model.name, line)
         return model
