@@ -40,7 +40,7 @@ def run(section: Section, is_full: bool, folder: Path) -> Run:
     for pattern in ("*.md", "*.png", "*.html"):
         for old in (folder / section.name).glob(pattern):
             old.unlink()
-    options = section.full if is_full else section.quick
+    options = (section.full if is_full else section.quick).split()
     place = ("--out", str(folder / section.name)) if '"--out"' in section.path.read_text(encoding="utf-8") else ()
     environment = os.environ | {"PYTHONUNBUFFERED": "1", "COLUMNS": "120", "OPENBLAS_NUM_THREADS": "1"}
     started = time.perf_counter()

@@ -6,22 +6,22 @@ from pathlib import Path
 EXAMPLES = Path(__file__).parent
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True)
 class Section:
     """One script of the examples, and what it regenerates.
 
     Attributes:
         script: its path in `examples/`.
         covers: the tables, figures and sections of the thesis that it regenerates; empty for further studies.
-        quick: its options for a few trials.
-        full: its options for all trials.
+        quick: its options for a few trials, as typed in a shell.
+        full: likewise for all trials.
         alone: whether it must run alone, because it measures real time.
     """
 
     script: str
     covers: tuple[str, ...] = ()
-    quick: tuple[str, ...] = ()
-    full: tuple[str, ...] = ()
+    quick: str = ""
+    full: str = ""
     alone: bool = False
 
     @property
@@ -37,188 +37,99 @@ class Section:
 
 SECTIONS = (
     Section(
-        script="thesis/table_3_1.py",
+        "thesis/table_3_1.py",
         covers=("table 3.1", "figures 3.12 to 3.19"),
-        quick=("--trials", "8", "--seed", "0"),
-        full=("--trials", "100", "--seed", "0"),
+        quick="--trials 8 --seed 0",
+        full="--trials 100 --seed 0",
     ),
     Section(
-        script="thesis/figure_3_24.py",
+        "thesis/figure_3_24.py",
         covers=("figure 3.24",),
-        quick=("--objects", "soda_can", "--places", "1", "--seed", "0"),
-        full=("--seed", "0"),
+        quick="--objects soda_can --places 1 --seed 0",
+        full="--seed 0",
     ),
     Section(
-        script="depth_tracking_study.py",
+        "depth_tracking_study.py",
         covers=("section 3.3.2.3 from a depth camera's pixels",),
-        quick=("--objects", "soda_can", "--grasps", "1", "--first-seed", "0"),
-        full=("--grasps", "20", "--first-seed", "0"),
+        quick="--objects soda_can --grasps 1 --first-seed 0",
+        full="--grasps 20 --first-seed 0",
     ),
     Section(
-        script="reconstructed_objects.py",
+        "reconstructed_objects.py",
         covers=("section 3.3.2.1: an object that is reconstructed from depth images",),
-        quick=("--objects", "tea_box", "--trials", "1", "--first-seed", "0"),
-        full=("--trials", "10", "--first-seed", "0"),
+        quick="--objects tea_box --trials 1 --first-seed 0",
+        full="--trials 10 --first-seed 0",
     ),
     Section(
-        script="thesis/figures_3_25_and_3_26.py",
+        "thesis/figures_3_25_and_3_26.py",
         covers=("figures 3.25 and 3.26",),
-        quick=("--trials", "40", "--seed", "0"),
-        full=("--trials", "200", "--seed", "0"),
+        quick="--trials 40 --seed 0",
+        full="--trials 200 --seed 0",
     ),
+    Section("thesis/search_progress.py", covers=("figure 4.5", "figure 4.19"), quick="--seed 0", full="--seed 0"),
+    Section("thesis/figures_4_7_and_4_11.py", covers=("figure 4.7", "figure 4.11"), quick="--seed 0", full="--seed 0"),
     Section(
-        script="thesis/search_progress.py",
-        covers=("figure 4.5", "figure 4.19"),
-        quick=("--seed", "0"),
-        full=("--seed", "0"),
-    ),
-    Section(
-        script="thesis/figures_4_7_and_4_11.py",
-        covers=("figure 4.7", "figure 4.11"),
-        quick=("--seed", "0"),
-        full=("--seed", "0"),
-    ),
-    Section(
-        script="thesis/section_4_3_1.py",
+        "thesis/section_4_3_1.py",
         covers=("figures 4.8 to 4.10", "figures 4.12 and 4.13", "figure 4.20"),
-        quick=("--trials", "4", "--thesis-trials", "1", "0", "--likelihood-trials", "1", "0", "--seed", "0"),
-        full=("--trials", "100", "--thesis-trials", "40", "2", "--likelihood-trials", "40", "2", "--seed", "0"),
+        quick="--trials 4 --thesis-trials 1 0 --likelihood-trials 1 0 --seed 0",
+        full="--trials 100 --thesis-trials 40 2 --likelihood-trials 40 2 --seed 0",
     ),
     Section(
-        script="thesis/section_4_3_1_bound.py",
-        quick=("--trials", "4", "--seed", "0", "--only", "correction"),
-        full=("--trials", "100", "--seed", "0"),
+        "thesis/section_4_3_1_bound.py", quick="--trials 4 --seed 0 --only correction", full="--trials 100 --seed 0"
     ),
     Section(
-        script="hand_over_and_place.py",
+        "hand_over_and_place.py",
         covers=("figures 4.17 and 4.18",),
-        quick=("--seeds", "1", "--first-seed", "0"),
-        full=("--seeds", "100", "--first-seed", "0"),
+        quick="--seeds 1 --first-seed 0",
+        full="--seeds 100 --first-seed 0",
     ),
+    Section("pencil_on_table.py", quick="--trials 5 --first-seed 0", full="--trials 100 --first-seed 0"),
+    Section("thesis/table_5_1.py", covers=("table 5.1", "figures 5.3 to 5.5")),
+    Section("thesis/table_5_2.py", covers=("table 5.2",), quick="--trials 1 --seed 0", full="--trials 20 --seed 0"),
     Section(
-        script="pencil_on_table.py",
-        quick=("--trials", "5", "--first-seed", "0"),
-        full=("--trials", "100", "--first-seed", "0"),
-    ),
-    Section(script="thesis/table_5_1.py", covers=("table 5.1", "figures 5.3 to 5.5")),
-    Section(
-        script="thesis/table_5_2.py",
-        covers=("table 5.2",),
-        quick=("--trials", "1", "--seed", "0"),
-        full=("--trials", "20", "--seed", "0"),
-    ),
-    Section(
-        script="thesis/table_5_3.py",
+        "thesis/table_5_3.py",
         covers=("table 5.3", "figure 5.12"),
-        quick=("--trials", "3", "--seed", "0"),
-        full=("--trials", "100", "--seed", "0"),
+        quick="--trials 3 --seed 0",
+        full="--trials 100 --seed 0",
     ),
-    Section(script="thesis/figure_5_11.py", covers=("figure 5.11",)),
-    Section(script="thesis/figure_5_13.py", covers=("figure 5.13",)),
-    Section(script="thesis/figure_5_14.py", covers=("figure 5.14",), quick=("--seed", "0"), full=("--seed", "0")),
+    Section("thesis/figure_5_11.py", covers=("figure 5.11",)),
+    Section("thesis/figure_5_13.py", covers=("figure 5.13",)),
+    Section("thesis/figure_5_14.py", covers=("figure 5.14",), quick="--seed 0", full="--seed 0"),
     Section(
-        script="thesis/chapter_5_inexact.py",
-        quick=("--trials", "2", "--hands", "3", "--search-trials", "0", "--seed", "0"),
-        full=("--trials", "20", "--hands", "40", "--search-trials", "3", "--seed", "0"),
+        "thesis/chapter_5_inexact.py",
+        quick="--trials 2 --hands 3 --search-trials 0 --seed 0",
+        full="--trials 20 --hands 40 --search-trials 3 --seed 0",
     ),
+    Section("thesis/rubber_pads.py", quick="--trials 1 --seed 0", full="--trials 10 --seed 0"),
+    Section("table_6_1.py", covers=("table 6.1",), quick="--trials 8 --seed 0", full="--trials 100 --seed 0"),
+    Section("thesis/figure_6_1.py", covers=("figure 6.1",), quick="--grasps 1 --seed 0", full="--grasps 10 --seed 0"),
+    Section("thesis/figure_6_2.py", covers=("figure 6.2",), quick="--seed 0", full="--seed 0"),
+    Section("thesis/figure_6_3.py", covers=("figure 6.3",), quick="--seed 0", full="--seed 0"),
+    Section("thesis/figure_6_4.py", covers=("figure 6.4",), quick="--grasps 2", full="--grasps 100"),
+    Section("thesis/figure_6_4_in_physics.py", quick="--grasps 1 --first-seed 0", full="--grasps 30 --first-seed 0"),
+    Section("thesis/section_6_2_1.py", quick="--grasps 3 --first-seed 0", full="--grasps 30 --first-seed 0"),
+    Section("calibration.py", quick="--trials 30 --first-seed 0", full="--trials 1000 --first-seed 0"),
+    Section("patch_calibration.py", quick="--trials 24 --first-seed 0", full="--trials 1000 --first-seed 0"),
+    Section("calibration_study.py", quick="--trials 1 --grasps 6 --seed 0", full="--trials 40 --seed 0"),
+    Section("declared_errors.py", quick="--grasps 1 --errors 0 5 --first-seed 0", full="--grasps 40 --first-seed 0"),
+    Section("world_not_as_told.py", quick="--trials 10 --first-seed 0", full="--trials 500 --first-seed 0"),
+    Section("held_still.py", quick="--trials 24 --first-seed 0", full="--trials 2004 --first-seed 0"),
+    Section("unknown_objects.py", quick="--trials 20 --known 6 --seed 0", full="--trials 300 --seed 0"),
+    Section("in_hand_motions.py", quick="--motions 4 --steps 50 --first-seed 0", full="--motions 200 --first-seed 0"),
     Section(
-        script="thesis/rubber_pads.py",
-        quick=("--trials", "1", "--seed", "0"),
-        full=("--trials", "10", "--seed", "0"),
-    ),
-    Section(
-        script="table_6_1.py",
-        covers=("table 6.1",),
-        quick=("--trials", "8", "--seed", "0"),
-        full=("--trials", "100", "--seed", "0"),
-    ),
-    Section(
-        script="thesis/figure_6_1.py",
-        covers=("figure 6.1",),
-        quick=("--grasps", "1", "--seed", "0"),
-        full=("--grasps", "10", "--seed", "0"),
-    ),
-    Section(script="thesis/figure_6_2.py", covers=("figure 6.2",), quick=("--seed", "0"), full=("--seed", "0")),
-    Section(script="thesis/figure_6_3.py", covers=("figure 6.3",), quick=("--seed", "0"), full=("--seed", "0")),
-    Section(script="thesis/figure_6_4.py", covers=("figure 6.4",), quick=("--grasps", "2"), full=("--grasps", "100")),
-    Section(
-        script="thesis/figure_6_4_in_physics.py",
-        quick=("--grasps", "1", "--first-seed", "0"),
-        full=("--grasps", "30", "--first-seed", "0"),
+        "recorded_motions.py", quick="--objects tea_box --seconds 2 --first-seed 0", full="--seconds 10 --first-seed 0"
     ),
     Section(
-        script="thesis/section_6_2_1.py",
-        quick=("--grasps", "3", "--first-seed", "0"),
-        full=("--grasps", "30", "--first-seed", "0"),
+        "belief_study.py",
+        quick="--objects tea_box --placements 1 --first-seed 0",
+        full="--placements 10 --first-seed 0",
     ),
-    Section(
-        script="calibration.py",
-        quick=("--trials", "30", "--first-seed", "0"),
-        full=("--trials", "1000", "--first-seed", "0"),
-    ),
-    Section(
-        script="patch_calibration.py",
-        quick=("--trials", "24", "--first-seed", "0"),
-        full=("--trials", "1000", "--first-seed", "0"),
-    ),
-    Section(
-        script="calibration_study.py",
-        quick=("--trials", "1", "--grasps", "6", "--seed", "0"),
-        full=("--trials", "40", "--seed", "0"),
-    ),
-    Section(
-        script="declared_errors.py",
-        quick=("--grasps", "1", "--errors", "0", "5", "--first-seed", "0"),
-        full=("--grasps", "40", "--first-seed", "0"),
-    ),
-    Section(
-        script="world_not_as_told.py",
-        quick=("--trials", "10", "--first-seed", "0"),
-        full=("--trials", "500", "--first-seed", "0"),
-    ),
-    Section(
-        script="held_still.py",
-        quick=("--trials", "24", "--first-seed", "0"),
-        full=("--trials", "2004", "--first-seed", "0"),
-    ),
-    Section(
-        script="unknown_objects.py",
-        quick=("--trials", "20", "--known", "6", "--seed", "0"),
-        full=("--trials", "300", "--seed", "0"),
-    ),
-    Section(
-        script="in_hand_motions.py",
-        quick=("--motions", "4", "--steps", "50", "--first-seed", "0"),
-        full=("--motions", "200", "--first-seed", "0"),
-    ),
-    Section(
-        script="recorded_motions.py",
-        quick=("--objects", "tea_box", "--seconds", "2", "--first-seed", "0"),
-        full=("--seconds", "10", "--first-seed", "0"),
-    ),
-    Section(
-        script="belief_study.py",
-        quick=("--objects", "tea_box", "--placements", "1", "--first-seed", "0"),
-        full=("--placements", "10", "--first-seed", "0"),
-    ),
-    Section(
-        script="belief_faults.py",
-        quick=("--trials", "1", "--first-seed", "0"),
-        full=("--trials", "100", "--first-seed", "0"),
-    ),
-    Section(script="slip_in_station.py", quick=("--seconds", "0.3")),
-    Section(
-        script="identification_study.py",
-        quick=("--trials", "10", "--seed", "0"),
-        full=("--trials", "400", "--seed", "0"),
-    ),
-    Section(
-        script="grasp_study.py",
-        quick=("--objects", "mug", "--seeds", "1", "--first-seed", "0"),
-        full=("--seeds", "10", "--first-seed", "0"),
-    ),
-    Section(script="can_latency.py", quick=("--duration", "2"), alone=True),
-    Section(script="cost_growth.py", quick=("--trials", "1", "--seed", "0"), full=("--trials", "50", "--seed", "0")),
+    Section("belief_faults.py", quick="--trials 1 --first-seed 0", full="--trials 100 --first-seed 0"),
+    Section("slip_in_station.py", quick="--seconds 0.3"),
+    Section("identification_study.py", quick="--trials 10 --seed 0", full="--trials 400 --seed 0"),
+    Section("grasp_study.py", quick="--objects mug --seeds 1 --first-seed 0", full="--seeds 10 --first-seed 0"),
+    Section("can_latency.py", quick="--duration 2", alone=True),
+    Section("cost_growth.py", quick="--trials 1 --seed 0", full="--trials 50 --seed 0"),
 )
 # Figures that need the thesis' hardware, or show a single example of what a table measures.
 NOT_REPRODUCED = {
