@@ -248,8 +248,7 @@ class ObjectModel(MadeFromMesh):
             surface_sigma=options.surface_sigma,
             scale_sigma=options.scale_sigma,
         )
-        for array in (*arrays.values(), center, inertia, known.poses, known.likenesses):
-            array.setflags(write=False)
+        seal(model)
         if options.is_kept:
             model._load_kept_parts()
         for line in symmetry_lines(known, model.symmetries_are_given, grid, surface, model.size):

@@ -17,6 +17,7 @@ from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape import model_building, model_cache
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tactopose_drake.errors import (
     InvalidFileError,
     InvalidInputError,
@@ -143,8 +144,9 @@ def test_the_model_turns_with_the_mesh() -> None:
 
 
 def test_a_model_cannot_be_changed() -> None:
-    built = model_of(BOX)
-    for model in (built, model_of(BOX), built.about_middle, pickle.loads(pickle.dumps(built)), copy.deepcopy(built)):
+    built, told = model_of(BOX), model_of(BOX, symmetry=[RotationalSymmetry([0.0, 0.0, 1.0], [0.0, 0.0, 0.0], 2)])
+    copies = built.about_middle, pickle.loads(pickle.dumps(built)), copy.deepcopy(built)
+    for model in (built, model_of(BOX), told, *copies):
         with pytest.raises(dataclasses.FrozenInstanceError):
             model.mass = 1.0  # type: ignore[misc]
         of_use = {name: getattr(model, name) for name in ("middle", "hull_vertices", "half_turns")}
@@ -211,6 +213,7 @@ def test_without_a_writable_cache_models_are_built(tmp_path: Path, monkeypatch: 
 BUILDER = """
 import sys, trimesh
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 mesh = trimesh.creation.box((0.05, 0.08, 0.12))
 print("ready", flush=True)
 sys.stdin.readline()
