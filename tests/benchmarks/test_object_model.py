@@ -21,6 +21,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.signed_distance import build_grid
 from tactopose_drake.core.shape.surface_samples import sample_surface
 from tactopose_drake.core.shape.symmetry_detection import detect_symmetries
+from tactopose_drake.core.shape.symmetry_judge import JudgedShape
 from tactopose_drake.resources import model_path
 from tests.core.meshes import arrays, create
 
@@ -91,14 +92,14 @@ def test_symmetries(benchmark: Any, shape: str) -> None:
     }[shape]
     vertices, faces = arrays(mesh)
     properties = trimesh.triangles.mass_properties(vertices[faces])
-    given = (
+    given = JudgedShape(
         sample_surface(vertices, faces, 3000),
         build_grid(vertices, faces),
         np.array(properties.center_mass),
         np.array(properties.inertia),
         float(np.linalg.norm(np.ptp(vertices, axis=0))),
     )
-    found = benchmark.pedantic(detect_symmetries, given, rounds=5)
+    found = benchmark.pedantic(detect_symmetries, (given,), rounds=5)
     report(benchmark, f"symmetries of the {shape}", axes=len(found))
 
 

@@ -21,7 +21,7 @@ from tactopose_drake.core.shape.signed_distance import build_grid
 from tactopose_drake.core.shape.surface_samples import sample_surface
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
 from tactopose_drake.core.shape.symmetry_detection import detect_likenesses, detect_near_symmetries, detect_symmetries
-from tactopose_drake.core.shape.symmetry_judge import SymmetryDetectionParams
+from tactopose_drake.core.shape.symmetry_judge import JudgedShape, SymmetryDetectionParams
 from tactopose_drake.errors import InvalidFileError
 
 # Formats with all geometry in one file, whose bytes therefore identify the mesh without parsing it.
@@ -82,13 +82,13 @@ def build_arrays(raw: RawMesh, label: str, options: ModelOptions) -> Arrays:
     centroid, inertia = mesh.properties.centroid, mesh.properties.inertia
     grid = build_grid(mesh.vertices, mesh.faces, spacing=options.spacing, max_bytes=options.max_grid_bytes)
     surface = sample_surface(mesh.vertices, mesh.faces, options.samples)
-    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    shape = JudgedShape(surface, grid, centroid, inertia, size=float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))))
     found: tuple[RotationalSymmetry, ...] = ()
     near: tuple[RotationalSymmetry, ...] = ()
     if options.tolerance is not None:
         params = SymmetryDetectionParams(tolerance=options.tolerance)
-        found = detect_symmetries(surface, grid, centroid, inertia, size, params)
-        near = detect_near_symmetries(surface, grid, centroid, inertia, size, found, params)
+        found = detect_symmetries(shape, params)
+        near = detect_near_symmetries(shape, found, params)
     poses = symmetry_group(found)
     arrays: dict[str, NDArray[Any]] = {
         "vertices": mesh.vertices,
@@ -107,7 +107,7 @@ def build_arrays(raw: RawMesh, label: str, options: ModelOptions) -> Arrays:
         "near_axes": np.array([symmetry.axis for symmetry in near]).reshape(-1, 3),
         "symmetry_poses": poses,
         "symmetry_misfits": misfits(grid, surface, poses),
-        "likenesses": detect_likenesses(surface, grid, centroid, inertia, size, found),
+        "likenesses": detect_likenesses(shape, found),
         "repairs": np.frombuffer(json.dumps(mesh.repairs).encode(), dtype=np.uint8),
         "content_hash": np.frombuffer(content_hash(mesh.vertices, mesh.faces).encode(), dtype=np.uint8),
     }

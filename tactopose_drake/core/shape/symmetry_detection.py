@@ -16,10 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.poses import identity_poses
-from tactopose_drake.core.shape.signed_distance import DistanceGrid
-from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.shape.symmetry import CONTINUOUS, RotationalSymmetry, symmetry_group
-from tactopose_drake.core.shape.symmetry_judge import SymmetryDetectionParams, SymmetryJudge
+from tactopose_drake.core.shape.symmetry_judge import JudgedShape, SymmetryDetectionParams, SymmetryJudge
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
@@ -36,14 +34,7 @@ _CUBE_S_GROUP = 24  # number of rotations that leave a cube unchanged
 _ORDERS_OF_THREE_EQUAL = (5, 4, 3, 2, 7, 11, 13, 17, 19, 23, 29)
 
 
-def detect_symmetries(
-    samples: SurfaceSamples,
-    grid: DistanceGrid,
-    centroid: FloatArray,
-    inertia: FloatArray,
-    size: float,
-    params: SymmetryDetectionParams = _USUAL,
-) -> tuple[RotationalSymmetry, ...]:
+def detect_symmetries(shape: JudgedShape, params: SymmetryDetectionParams = _USUAL) -> tuple[RotationalSymmetry, ...]:
     """The axes about which the object may be turned without a change, highest order first, continuous before all.
 
     A rotation is a symmetry if the 95th percentile of the rotated samples' distances is at most the tolerance times the
@@ -53,16 +44,11 @@ def detect_symmetries(
     about any axis across the first, are represented by one of order two; a sphere by three continuous axes.
 
     Args:
-        samples: points on the surface, in O.
-        grid: the signed distance grid.
-        centroid: the volume's centroid, through which all axes pass, shape (3,), m.
-        inertia: uniform density, about the centroid, shape (3, 3).
-        size: diagonal of the bounding box, m.
+        shape: the object.
         params: tolerances, and how thoroughly axes are searched for.
     """
-    moments, directions = np.linalg.eigh(inertia)
-    principal = directions.T
-    judge = SymmetryJudge(samples, grid, centroid, principal[0], size, params)
+    (moments, principal), centroid = shape.principal(), shape.centroid
+    judge = SymmetryJudge(shape, params)
     alike = _others_alike(moments, params)
     if alike.all() and all(judge.turns_freely(axis) for axis in _sphere_directions(6)):
         return tuple(RotationalSymmetry(axis, centroid, CONTINUOUS) for axis in np.eye(3))
@@ -90,13 +76,7 @@ def detect_symmetries(
 
 
 def detect_near_symmetries(
-    samples: SurfaceSamples,
-    grid: DistanceGrid,
-    centroid: FloatArray,
-    inertia: FloatArray,
-    size: float,
-    found: Iterable[RotationalSymmetry],
-    params: SymmetryDetectionParams = _USUAL,
+    shape: JudgedShape, found: Iterable[RotationalSymmetry], params: SymmetryDetectionParams = _USUAL
 ) -> tuple[RotationalSymmetry, ...]:
     """The axes about which every rotation nearly leaves the object unchanged, unless there is a continuous symmetry.
 
@@ -106,11 +86,7 @@ def detect_near_symmetries(
     axis is taken to be intended, as of a pencil or a nut. A ball is represented by three axes.
 
     Args:
-        samples: points on the surface, in O.
-        grid: the signed distance grid.
-        centroid: the volume's centroid, through which all axes pass, shape (3,), m.
-        inertia: uniform density, about the centroid, shape (3, 3).
-        size: diagonal of the bounding box, m.
+        shape: the object.
         found: the result of `detect_symmetries`.
         params: those given to it.
     """
@@ -123,13 +99,13 @@ def detect_near_symmetries(
         radius_share=max(_NEAR_RADIUS_SHARE, params.radius_share),
         outlier_factor=_NEAR_OUTLIER_FACTOR,
     )
-    moments, directions = np.linalg.eigh(inertia)
-    judge = SymmetryJudge(samples, grid, centroid, directions[:, 0], size, loose)
+    (moments, principal), centroid = shape.principal(), shape.centroid
+    judge = SymmetryJudge(shape, loose)
     alike = _others_alike(moments, params)
     if alike.all() and all(judge.turns_freely(axis) for axis in _sphere_directions(6)):
         return tuple(RotationalSymmetry(axis, centroid, CONTINUOUS) for axis in np.eye(3))
     for k in np.flatnonzero(alike):
-        axis = judge.refine(directions.T[k : k + 1], 2 * np.pi / 3, 6)[0]
+        axis = judge.refine(principal[k : k + 1], 2 * np.pi / 3, 6)[0]
         axis = axis * np.sign(axis[np.abs(axis).argmax()])
         meant = any(symmetry.order > 2 and _parallel(axis, symmetry.axis) for symmetry in known)
         if not meant and judge.turns_freely(axis):
@@ -138,13 +114,7 @@ def detect_near_symmetries(
 
 
 def detect_likenesses(
-    samples: SurfaceSamples,
-    grid: DistanceGrid,
-    centroid: FloatArray,
-    inertia: FloatArray,
-    size: float,
-    found: Iterable[RotationalSymmetry],
-    params: SymmetryDetectionParams = _USUAL,
+    shape: JudgedShape, found: Iterable[RotationalSymmetry], params: SymmetryDetectionParams = _USUAL
 ) -> FloatArray:
     """The rotations that leave the object roughly unchanged, as poses X_OO', the identity first, shape (n, 3, 4).
 
@@ -157,11 +127,7 @@ def detect_likenesses(
     if the symmetries are as many as those of a cube, as larger groups hardly contain them.
 
     Args:
-        samples: points on the surface, in O.
-        grid: the signed distance grid.
-        centroid: the volume's centroid, through which all axes pass, shape (3,), m.
-        inertia: uniform density, about the centroid, shape (3, 3).
-        size: diagonal of the bounding box, m.
+        shape: the object.
         found: the result of `detect_symmetries`.
         params: how thoroughly axes are searched for; the thresholds are widened.
     """
@@ -173,10 +139,9 @@ def detect_likenesses(
         continuous_normal_angle=_ALIKE_ANGLE,
         equal_moments=max(_ALIKE_MOMENTS, params.equal_moments),
     )
-    moments, _ = np.linalg.eigh(inertia)
-    if len(symmetry_group(found)) >= _CUBE_S_GROUP or not _others_alike(moments, loose).any():
+    if len(symmetry_group(found)) >= _CUBE_S_GROUP or not _others_alike(shape.principal()[0], loose).any():
         return identity_poses(1)
-    alike = detect_symmetries(samples, grid, centroid, inertia, size, loose)
+    alike = detect_symmetries(shape, loose)
     return identity_poses(1) if any(symmetry.is_continuous for symmetry in alike) else symmetry_group(alike)
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,18 +34,35 @@ class SymmetryDetectionParams:
     promising: int = 48  # most directions, those of least distances, from which axes are refined
 
 
+class JudgedShape(NamedTuple):
+    """All of an object that its symmetries depend on.
+
+    Attributes:
+        samples: points on the surface, in O.
+        grid: the signed distance grid.
+        centroid: the volume's centroid, through which all axes pass, shape (3,), m.
+        inertia: uniform density, about the centroid, shape (3, 3).
+        size: diagonal of the bounding box, m.
+    """
+
+    samples: SurfaceSamples
+    grid: DistanceGrid
+    centroid: FloatArray
+    inertia: FloatArray
+    size: float
+
+    def principal(self) -> tuple[FloatArray, FloatArray]:
+        """The principal moments of inertia, ascending, shape (3,), and their axes as rows, longest first, (3, 3)."""
+        moments, directions = np.linalg.eigh(self.inertia)
+        return moments, directions.T
+
+
 class SymmetryJudge:
     """Tests whether an object is unchanged by rotations about axes through its centroid."""
 
-    def __init__(
-        self,
-        samples: SurfaceSamples,
-        grid: DistanceGrid,
-        centroid: FloatArray,
-        longest_axis: FloatArray,
-        size: float,
-        params: SymmetryDetectionParams,
-    ) -> None:
+    def __init__(self, shape: JudgedShape, params: SymmetryDetectionParams) -> None:
+        samples, grid, centroid, _, size = shape
+        _, (longest_axis, _, _) = shape.principal()
         fine, coarse = (max(1, len(samples) // n) for n in (params.judged_samples, params.searched_samples))
         self._params = params
         self._grid, self._centroid = grid, centroid

@@ -5,31 +5,31 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactopose_drake.core.poses import transform_points
-from tactopose_drake.core.shape.signed_distance import DistanceGrid, build_grid
-from tactopose_drake.core.shape.surface_samples import SurfaceSamples, sample_surface
+from tactopose_drake.core.shape.signed_distance import build_grid
+from tactopose_drake.core.shape.surface_samples import sample_surface
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
 from tactopose_drake.core.shape.symmetry_detection import detect_likenesses, detect_near_symmetries, detect_symmetries
-from tactopose_drake.core.shape.symmetry_judge import SymmetryDetectionParams
+from tactopose_drake.core.shape.symmetry_judge import JudgedShape, SymmetryDetectionParams
 from tests.core.meshes import arrays, ball, create, cube, die, joined, random_pose, scanned_can, shape_poor_in_symmetry
 
 Z = np.array([0.0, 0.0, 1.0])
 
 
 def symmetries_of(mesh: trimesh.Trimesh, **params: float) -> tuple[RotationalSymmetry, ...]:
-    return detect_symmetries(*shape_of(mesh), SymmetryDetectionParams(**params))
+    return detect_symmetries(shape_of(mesh), SymmetryDetectionParams(**params))
 
 
 def near_symmetries_of(mesh: trimesh.Trimesh) -> tuple[RotationalSymmetry, ...]:
     shape = shape_of(mesh)
-    return detect_near_symmetries(*shape, detect_symmetries(*shape))
+    return detect_near_symmetries(shape, detect_symmetries(shape))
 
 
-def shape_of(mesh: trimesh.Trimesh) -> tuple[SurfaceSamples, DistanceGrid, np.ndarray, np.ndarray, float]:
+def shape_of(mesh: trimesh.Trimesh) -> JudgedShape:
     vertices, faces = arrays(mesh)
     grid, samples = build_grid(vertices, faces, max_bytes=16 * 250_000), sample_surface(vertices, faces, 2000)
     properties = trimesh.triangles.mass_properties(vertices[faces])
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    return samples, grid, np.array(properties.center_mass), np.array(properties.inertia), size
+    return JudgedShape(samples, grid, np.array(properties.center_mass), np.array(properties.inertia), size)
 
 
 def prism(sides: int, radius: float = 0.03, height: float = 0.08) -> trimesh.Trimesh:
@@ -225,10 +225,9 @@ LIKENESSES = {
 def test_likenesses_are_the_rotations_that_leave_the_object_roughly_unchanged(
     mesh: trimesh.Trimesh, count: int
 ) -> None:
-    samples, grid, centroid, *rest = shape_of(mesh.apply_transform(random_pose(np.random.default_rng(5))))
-    found = detect_symmetries(samples, grid, centroid, *rest)
-    likenesses = detect_likenesses(samples, grid, centroid, *rest, found)
+    shape = shape_of(mesh.apply_transform(random_pose(np.random.default_rng(5))))
+    likenesses = detect_likenesses(shape, detect_symmetries(shape))
     np.testing.assert_array_equal(likenesses[0], np.eye(3, 4))
     assert len(likenesses) == count
-    off = np.abs(grid.distance(transform_points(likenesses, samples.points)))
+    off = np.abs(shape.grid.distance(transform_points(likenesses, shape.samples.points)))
     assert np.percentile(off, 95, axis=1).max() < 0.04 * 0.11
