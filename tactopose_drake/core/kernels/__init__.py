@@ -1,1 +1,1 @@
-"""Inner loops of objectives, searches, posteriors, shapes, sensing and tracking: compiled by numba, cached on disk."""
+"""Compiled loops that several folders share, and the objectives' loops over contacts, pads and forces."""

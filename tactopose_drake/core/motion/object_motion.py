@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.kernels import prediction_kernels
 from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.motion import prediction_kernels
 from tactopose_drake.core.motion.rigid_motion import Motion, three_each
 from tactopose_drake.core.poses import RANDOM_ROTATION_VARIANCE, compose, inverse, log_so3
 from tactopose_drake.core.validation import FloatArray

@@ -14,8 +14,8 @@ import functools
 
 import numpy as np
 
-from tactopose_drake.core.kernels import prediction_kernels
 from tactopose_drake.core.kernels.pose_kernels import retract
+from tactopose_drake.core.motion import prediction_kernels
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.validation import FloatArray
 

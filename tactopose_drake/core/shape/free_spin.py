@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.kernels import free_spin_kernels
 from tactopose_drake.core.poses import make_poses
+from tactopose_drake.core.shape import free_spin_kernels
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tactopose_drake.core.validation import FloatArray
 

@@ -23,7 +23,7 @@ import numpy as np
 import platformdirs
 from numpy.typing import NDArray
 
-from tactopose_drake.core.kernels.checksum_kernels import checksum
+from tactopose_drake.core.shape.checksum_kernels import checksum
 from tactopose_drake.errors import InvalidInputError
 
 FOLDER_VARIABLE = "TACTOPOSE_CACHE_DIR"

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.evidence.contact_reading import ContactReading
-from tactopose_drake.core.kernels import slip_kernels
 from tactopose_drake.core.posterior.chi_square import chi_square_limit
+from tactopose_drake.core.slip import slip_kernels
 from tactopose_drake.core.slip.slip_params import RigidityTestParams
 from tactopose_drake.core.validation import FloatArray
 

@@ -19,10 +19,10 @@ import numpy as np
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contact_reading import ContactReading
-from tactopose_drake.core.kernels import slip_kernels
 from tactopose_drake.core.motion.rigid_motion import Motion, error_of_motion
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.slip import slip_kernels
 from tactopose_drake.core.slip.slip_params import SlipParams
 from tactopose_drake.core.validation import FloatArray
 

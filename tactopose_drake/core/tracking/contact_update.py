@@ -45,19 +45,19 @@ import numpy as np
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.kernels import gain_kernels
-from tactopose_drake.core.kernels.joint_state_kernels import ContactArrays, ModePriors
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
-from tactopose_drake.core.kernels.refinement_kernels import refine_modes
-from tactopose_drake.core.kernels.regression_kernels import Regression, regress_modes
-from tactopose_drake.core.kernels.sigma_point_kernels import RegressionSettings
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.hypotheses import increments_of_one_metre
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking import gain_kernels
 from tactopose_drake.core.tracking.contact_errors import BiasModel
 from tactopose_drake.core.tracking.frame import PoseMeasurement
+from tactopose_drake.core.tracking.joint_state_kernels import ContactArrays, ModePriors
+from tactopose_drake.core.tracking.refinement_kernels import refine_modes
+from tactopose_drake.core.tracking.regression_kernels import Regression, regress_modes
+from tactopose_drake.core.tracking.sigma_point_kernels import RegressionSettings
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray

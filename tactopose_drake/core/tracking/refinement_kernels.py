@@ -14,7 +14,8 @@ from tactopose_drake.core.compilation import inlined, kernel, part
 from tactopose_drake.core.kernel_types import Floats2, OutFloats1, OutFloats2, OutFloats3
 from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels, surface_contact_kernels
 from tactopose_drake.core.kernels.grid_kernels import Grid
-from tactopose_drake.core.kernels.joint_state_kernels import (
+from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
+from tactopose_drake.core.tracking.joint_state_kernels import (
     ContactArrays,
     ModePriors,
     PriorRows,
@@ -23,7 +24,6 @@ from tactopose_drake.core.kernels.joint_state_kernels import (
     make_prior_rows,
     transport_information,
 )
-from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
 
 # Initial damping, and the least after a rejected step: shares of the Hessian's diagonal.
 _FIRST_DAMPING, _LEAST_REFUSED_DAMPING = 1e-4, 1e-2

@@ -14,8 +14,8 @@ from tactopose_drake.core.compilation import part
 from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, OutFloats1, OutFloats2, OutFloats3
 from tactopose_drake.core.kernels import grid_kernels, pose_kernels
 from tactopose_drake.core.kernels.grid_kernels import Grid
-from tactopose_drake.core.kernels.joint_state_kernels import ContactArrays
 from tactopose_drake.core.kernels.matrix_kernels import diagonalize
+from tactopose_drake.core.tracking.joint_state_kernels import ContactArrays
 
 # Distance of the sigma points in standard deviations: the root of the number of dimensions. [A09]
 SPREAD = 2.449489742783178

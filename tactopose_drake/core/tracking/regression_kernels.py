@@ -24,7 +24,9 @@ from tactopose_drake.core.compilation import kernel, part
 from tactopose_drake.core.kernel_types import Floats1, Floats2, OutFloats1, OutFloats2, OutFloats3
 from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels
 from tactopose_drake.core.kernels.grid_kernels import Grid
-from tactopose_drake.core.kernels.joint_state_kernels import (
+from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
+from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
+from tactopose_drake.core.tracking.joint_state_kernels import (
     ContactArrays,
     ModePriors,
     PriorRows,
@@ -33,8 +35,7 @@ from tactopose_drake.core.kernels.joint_state_kernels import (
     make_prior_rows,
     transport_information,
 )
-from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
-from tactopose_drake.core.kernels.sigma_point_kernels import (
+from tactopose_drake.core.tracking.sigma_point_kernels import (
     SPREAD,
     RegressionSettings,
     SigmaPoints,
@@ -44,7 +45,6 @@ from tactopose_drake.core.kernels.sigma_point_kernels import (
     sample_rows,
     weigh_normals,
 )
-from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
 
 # Bounds the quotient of squares where a row has neither slope nor bend.
 _LEAST_SQUARE = 1e-12

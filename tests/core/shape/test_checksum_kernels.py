@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.kernels.checksum_kernels import checksum
+from tactopose_drake.core.shape.checksum_kernels import checksum
 
 MASK = 2**64 - 1
 P1, P2, P3, P4 = 0x9E3779B185EBCA87, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0x85EBCA77C2B2AE63
