@@ -8,13 +8,12 @@ import tactopose_drake as tp
 
 def lay(model: tp.ObjectModel, generator: np.random.Generator) -> drake.RigidTransform:
     """A random pose across the open hand, with the object's middle near a fixed point above the palm."""
-    middle = 0.5 * (model.vertices.min(axis=0) + model.vertices.max(axis=0))
     across = drake.RotationMatrix(drake.RollPitchYaw(np.pi / 2, 0, np.pi / 2))
     turned = drake.RotationMatrix.MakeXRotation(np.pi * generator.integers(2))
     spun = drake.RotationMatrix.MakeZRotation(generator.uniform(-np.pi, np.pi))
     tilt = drake.RotationMatrix(drake.RollPitchYaw(0.2 * generator.normal(size=3)))
     R = tilt @ across @ turned @ spun
-    return drake.RigidTransform(R, [0.02, -0.05, 0.065] + 0.012 * generator.normal(size=3) - R @ middle)
+    return drake.RigidTransform(R, [0.02, -0.05, 0.065] + 0.012 * generator.normal(size=3) - R @ model.middle)
 
 
 def clear_of_the_hand(

@@ -43,7 +43,7 @@ def add_bars(meshcat: Meshcat, path: str, models: Sequence[ObjectModel]) -> None
         meshcat.SetTransform(at, RigidTransform([0.0, 0.0, -HEIGHT * row]))
         # Upright, and turned slightly so that more than one side is seen.
         R = RotationMatrix.MakeYRotation(np.radians(15.0)) @ RotationMatrix.MakeZRotation(np.radians(-30.0))
-        vertices = (model.vertices - 0.5 * (model.vertices.min(axis=0) + model.vertices.max(axis=0))) / model.size
+        vertices = (model.vertices - model.middle) / model.size
         meshcat.SetTriangleMesh(
             f"{at}/shape",
             np.asfortranarray(R.matrix() @ (_SHAPE * HEIGHT * vertices).T),

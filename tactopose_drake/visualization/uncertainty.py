@@ -155,9 +155,8 @@ def _turn(model: ObjectModel, w_O: FloatArray, v_O: FloatArray) -> tuple[RigidTr
     """
     axis = w_O / np.linalg.norm(w_O)
     on_axis = np.cross(w_O, v_O) / (w_O @ w_O)
-    middle = 0.5 * (model.vertices.min(axis=0) + model.vertices.max(axis=0))
-    if np.linalg.norm(np.cross(on_axis - middle, axis)) > 0.5 * model.size:
-        on_axis = middle
+    if np.linalg.norm(np.cross(on_axis - model.middle, axis)) > 0.5 * model.size:
+        on_axis = model.middle
     heights = (model.vertices - on_axis) @ axis
     reach = np.linalg.norm(np.cross(model.vertices - on_axis, axis), axis=1).max()
     center = on_axis + 0.5 * (heights.min() + heights.max()) * axis
@@ -168,8 +167,7 @@ def _turn(model: ObjectModel, w_O: FloatArray, v_O: FloatArray) -> tuple[RigidTr
 def _slide(model: ObjectModel, v_O: FloatArray) -> tuple[RigidTransform, float]:
     """Frame and length of an arrow along a translation, through the object's middle."""
     axis = v_O / np.linalg.norm(v_O)
-    middle = 0.5 * (model.vertices.min(axis=0) + model.vertices.max(axis=0))
-    heights = (model.vertices - middle) @ axis
-    center = middle + 0.5 * (heights.min() + heights.max()) * axis
+    heights = (model.vertices - model.middle) @ axis
+    center = model.middle + 0.5 * (heights.min() + heights.max()) * axis
     length = float(np.ptp(heights)) + 6 * _BEYOND * model.size
     return RigidTransform(RotationMatrix.MakeFromOneVector(axis, 2), center), length

@@ -82,8 +82,7 @@ def _turns(object_model: ObjectModel) -> FloatArray:
     spins = exp_so3((angles[:, None, None] * np.eye(3)).reshape(-1, 3)).reshape(_TURNS, 3, 3, 3)
     flips = exp_so3(math.pi * np.eye(3)[[1, 2, 0]])
     R_OT = np.concatenate([spins, flips @ spins]).reshape(-1, 3, 3)
-    centre = 0.5 * (object_model.vertices.min(axis=0) + object_model.vertices.max(axis=0))
-    return make_poses(R_OT, centre - R_OT @ centre)
+    return make_poses(R_OT, object_model.middle - R_OT @ object_model.middle)
 
 
 def _roughly_fitted(points: FloatArray, object_model: ObjectModel, X_CO: FloatArray) -> FloatArray:
