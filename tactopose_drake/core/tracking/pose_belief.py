@@ -86,7 +86,8 @@ class PoseBelief:
         slip_sign: what revealed the last slip; empty if there was none.
         slip_test, force_test, rigidity_test: states of the slip detectors.
         errors: estimated factors of the variances of the contacts' lasting errors.
-        unsettled_time: when a further finger touched, or the best mode changed, s.
+        joined_time: when a further finger last touched, s.
+        unsettled_time: the same, or when the best mode changed since, s.
         felt_time: when each source last touched, by its name, s.
         search: progress of the search for other modes.
         vision: record of the poses from vision.
@@ -114,6 +115,7 @@ class PoseBelief:
     force_test: ForceTest = dataclasses.field(default_factory=ForceTest)
     rigidity_test: RigidityTest = dataclasses.field(default_factory=RigidityTest)
     errors: SeemingErrors = dataclasses.field(default_factory=SeemingErrors)
+    joined_time: float = -np.inf
     unsettled_time: float = -np.inf
     felt_time: Mapping[str, float] = dataclasses.field(default_factory=dict)
     search: SearchState = dataclasses.field(default_factory=SearchState)

@@ -177,7 +177,7 @@ class PoseTracker:
         forces = frame.evidence.contacts if len(frame.evidence.contacts) == len(contacts) else contacts
         felt = (belief.felt_time.get(name, -np.inf) for name in frame.names)
         settled = min(felt) >= belief.time - self._params.flicker_time
-        settled = settled and belief.time >= belief.unsettled_time + self._params.settling_time
+        settled = settled and belief.time >= belief.joined_time + self._params.settling_time
         return move_with_fingertips(
             forces, frame.names, frame.tip_velocity, noise, duration, slips=slips, settled=settled
         )
@@ -219,7 +219,7 @@ class PoseTracker:
             slip_sign=slip_sign,
         )
         X_best, explained = modes.X_PO[:1], bool(explanation.of(modes.X_PO)[:1].any())
-        unsettled_time = time if is_new else belief.unsettled_time
+        joined_time, unsettled_time = (time, time) if is_new else (belief.joined_time, belief.unsettled_time)
         is_urgent = slips or is_outlier or not explained or time < unsettled_time + params.settling_time
         if slips or is_outlier or is_new:
             forgotten = belief.errors._replace(estimates=0)
@@ -235,7 +235,14 @@ class PoseTracker:
             if not len(X_best) or self._has_moved(X_best, modes.X_PO[:1]):
                 unsettled_time, test = time, test.restarted()
         felt_time = _felt(belief, frame)
-        return copied(belief, modes=modes, slip_test=test, unsettled_time=unsettled_time, felt_time=felt_time)
+        return copied(
+            belief,
+            modes=modes,
+            slip_test=test,
+            joined_time=joined_time,
+            unsettled_time=unsettled_time,
+            felt_time=felt_time,
+        )
 
     def _search(
         self,

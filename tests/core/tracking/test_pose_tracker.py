@@ -9,6 +9,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.motion.object_motion import MotionNoise, move_with_fingertips
+from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.posterior.moved_origin import arc_covariance, increments_of_origin, move_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -323,7 +324,7 @@ def test_a_new_touch_that_flickers_leaves_nothing_when_it_is_gone(tracker: PoseT
 
 
 def test_what_has_just_come_to_touch_holds_nothing_yet(tracker: PoseTracker, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An object may lie on a table until other fingers come."""
+    """An object may lie on a table until other fingers come. Once held it rests, whichever pose is the likeliest."""
     said, tips = list[bool](), dict.fromkeys(NAMES, np.zeros(6))
 
     def spy(*args: Any, settled: bool, **options: Any) -> Any:
@@ -340,6 +341,9 @@ def test_what_has_just_come_to_touch_holds_nothing_yet(tracker: PoseTracker, mon
     assert all(said[10:15])
     assert not any(said[15:23])
     assert all(said[35:])
+    another = copied(belief, unsettled_time=belief.time)
+    tracker.step(another, Frame(belief.time + 0.01, Evidence(touch(X_PO, generator), prior=GUESS), NAMES, tips))
+    assert said[-1]
 
 
 def test_vision_that_is_late_counts_as_of_its_time(tracker: PoseTracker) -> None:
