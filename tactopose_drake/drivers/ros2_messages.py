@@ -4,9 +4,10 @@ Sources: the interface definitions of ROS 2 (common_interfaces, rcl_interfaces, 
 Galactic on; OMG, Common Object Request Broker Architecture, part 2, 9.3 (CDR), little-endian.
 """
 
+import functools
 import re
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -94,13 +95,16 @@ def is_message(part: str) -> bool:
     return part in _DEFINITIONS
 
 
-def fields_of(kind: str) -> Iterator[tuple[str, str | None, str]]:
+@functools.cache
+def fields_of(kind: str) -> tuple[tuple[str, str | None, str], ...]:
     """Type, length and name of each field; a length of None is a single value, and an empty one a sequence."""
+    fields = []
     for line in _DEFINITIONS[kind].splitlines():
         match = _FIELD.fullmatch(line)
         assert match is not None
         part, is_list, length, name = match.groups()
-        yield part, length if is_list else None, name
+        fields.append((part, length if is_list else None, name))
+    return tuple(fields)
 
 
 def _write(out: bytearray, kind: str, value: Mapping[str, Any]) -> None:

@@ -1,6 +1,7 @@
 """Export of a recording as one CSV table."""
 
 import csv
+import heapq
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.runs.recorded_senses import RecordedRun
-from tactopose_drake.systems.signals import Value
+from tactopose_drake.systems.signals import Signal, Value
 
 _POSE = ("p_x_m", "p_y_m", "p_z_m", "q_w", "q_x", "q_y", "q_z")
 _WRENCH = ("m_x_Nm", "m_y_Nm", "m_z_Nm", "f_x_N", "f_y_N", "f_z_N")
@@ -56,7 +57,7 @@ def write_csv(run: RecordedRun, path: Path) -> None:
         table = csv.writer(file)
         table.writerow(["time_s", *header])
         row, row_time = [""] * len(header), None
-        for time, name, cells in sorted(_changes(run), key=lambda change: change[0]):
+        for time, name, cells in _changes(run):
             if row_time is not None and time > row_time:
                 table.writerow([repr(row_time), *row])
                 row = [""] * len(header)
@@ -92,12 +93,21 @@ def _joint_units(run: RecordedRun) -> dict[str, str]:
 
 
 def _changes(run: RecordedRun) -> Iterator[_Cells]:
-    for name, signal in run.signals.items():
-        for time, value in zip(signal.times, signal.values, strict=True):
-            yield time, name, _cells(value)
+    """All changes in order of time, one by one: those of an hour would not fit in memory."""
+    parts = [_of_signal(name, signal) for name, signal in run.signals.items()]
+    return heapq.merge(*parts, _of_estimates(run), key=lambda change: change[0])
+
+
+def _of_signal(name: str, signal: Signal) -> Iterator[_Cells]:
+    for time, value in zip(signal.times, signal.values, strict=True):
+        yield time, name, _cells(value)
+
+
+def _of_estimates(run: RecordedRun) -> Iterator[_Cells]:
+    texts = _texts(run)
     for line in run.estimates:
         time = float(line["time"])
-        for text in _texts(run):
+        for text in texts:
             yield time, text, [str(line.get(text, ""))]
         for name in _BEST:
             for best in (line.get(name) or ())[:1]:

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, Diagram
 from tactopose_drake.estimation.files import hypotheses_data
 from tactopose_drake.systems.line_file import LineFile
 
-_TEXTS = ("status", "contact_status", "patch_status", "sense_status", "tracked_status")
+TEXTS = ("status", "contact_status", "patch_status", "sense_status", "tracked_status")
 
 
 class EstimateWriter:
@@ -45,7 +45,7 @@ class EstimateWriter:
 def estimates_now(diagram: Diagram, context: Context) -> dict[str, Any]:
     """A line of `EstimateWriter` with the current values of a station's ports."""
     line: dict[str, Any] = {"time": context.get_time()}
-    line |= {name: diagram.GetOutputPort(name).Eval(context) for name in _TEXTS if diagram.HasOutputPort(name)}
+    line |= {name: diagram.GetOutputPort(name).Eval(context) for name in TEXTS if diagram.HasOutputPort(name)}
     line["fingers_in_contact"] = list(diagram.GetOutputPort("fingers_in_contact").Eval(context))
     for name in ("hypotheses", "tracked_hypotheses"):
         if diagram.HasOutputPort(name):

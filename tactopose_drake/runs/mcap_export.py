@@ -1,5 +1,6 @@
 """Export of a recording as MCAP with ROS 2 messages, which Foxglove, PlotJuggler and rosbag2 open without a plugin."""
 
+import heapq
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,6 +22,7 @@ from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.resources import fixed_pose, passing_builder
 from tactopose_drake.runs.recorded_senses import RecordedRun
 from tactopose_drake.runs.ros2_poses import ros_covariance, ros_pose, ros_xyz
+from tactopose_drake.systems.signals import Signal
 from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
 
 _OBJECT_COLOUR = (0.85, 0.55, 0.25)
@@ -68,8 +70,7 @@ def write_mcap(run: RecordedRun, path: Path) -> None:
         InvalidFileError: if the file cannot be written.
         InvalidInputError: if the recording's times are beyond the range of ROS 2's stamps.
     """
-    messages = sorted(_messages(run), key=lambda message: message.time)
-    last = run.manifest.start + messages[-1].time
+    last = run.manifest.start + run.end
     if last >= _END_OF_STAMPS:
         raise InvalidInputError(
             f"Manifest.start must be early enough that the recording ends before {_END_OF_STAMPS} s since the epoch, "
@@ -80,7 +81,7 @@ def write_mcap(run: RecordedRun, path: Path) -> None:
         out.start(profile="ros2", library="tactopose_drake")
         schemas: dict[str, int] = {}
         channels: dict[str, int] = {}
-        for number, (time, topic, kind, value) in enumerate(messages):
+        for number, (time, topic, kind, value) in enumerate(_messages(run)):
             package, name = kind.split("/")
             if kind not in schemas:
                 schemas[kind] = out.register_schema(f"{package}/msg/{name}", "ros2msg", definition(kind).encode())
@@ -100,41 +101,52 @@ def _nanoseconds(run: RecordedRun, time: float) -> int:
 
 
 def _messages(run: RecordedRun) -> Iterator[_Message]:
+    """All messages in order of time, one by one: those of an hour would not fit in memory."""
     hand = _Hand(run)
+    scene = {"markers": _scene(run, hand, _header(run, 0.0, ""))}
+    parts = [
+        iter([_Message(0.0, "/scene", "visualization_msgs/MarkerArray", scene)]),
+        *(_of_signal(run, hand, name, signal) for name, signal in run.signals.items()),
+        _of_estimates(run, hand.palm),
+    ]
+    return heapq.merge(*parts, key=lambda message: message.time)
 
-    def header(time: float, frame: str) -> dict[str, Any]:
-        seconds, rest = divmod(_nanoseconds(run, time), 10**9)
-        return {"stamp": {"sec": seconds, "nanosec": rest}, "frame_id": frame}
 
-    yield _Message(0.0, "/scene", "visualization_msgs/MarkerArray", {"markers": _scene(run, hand, header(0.0, ""))})
-    for name, signal in run.signals.items():
-        for time, value in zip(signal.times, signal.values, strict=True):
-            if value is None:
-                continue
-            if name == "joint_positions":
-                state = {"header": header(time, ""), "name": run.joints, "position": value}
-                yield _Message(time, "/joint_states", "sensor_msgs/JointState", state)
-                yield _tf(time, [_transform(header(time, parent), *link) for parent, *link in hand.links(value)])
-            elif name.startswith("wrench_"):
-                finger = name.removeprefix("wrench_")
-                wrench = {"torque": ros_xyz(value[:3]), "force": ros_xyz(value[3:])}
-                stamped = {"header": header(time, hand.sensor_frames[finger]), "wrench": wrench}
-                yield _Message(time, f"/wrench/{finger}", "geometry_msgs/WrenchStamped", stamped)
-            elif name.startswith("pressures_"):
-                layout = {"dim": [{"label": "cell", "size": len(value), "stride": len(value)}]}
-                array = {"layout": layout, "data": value}
-                yield _Message(
-                    time, f"/pressure/{name.removeprefix('pressures_')}", "std_msgs/Float64MultiArray", array
-                )
-            elif isinstance(value, PosePrior):
-                covariance = ros_covariance(np.diag(value.sigmas**2), value.mean[:, :3])
-                pose = {"pose": ros_pose(value.X_PO), "covariance": covariance}
-                stamped = {"header": header(time, hand.palm), "pose": pose}
-                yield _Message(time, "/prior", "geometry_msgs/PoseWithCovarianceStamped", stamped)
-            elif name in _POSES_IN and np.isfinite(value.translation()).all():
-                frame = _POSES_IN[name] or hand.palm
-                stamped = {"header": header(time, frame), "pose": ros_pose(value)}
-                yield _Message(time, f"/{name}", "geometry_msgs/PoseStamped", stamped)
+def _header(run: RecordedRun, time: float, frame: str) -> dict[str, Any]:
+    seconds, rest = divmod(_nanoseconds(run, time), 10**9)
+    return {"stamp": {"sec": seconds, "nanosec": rest}, "frame_id": frame}
+
+
+def _of_signal(run: RecordedRun, hand: "_Hand", name: str, signal: Signal) -> Iterator[_Message]:
+    """The messages of a signal, in order of time."""
+    for time, value in zip(signal.times, signal.values, strict=True):
+        if value is None:
+            continue
+        if name == "joint_positions":
+            state = {"header": _header(run, time, ""), "name": run.joints, "position": value}
+            yield _Message(time, "/joint_states", "sensor_msgs/JointState", state)
+            yield _tf(time, [_transform(_header(run, time, parent), *link) for parent, *link in hand.links(value)])
+        elif name.startswith("wrench_"):
+            finger = name.removeprefix("wrench_")
+            wrench = {"torque": ros_xyz(value[:3]), "force": ros_xyz(value[3:])}
+            stamped = {"header": _header(run, time, hand.sensor_frames[finger]), "wrench": wrench}
+            yield _Message(time, f"/wrench/{finger}", "geometry_msgs/WrenchStamped", stamped)
+        elif name.startswith("pressures_"):
+            layout = {"dim": [{"label": "cell", "size": len(value), "stride": len(value)}]}
+            array = {"layout": layout, "data": value}
+            yield _Message(time, f"/pressure/{name.removeprefix('pressures_')}", "std_msgs/Float64MultiArray", array)
+        elif isinstance(value, PosePrior):
+            covariance = ros_covariance(np.diag(value.sigmas**2), value.mean[:, :3])
+            pose = {"pose": ros_pose(value.X_PO), "covariance": covariance}
+            stamped = {"header": _header(run, time, hand.palm), "pose": pose}
+            yield _Message(time, "/prior", "geometry_msgs/PoseWithCovarianceStamped", stamped)
+        elif name in _POSES_IN and np.isfinite(value.translation()).all():
+            stamped = {"header": _header(run, time, _POSES_IN[name] or hand.palm), "pose": ros_pose(value)}
+            yield _Message(time, f"/{name}", "geometry_msgs/PoseStamped", stamped)
+
+
+def _of_estimates(run: RecordedRun, palm: str) -> Iterator[_Message]:
+    """The messages of the estimates, in order of time; `palm` is the name of P."""
     said: dict[str, Any] = {}  # the last written hypotheses, by prefix
     for line in run.estimates:
         time = float(line["time"])
@@ -145,7 +157,7 @@ def _messages(run: RecordedRun) -> Iterator[_Message]:
             hypotheses = line.get(f"{prefix}hypotheses")
             is_held = str(line.get(f"{prefix}status")).startswith("held") and hypotheses == said.get(prefix)
             if hypotheses and not is_held:
-                yield from _belief(time, prefix, header(time, hand.palm), hypotheses)
+                yield from _belief(time, prefix, _header(run, time, palm), hypotheses)
             said[prefix] = hypotheses
 
 

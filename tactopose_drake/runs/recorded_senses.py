@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import functools
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +10,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.validation import FloatArray, told_of
-from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.hand.encoder_offsets import radian_units
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.runs.manifest import ESTIMATES, MANIFEST, SIGNALS, Manifest, load_manifest
+from tactopose_drake.runs.recorded_estimates import read_estimates
 from tactopose_drake.runs.scenario_replay import as_recorded, have_ended, logged_devices, missing_signals
 from tactopose_drake.runs.simulation import BESIDE_DEVICES, sense_ports
 from tactopose_drake.runs.stepping import advance
@@ -49,6 +48,12 @@ class RecordedRun:
     problems: tuple[str, ...]
     units: FloatArray
 
+    @property
+    def end(self) -> float:
+        """Time of the last change, s; 0 if there is none."""
+        times = [signal.times[-1] for signal in self.signals.values()]
+        return max([0.0, *times, *(float(line["time"]) for line in self.estimates[-1:])])
+
 
 def read_recording(folder: Path) -> RecordedRun:
     """Reads a folder by `run --record`; CAN logs are decoded by the drivers, without estimates.
@@ -67,7 +72,7 @@ def read_recording(folder: Path) -> RecordedRun:
     if isinstance(manifest.scenario.senses, CanSenses):
         played, ends = _play(folder, manifest, signals)
         signals, problems = signals | played, problems + ends
-    estimates, damage = _read_estimates(folder / ESTIMATES)
+    estimates, damage = read_estimates(folder / ESTIMATES)
     joints = NamedJoints(plant, hand).names
     return RecordedRun(manifest, signals, joints, estimates, (*problems, *damage), radian_units(plant))
 
@@ -105,34 +110,3 @@ def _play(folder: Path, manifest: Manifest, signals: dict[str, Signal]) -> tuple
         advance(simulator, devices, _STEP, _NEVER, lambda view: None, at_end)
         ends = [str(bus.log_end) for bus in buses if bus.log_end is not None and not bus.log_end.whole]
         return recorder.signals, ends
-
-
-def _read_estimates(path: Path) -> tuple[tuple[dict[str, Any], ...], list[str]]:
-    """The lines up to the first damaged one, and messages on problems."""
-    if not path.is_file():
-        return (), [f"{path} is missing, so there are no estimates."]
-    try:
-        texts = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InvalidFileError(f"{path} cannot be read ({' '.join(str(error).split())}).") from None
-    lines: list[dict[str, Any]] = []
-    for text in texts:
-        try:
-            line = json.loads(text)
-            _check_estimate(line)
-        except (LookupError, RecursionError, TypeError, ValueError):
-            return tuple(lines), [f"{path} cannot be read from line {len(lines) + 1} on."]
-        lines.append(line)
-    return tuple(lines), []
-
-
-def _check_estimate(line: Any) -> None:
-    """Raises one of several built-in errors if a line is no estimate."""
-    float(line["time"])
-    for hypothesis in (*(line["hypotheses"] or ()), *(line.get("tracked_hypotheses") or ())):
-        for key, length in (("translation", 3), ("quaternion_wxyz", 4)):
-            if [type(number) for number in hypothesis[key]] != [float] * length:
-                raise ValueError(key)
-        if any(len(row) != 6 for row in hypothesis["covariance"]) or len(hypothesis["covariance"]) != 6:
-            raise ValueError("covariance")
-        float(hypothesis["probability"])

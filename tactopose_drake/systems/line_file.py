@@ -1,7 +1,9 @@
-"""A text file that a run writes line by line; a full disk ends the file, but not the run."""
+"""A text file of JSON that a run writes line by line; a full disk ends the file, but not the run."""
 
+import json
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from tactopose_drake.errors import InvalidFileError
 
@@ -47,3 +49,35 @@ class LineFile:
 
     def _fail(self, error: OSError) -> None:
         self.problem = self.problem or f"{self._path} ends after {self.count} lines ({error.strerror})."
+
+
+def lines_of(path: Path) -> Iterator[str]:
+    """The lines of a file, with their line feeds; the last one has none if the file was cut off.
+
+    Raises:
+        InvalidFileError: if the file cannot be read.
+    """
+    try:
+        with path.open(encoding="utf-8", newline="\n") as file:
+            yield from file
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidFileError(f"{path} cannot be read ({' '.join(str(error).split())}).") from None
+
+
+def read_line(line: str) -> dict[str, Any]:
+    """The mapping of a line of JSON; raises one of several built-in errors if it is none, or has NaN or a key twice."""
+    entry = json.loads(line, object_pairs_hook=_unique, parse_constant=_refuse)
+    if not isinstance(entry, dict):
+        raise TypeError("it must be a mapping")
+    return entry
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    entry = dict(pairs)
+    if len(entry) < len(pairs):
+        raise ValueError("a key is given twice")
+    return entry
+
+
+def _refuse(text: str) -> float:
+    raise ValueError(f"{text} is not a number")

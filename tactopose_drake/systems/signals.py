@@ -21,7 +21,7 @@ from tactopose_drake.core.validation import FloatArray, check_count, finite_arra
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.resources.yaml_files import shown
-from tactopose_drake.systems.line_file import LineFile
+from tactopose_drake.systems.line_file import LineFile, lines_of, read_line
 
 _LARGEST = 1e12  # largest time, and largest number of a pose, in SI units; a sensor's readings have no limit
 
@@ -156,15 +156,11 @@ def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
     Raises:
         InvalidFileError: if the file cannot be read, or one of its lines is not a signal.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InvalidFileError(f"{path} cannot be read ({' '.join(str(error).split())}).") from None
-    whole, newline, rest = text.rpartition("\n")
     signals: dict[str, Signal] = {}
-    lines = whole.split("\n") if newline else []
     last = -math.inf
-    for number, line in enumerate(lines, 1):
+    for number, line in enumerate(lines_of(path), 1):
+        if not line.endswith("\n"):
+            return signals, f"{path} is cut off after {number - 1} whole lines."
         try:
             time, name, value = _read_line(line)
             if time < last:
@@ -175,7 +171,7 @@ def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
             reason = shown(" ".join(str(error).split()))[1:-1]
             raise InvalidFileError(f"{path}: line {number} must be a signal ({reason}).") from None
         _append(signals, name, time, value)
-    return signals, f"{path} is cut off after {len(lines)} whole lines." if rest else ""
+    return signals, ""
 
 
 def _as_value(name: str, value: Value) -> Value:
@@ -202,9 +198,7 @@ def _append(signals: dict[str, Signal], name: str, time: float, value: Value) ->
 
 def _read_line(line: str) -> tuple[float, str, Value]:
     """Time, name and value of a line; raises one of several built-in errors if it is not a signal."""
-    entry = json.loads(line, object_pairs_hook=_unique, parse_constant=_refuse)
-    if not isinstance(entry, dict):
-        raise TypeError("it must be a mapping")
+    entry = read_line(line)
     time, name = entry.pop("time", None), entry.pop("name", None)
     if not isinstance(name, str):
         raise TypeError("its name must be text")
@@ -216,17 +210,6 @@ def _check_like(value: Value, others: list[Value]) -> None:
     other = next((known for known in reversed(others) if known is not None), None)
     if value is not None and other is not None and (type(value), np.shape(value)) != (type(other), np.shape(other)):
         raise ValueError("it differs in kind or length from the signal's others")
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    entry = dict(pairs)
-    if len(entry) < len(pairs):
-        raise ValueError("a key is given twice")
-    return entry
-
-
-def _refuse(text: str) -> float:
-    raise ValueError(f"{text} is not a number")
 
 
 def _finite(value: Any) -> float:

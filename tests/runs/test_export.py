@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import json
+import math
 import shutil
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, retra
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
+from tactopose_drake.runs import mcap_export
 from tactopose_drake.runs.manifest import load_manifest
 from tactopose_drake.runs.mcap_export import write_mcap
 from tactopose_drake.runs.recorded_senses import read_recording
@@ -315,3 +317,51 @@ def test_damaged_estimates_are_said_and_the_rest_is_exported(
     (copy / "estimates.jsonl").unlink()
     assert tactopose("export", copy, "--format", "csv", "--out", out) == 0
     assert "estimates.jsonl is missing, so there are no estimates." in capsys.readouterr().err
+
+
+HYPOTHESIS = {
+    "translation": [0.0, 0.0, 0.1],
+    "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0],
+    "covariance": np.eye(6).tolist(),
+    "probability": 1.0,
+}
+IMPOSSIBLE = {
+    "a time that is no number": {"time": math.nan},
+    "a time beyond all clocks": {"time": 1e300},
+    "a time before the last": {"time": -1.0},
+    "a time as text": {"time": "0.02"},
+    "no pose": {"hypotheses": []},
+    "a place that is no number": {"hypotheses": [HYPOTHESIS | {"translation": [math.nan, 0.0, 0.0]}]},
+    "no turn": {"hypotheses": [HYPOTHESIS | {"quaternion_wxyz": [0.0] * 4}]},
+    "a covariance of text": {"hypotheses": [HYPOTHESIS | {"covariance": [["a"] * 6] * 6}]},
+    "a negative variance": {"hypotheses": [HYPOTHESIS | {"covariance": (-np.eye(6)).tolist()}]},
+    "a probability of text": {"tracked_hypotheses": [HYPOTHESIS | {"probability": "1"}]},
+    "half a character": {"status": "\ud800"},
+    "a status that is none": {"status": None},
+    "a finger that is none": {"fingers_in_contact": [3]},
+}
+
+
+@pytest.mark.parametrize("change", IMPOSSIBLE.values(), ids=list(IMPOSSIBLE))
+def test_estimates_that_cannot_be_are_said_and_those_before_are_exported(
+    simulated: Path, tmp_path: Path, change: dict
+) -> None:
+    copy = Path(shutil.copytree(simulated, tmp_path / "copy"))
+    lines = estimates(copy)
+    assert len(lines) == 3
+    lines[1] |= change
+    (copy / "estimates.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    run = read_recording(copy)
+    assert run.problems == (f"{copy / 'estimates.jsonl'} cannot be read from line 2 on.",)
+    assert list(run.estimates) == lines[:1]
+
+
+def test_messages_are_made_as_they_are_written(
+    simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    links, encode, made, written = mcap_export._Hand.links, mcap_export.encode, [], []
+    monkeypatch.setattr(mcap_export._Hand, "links", lambda self, q: made.append(q) or links(self, q))
+    monkeypatch.setattr(mcap_export, "encode", lambda kind, value: written.append(len(made)) or encode(kind, value))
+    write_mcap(read_recording(simulated), tmp_path / "run.mcap")
+    assert len(made) > 10
+    assert np.diff(written).max() == 1  # Those of an hour would not fit in memory.

@@ -1,6 +1,7 @@
 """Whether a replay gives what the run gave."""
 
 import json
+import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +14,12 @@ from tactopose_drake.runs.replay_comparison import ReplayComparison
 
 
 def line(quaternion: list[float]) -> dict[str, Any]:
-    hypothesis = {"translation": [0.0, 0.0, 0.1], "quaternion_wxyz": quaternion}
+    hypothesis = {
+        "translation": [0.0, 0.0, 0.1],
+        "quaternion_wxyz": quaternion,
+        "covariance": np.eye(6).tolist(),
+        "probability": 1.0,
+    }
     return {"time": 0.5, "fingers_in_contact": ["thumb"], "hypotheses": [hypothesis]}
 
 
@@ -35,3 +41,15 @@ def test_a_turn_is_a_difference(
     comparison.compare(SimpleNamespace(diagram=None, context=None))  # type: ignore[arg-type]
     assert comparison.difference.endswith(said)
     assert bool(comparison.difference) == bool(said)
+
+
+@pytest.mark.parametrize("change", [{"time": math.nan}, {"hypotheses": []}, {"fingers_in_contact": None}])
+def test_what_was_not_recorded_well_is_not_taken_for_the_same(
+    change: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "estimates.jsonl"
+    path.write_text(json.dumps(line([1.0, 0.0, 0.0, 0.0]) | change) + "\n")
+    comparison = ReplayComparison(path, is_live=False)
+    monkeypatch.setattr(replay_comparison, "estimates_now", lambda diagram, context: line([1.0, 0.0, 0.0, 0.0]))
+    comparison.compare(SimpleNamespace(diagram=None, context=None))  # type: ignore[arg-type]
+    assert comparison.difference == "The recorded estimates cannot be read from line 1 on."
