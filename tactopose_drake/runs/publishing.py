@@ -1,5 +1,6 @@
 """Publishes beliefs to other processes over LCM or ROS 2, as the scenario says."""
 
+import math
 import time
 
 from tactopose_drake.drivers.lcm_inbox import LcmConnection, open_lcm
@@ -47,7 +48,8 @@ def open_publisher(scenario: Scenario, known_url: str = "", known: LcmConnection
 def publishing(scenario: Scenario, observer: Observer) -> Observer:
     """Wraps an observer so that a station's beliefs are published, too, if the scenario says so.
 
-    A pose that is held from an earlier estimate is published with the time of that estimate.
+    A belief is dated when its touch was read, which is a period before it is known. A pose that is held from an earlier
+    estimate keeps the time of that estimate.
 
     Args:
         scenario: a scenario whose senses are not messages.
@@ -61,21 +63,26 @@ def publishing(scenario: Scenario, observer: Observer) -> Observer:
     if out is None:
         return observer
     prefix = "" if scenario.tracking is None else "tracked_"
-    known_by = 0.0
+    touched = 0.0
 
     def publish_and_show(view: RunView) -> None:
-        nonlocal known_by
+        nonlocal touched
         estimate, status = (
             view.diagram.GetOutputPort(prefix + name).Eval(view.context) for name in ("hypotheses", "status")
         )
         message = belief_message(estimate, status, out.max_modes)
         if prefix:  # The belief over time may be late.
-            known_by = view.diagram.GetOutputPort("tracked_belief").Eval(view.context).time
+            touched = view.diagram.GetOutputPort("tracked_belief").Eval(view.context).time
         elif estimate is None or not status.startswith("held"):
-            known_by = view.context.get_time()
+            touched = _last_update(view.context.get_time(), scenario.estimation.estimator.period)
         begun = 0.0 if view.devices is None else next(iter(view.devices.buses.values())).origin
-        message.utime = round(1e6 * (begun + known_by))
+        message.utime = round(1e6 * (begun + touched))
         out.send(message)
         observer(view)
 
     return publish_and_show
+
+
+def _last_update(time: float, period: float) -> float:
+    """When the estimator was updated last, s, if a step of the run has ended at `time`: the update then is pending."""
+    return period * max(math.ceil(time / period - 1e-6) - 1, 0)

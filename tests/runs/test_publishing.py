@@ -12,7 +12,7 @@ from tactopose_drake.runs import publishing
 from tactopose_drake.station.scenario import Scenario
 
 
-def test_a_pose_that_is_held_is_dated_when_it_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pose_is_dated_when_it_was_touched_also_where_it_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
     sent: list[Any] = []
     out = SimpleNamespace(max_modes=4, send=sent.append)
     monkeypatch.setattr(publishing, "open_publisher", lambda scenario: out)
@@ -28,8 +28,9 @@ def test_a_pose_that_is_held_is_dated_when_it_was_found(monkeypatch: pytest.Monk
         (0.3, "held: 0 fingers touch", found),
         (5.0, "held: 0 fingers touch", found),
         (5.1, "ambiguous", found),
+        (5.13, "ambiguous", found),  # the end of a run
     ):
         said |= {"time": time, "status": status, "hypotheses": estimate}
         publish(view)  # type: ignore[arg-type]
-    assert [message.utime for message in sent] == [100_000, 200_000, 200_000, 200_000, 5_100_000]
-    assert [len(message.probability) for message in sent] == [0, 1, 1, 1, 1]
+    assert [message.utime for message in sent] == [0, 100_000, 100_000, 100_000, 5_000_000, 5_100_000]
+    assert [len(message.probability) for message in sent] == [0, 1, 1, 1, 1, 1]
