@@ -31,6 +31,7 @@ class GraspResult:
         X_PO: true pose of the object at the end.
         release_time: when the object was released, s; None if never.
         slip: motion of the object's origin in the palm after its release, m; rotation about it is not included.
+        turn: angle by which the object has turned in the palm after its release, rad.
         speed: speed of the object's origin in the palm at the end, m/s.
         failed_attempts: why each grasp that was tried before this one failed.
     """
@@ -43,6 +44,7 @@ class GraspResult:
     X_PO: RigidTransform
     release_time: float | None
     slip: float
+    turn: float
     speed: float
     failed_attempts: tuple[str, ...]
 
@@ -137,6 +139,7 @@ def run_grasp(
         station.object_pose(context),
         watch.release_time,
         watch.slip(context),
+        watch.turn(context),
         watch.motion(context)[0],
         failed_attempts,
     )

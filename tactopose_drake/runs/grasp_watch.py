@@ -38,6 +38,13 @@ class GraspWatch:
             return 0.0
         return float(np.linalg.norm(self._station.object_pose(context).translation() - self._X_PO.translation()))
 
+    def turn(self, context: Context) -> float:
+        """Angle by which the object has turned in the palm since its release, rad."""
+        if self.release_time is None:
+            return 0.0
+        X_PO = self._station.object_pose(context)
+        return float(np.linalg.norm(increments_between(self._X_PO.GetAsMatrix34(), X_PO.GetAsMatrix34())[:3]))
+
     def motion(self, context: Context) -> tuple[float, float]:
         """Speed, m/s, of the object's origin in the palm, and its angular speed, rad/s."""
         palm, body = self._station.hand.palm_frame, self._station.object_body.body_frame()
@@ -59,9 +66,12 @@ class GraspWatch:
         return truth, self._fault(context, truth) or "ok"
 
     def outcome(self, context: Context) -> str:
-        """A sentence on whether the object is held, and on the error of the estimate."""
+        """A sentence on whether the object is held, how far it has moved, and the error of the estimate."""
         _, reason = self.judge(context)
         held = "the grasp is stable" if reason == "ok" else f"the grasp is not stable: {reason}"
+        if self.release_time is not None:
+            slip, turn = 1e3 * self.slip(context), np.degrees(self.turn(context))
+            held = f"{held}; since its release, the object has slipped by {slip:.1f} mm and turned by {turn:.1f} deg"
         estimate: PoseEstimate | None = self._station.diagram.GetOutputPort("hypotheses").Eval(context)
         if estimate is None:
             return held

@@ -148,7 +148,8 @@ def test_run_says_how_the_grasp_went(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert picture.read_bytes().startswith(b"\x89PNG")
     last = capsys.readouterr().out.strip().splitlines()[-1]
     assert re.fullmatch(
-        r"The grasp is stable; the estimate is off the truth by [\d.]+ mm and [\d.]+ deg, "
+        r"The grasp is stable; since its release, the object has slipped by [\d.]+ mm and turned by [\d.]+ deg; "
+        r"the estimate is off the truth by [\d.]+ mm and [\d.]+ deg, "
         r"where the touch determines it by [\d.]+ mm and [\d.]+ deg\.",
         last,
     )

@@ -1,9 +1,11 @@
 """When a simulated grasp counts as stable, and why not."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from pydrake.math import RigidTransform, RotationMatrix
 
 from tactopose_drake.runs.contact_truth import ContactTruth, PartContact
 from tactopose_drake.runs.grasp_watch import GraspWatch
@@ -45,3 +47,25 @@ def test_what_is_wrong_with_a_grasp(change: dict, reason: str) -> None:
     fault = watch._fault(None, told["truth"])  # type: ignore[arg-type]
     assert fault.startswith(reason)
     assert bool(fault) == bool(reason)
+
+
+def test_the_object_s_slip_and_turn_count_from_its_release() -> None:
+    """Here a context is the object's pose, and whether it is locked."""
+    station = SimpleNamespace(
+        plant=SimpleNamespace(GetMyContextFromRoot=lambda context: context),
+        object_joint=SimpleNamespace(is_locked=lambda context: context.locked),
+        object_pose=lambda context: context.X_PO,
+    )
+    watch = GraspWatch(station)  # type: ignore[arg-type]
+
+    def moment(z: float, turn: float, locked: bool = False) -> Any:
+        X_PO = RigidTransform(RotationMatrix.MakeXRotation(0.3) @ RotationMatrix.MakeZRotation(turn), [0.0, 0.1, z])
+        return SimpleNamespace(X_PO=X_PO, locked=locked, get_time=lambda: 1.0)
+
+    held = moment(0.5, 1.0, locked=True)
+    watch.see(held)
+    assert (watch.slip(held), watch.turn(held)) == (0.0, 0.0)
+    watch.see(moment(0.02, 0.1))
+    watch.see(moment(0.04, 0.2))
+    later = moment(0.05, 0.1 - 2.5)
+    assert (watch.slip(later), watch.turn(later)) == pytest.approx((0.03, 2.5))
