@@ -14,7 +14,7 @@ from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, positive_number, whole_number
-from tactopose_drake.errors import PortTypeError
+from tactopose_drake.errors import InvalidInputError, PortTypeError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem
@@ -47,6 +47,12 @@ class PoseDisplayParams:
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         positive_number("PoseDisplayParams.period", self.period)
+        instance_of("PoseDisplayParams.path", self.path, str)
+        if self.path.strip("/") in ("", "drake"):  # The display deletes its path; Meshcat's own parts are in these.
+            raise InvalidInputError(
+                f"PoseDisplayParams.path must be one of its own, such as /tactopose, not {self.path!r}, which is the "
+                "parent of other parts."
+            )
         for name in ("max_contacts", "max_pads", "max_cells"):
             whole_number(f"PoseDisplayParams.{name}", getattr(self, name), least=0)
         if self.friction_coefficient is not None:

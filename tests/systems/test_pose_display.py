@@ -287,6 +287,12 @@ def test_a_bad_parameter_is_named(name: str, value: float) -> None:
         PoseDisplayParams(**{name: value}).validate()
 
 
+@pytest.mark.parametrize("path", ["", "/", "//", "/drake", "drake/"])
+def test_a_path_that_holds_the_parts_of_others_is_refused(path: str) -> None:
+    with pytest.raises(InvalidInputError, match=f"^PoseDisplayParams.path must be one of its own, .*, not '{path}'"):
+        PoseDisplayParams(path=path).validate()
+
+
 def test_what_is_no_display_and_no_object_is_refused_at_once(model: ObjectModel) -> None:
     with pytest.raises(InvalidInputError, match=r"^meshcat must be a Meshcat, such as from .*, not None"):
         PoseDisplay(None, model)
