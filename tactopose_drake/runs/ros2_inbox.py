@@ -162,9 +162,11 @@ class Ros2Inbox:
         return self._joints is None or joint in self._joints
 
     def _on_wrench(self, finger: str, said: Any) -> None:
-        torque, force = said.wrench.torque, said.wrench.force
-        F_S = np.array([torque.x, torque.y, torque.z, force.x, force.y, force.z])
-        self._wrenches[finger] = seconds_of(said.header.stamp), F_S
+        time, (before, _) = seconds_of(said.header.stamp), self._wrenches.get(finger, (-math.inf, None))
+        # One that a newer one has overtaken is dropped. The newer one would be stale if it were of another clock.
+        if not before - self._max_age <= time < before:
+            torque, force = said.wrench.torque, said.wrench.force
+            self._wrenches[finger] = time, np.array([torque.x, torque.y, torque.z, force.x, force.y, force.z])
 
     def _on_pad(self, pad: str, said: Any) -> None:
         # The message has no stamp, so it gets that of the last joint state; before the first, its age is unknown.

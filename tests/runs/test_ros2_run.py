@@ -175,6 +175,7 @@ def test_each_joint_state_goes_with_the_newest_of_the_rest() -> None:
     assert said is not None
     assert not said.pressures  # Nobody knows how old a frame is that came before the first joint state.
     wrench(5.01, 2.0)
+    wrench(5.0, 7.0)  # overtaken
     link.say("/palm", "std_msgs/Float64MultiArray", {"data": [1.0, 2.0]})
     joints(5.02, 0.2)
     said = inbox.take()
