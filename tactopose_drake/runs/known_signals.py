@@ -80,12 +80,12 @@ def check_spans(scenario: Scenario, signals: Mapping[str, Signal], end: float) -
     for name, path in (("joint_positions", joints), ("palm_pose", senses.palm)):
         if path and signals[name].times[0] > max_age:
             raise InvalidInputError(
-                f"{path} must begin with the run, whose time 0 is its start, not at {signals[name].times[0]:.10g} s."
+                f"{path} must begin with the run, whose time 0 is its start, not at {signals[name].times[0]:.15g} s."
             )
         if path and signals[name].times[-1] + max_age < end:
             run = f"the run ends, at {end:g} s" if np.isfinite(end) else "the run ends, which has no end"
             raise InvalidInputError(
-                f"{path} must go on until {run}, not end at {signals[name].times[-1]:g} s. Or choose a shorter "
+                f"{path} must go on until {run}, not end at {signals[name].times[-1]:.15g} s. Or choose a shorter "
                 "duration."
             )
 

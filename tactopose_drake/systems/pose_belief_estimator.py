@@ -196,7 +196,7 @@ class PoseBeliefEstimator(CollectableSystem):
         started = time.perf_counter()
         before, frame, remarks = timed.belief, reading.frame, reading.remarks
         if frame.time < before.time:
-            remarks = (f"begun anew: the clock went back from {before.time:g} s", *remarks)
+            remarks = (f"begun anew: the clock went back from {before.time:.15g} s", *remarks)
             before = self._tracker.start(frame.time)
         elif before.has_pose and self._says_nothing(before, frame):
             vision = before.vision.of_next_belief()

@@ -57,7 +57,7 @@ class Signal:
         wrong[1:] |= times[1:] < times[:-1]
         if wrong.any():
             row = int(wrong.argmax())
-            raise InvalidInputError(f"times must be in ascending order, but times[{row}] is {times[row]:g} s.")
+            raise InvalidInputError(f"times must be in ascending order, but times[{row}] is {times[row]:.15g} s.")
 
     @classmethod
     def constant(cls, value: Value) -> Self:
@@ -137,7 +137,7 @@ class SignalRecorder:
         if self._last.get(name) == text:
             return
         if time < self._time:
-            raise InvalidInputError(f"time must be at least the last one, {self._time:g} s, not {time:g} s.")
+            raise InvalidInputError(f"time must be at least the last one, {self._time:.15g} s, not {time:.15g} s.")
         self._last[name], self._time = text, time
         if value is not None and not known:
             known.append(value)
@@ -164,7 +164,7 @@ def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
         try:
             time, name, value = _read_line(line)
             if time < last:
-                raise ValueError(f"its time is {time:g}, after {last:g}")
+                raise ValueError(f"its time is {time:.15g}, after {last:.15g}")
             last = time
             _check_like(value, signals[name].values if name in signals else [])
         except (ArithmeticError, LookupError, RecursionError, RuntimeError, TypeError, ValueError) as error:

@@ -49,6 +49,7 @@ def test_a_row_of_a_hand() -> None:
     [
         (np.zeros((2, 7)), "row 3: time must rise, not be 0 after 0"),
         (np.array([[1.0] * 7, [0.0] * 7]), "row 3: time must rise, not be 0 after 1"),
+        (np.array([[1.7e9] * 7, [1.7e9 - 0.25] * 7]), "row 3: time must rise, not be 1699999999.75 after 1700000000"),
         (np.zeros((1, 6)), "row 2 must have 7 columns, not 6"),
         (np.full((1, 7), np.nan), "row 2: time must be a finite number, not 'nan'"),
         (np.zeros((0, 7)), "must have at least one row below its header, not none"),

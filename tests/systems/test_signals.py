@@ -62,6 +62,7 @@ def test_a_value_stays_until_the_next() -> None:
         ([0.0, 1.0], [np.zeros(2)], "times must be as many as the values, 1, not 2"),
         ([0.0], [np.zeros(2)] * 2, "times must be as many as the values, 2, not 1"),
         ([0.0, 2.0, 1.0], [np.zeros(2)] * 3, r"times must be in ascending order, but times\[2\] is 1 s"),
+        ([1.7e9, 1.7e9 - 0.25], [np.zeros(2)] * 2, r"but times\[1\] is 1699999999.75 s"),
         ([np.nan], [np.zeros(2)], r"times must be in ascending order, but times\[0\] is nan s"),
         ([0.0, np.nan, 1.0], [np.zeros(2)] * 3, r"times must be in ascending order, but times\[1\] is nan s"),
         (["now"], [np.zeros(2)], r"times\[0\] must be a number, not 'now'"),

@@ -87,7 +87,7 @@ class PoseTracker:
         instance_of("frame", frame, Frame)
         if frame.time < belief.time:
             raise InvalidInputError(
-                f"frame.time must be at least the belief's time, {belief.time:g} s, not {frame.time:g} s."
+                f"frame.time must be at least the belief's time, {belief.time:.15g} s, not {frame.time:.15g} s."
             )
         if self._p_OC is None:
             return self._step(belief, frame)

@@ -59,7 +59,9 @@ def _numbers(path: Path, names: Sequence[str], rows: Sequence[tuple[int, list[st
                 raise InvalidFileError(f"{path}: row {row}: {name} must be a finite number, not {shown(cell.strip())}.")
             values.append(value)
         if values[0] <= last:
-            raise InvalidFileError(f"{path}: row {row}: {names[0]} must rise, not be {values[0]:g} after {last:g}.")
+            raise InvalidFileError(
+                f"{path}: row {row}: {names[0]} must rise, not be {values[0]:.15g} after {last:.15g}."
+            )
         last = values[0]
         yield values
 
