@@ -12,7 +12,7 @@ from rich.table import Table
 
 from tactopose_drake.cli.calibration_page import save_calibration_page
 from tactopose_drake.cli.calibration_reports import HEADINGS, calibration_rows, remaining_line
-from tactopose_drake.cli.consoles import ERRORS, OUT, print_written
+from tactopose_drake.cli.consoles import ERRORS, print_written, then_printed
 from tactopose_drake.cli.hand_name import HAND, HAND_HELP
 from tactopose_drake.cli.object_name import OBJECT, OBJECT_HELP, object_file
 from tactopose_drake.cli.path_type import PATH
@@ -70,14 +70,14 @@ def calibrate(hand: str, name: str, scale: float, folder: Path, out: Path, html:
             CalibrationParams(seed=seed),
             on_progress=lambda share, doing: progress.update(task, completed=share, description=doing),
         )
-    OUT.print(calibration_table(result.calibration, result.sliding))
-    for line in calibration_lines(result, [grasp.name for grasp in grasps]):
-        OUT.print(line, soft_wrap=True)
     written = [path for path in (out, html) if path is not None]
     earlier = [path for path in written if path.is_file()]
-    result.save(out)
-    if html is not None:
-        save_calibration_page(html, hand, result, [grasp.name for grasp in grasps])
+    names = [grasp.name for grasp in grasps]
+    table = calibration_table(result.calibration, result.sliding)
+    with then_printed(table, *calibration_lines(result, names)):
+        result.save(out)
+        if html is not None:
+            save_calibration_page(html, hand, result, names)
     print_written(written, earlier)
 
 

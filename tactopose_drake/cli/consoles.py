@@ -1,12 +1,14 @@
 """The consoles of the command line, which interpret neither markup nor control characters in names."""
 
+import contextlib
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.status import Status
+from rich.table import Table
 from rich.text import Text
 
 from tactopose_drake.resources import complaint_kind
@@ -65,6 +67,16 @@ class OnceFilter(logging.Filter):
 
 OUT = PlainConsole()
 ERRORS = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
+
+
+@contextlib.contextmanager
+def then_printed(*found: Table | str) -> Iterator[None]:
+    """Prints what was found, after its files are written, or could not be: a reader that goes away ends the command."""
+    try:
+        yield
+    finally:
+        for part in found:
+            OUT.print(part, soft_wrap=isinstance(part, str))
 
 
 def print_written(paths: Sequence[Path], earlier: Sequence[Path]) -> None:

@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from tactopose_drake import hand, visualization
-from tactopose_drake.cli.consoles import ERRORS, OUT, print_written
+from tactopose_drake.cli.consoles import ERRORS, OUT, print_written, then_printed
 from tactopose_drake.cli.estimate_tables import hypotheses_table
 from tactopose_drake.cli.hand_name import HAND, HAND_HELP
 from tactopose_drake.cli.object_name import OBJECT, OBJECT_HELP, object_file
@@ -28,6 +28,7 @@ from tactopose_drake.estimation.files import load_prior, save_result
 from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
+from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.estimation.search_methods import METHODS
 
 
@@ -115,20 +116,23 @@ def estimate(
             seed=seed,
             outlier_probability=outlier_probability,
         )
-    OUT.print(hypotheses_table(found, model))
-    for line in (free_line(about_middle(found.best, model)), _false_line(found.best, touch), status_line(found)):
-        if line:
-            OUT.print(line, soft_wrap=True)
     written = [path for path in (out, html) if path is not None]
     earlier = [path for path in written if path.is_file()]
-    if out is not None:
-        save_result(out, found)
-    if html is not None:
-        found.save_html(html)
+    with then_printed(hypotheses_table(found, model), *_lines(found, model, touch)):
+        if out is not None:
+            save_result(out, found)
+        if html is not None:
+            found.save_html(html)
     print_written(written, earlier)
     if remote is not None:
         visualization.draw_scene(remote, visualization.scene_of(found))
         OUT.print(f"Drawn into the meshcat-server whose page is {remote.web_url()}", soft_wrap=True)
+
+
+def _lines(found: PoseEstimate, model: ObjectModel, touch: hand.LoadedTouch) -> list[str]:
+    """Sentences on the best hypothesis, and on the status."""
+    lines = free_line(about_middle(found.best, model)), _false_line(found.best, touch), status_line(found)
+    return [line for line in lines if line]
 
 
 def _false_line(best: PoseHypothesis, touch: hand.LoadedTouch) -> str:

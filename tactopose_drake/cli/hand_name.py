@@ -13,7 +13,9 @@ class _HandName(click.ParamType[str]):
     name = "hand"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """The name or path for `load_hand_config`."""
+        """The name or path for `load_hand_config`; fails if it is empty."""
+        if value == "":
+            self.fail("It must be a hand's name or path, not empty.", param, ctx)
         return _SHORT.get(value, str(value))
 
 

@@ -12,7 +12,7 @@ from rich import box
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from tactopose_drake.cli.consoles import ERRORS, OUT, print_written
+from tactopose_drake.cli.consoles import ERRORS, print_written, then_printed
 from tactopose_drake.cli.path_type import PATH
 from tactopose_drake.cli.progress_bar import progress_bar
 from tactopose_drake.cli.workers import processes
@@ -72,12 +72,12 @@ def identify_command(
     comparing = ERRORS.status(f"comparing {len(library)} objects (the first run on a machine compiles its kernels)")
     with comparing, naming_contacts_of(contacts_file):
         found = identify(library, contacts, patches=patches, likelihood=likelihood, unknown_prior=unknown_prior)
-    OUT.print(_table(found))
-    OUT.print(identification_line(found))
-    if out is not None:
-        earlier = [out] if out.is_file() else []
-        save_identification(out, found)
-        print_written([out], earlier)
+    written = [] if out is None else [out]
+    earlier = [path for path in written if path.is_file()]
+    with then_printed(_table(found), identification_line(found)):
+        for path in written:
+            save_identification(path, found)
+    print_written(written, earlier)
 
 
 def _open(folder: Path, executor: Executor | None) -> ObjectLibrary:

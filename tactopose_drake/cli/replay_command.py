@@ -46,14 +46,15 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | 
             show(view)
 
         played = replay_recording(log, loaded, paced=speed == "real", observer=write_and_show, tell=tell)
+    title = f"{grasp_title(loaded)}: recording {log.absolute().name}"
+    if page is not None and html is not None and not page.save(html, title):
+        written.remove(html)
     for end in played.ends:
         OUT.print(end, style=None if played.whole else "yellow", soft_wrap=True, markup=False)
     if played.difference:
         OUT.print(played.difference, style="yellow", soft_wrap=True, markup=False)
-    title = f"{grasp_title(loaded)}: recording {log.absolute().name}"
-    if page is not None and html is not None and not page.save(html, title):
+    if html is not None and html not in written:
         OUT.print(f"{html} is not written, since there was no estimate.", style="yellow", soft_wrap=True)
-        written.remove(html)
     print_written(written, earlier)
     print_end(played.view)
 

@@ -12,7 +12,7 @@ import pytest
 from pydrake.geometry import Meshcat
 from rich.table import Table
 
-from tactopose_drake.cli.consoles import PlainConsole, printable
+from tactopose_drake.cli.consoles import PlainConsole, printable, then_printed
 from tactopose_drake.cli.demo_run import DemoResult, GraspFailedError
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
@@ -249,3 +249,45 @@ def test_an_interrupt_is_one_line(files: Path, delay: float) -> None:
     assert process.returncode == 1
     assert errors.count("\n") == 1
     assert "interrupted" in errors
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("demo", "--out", ""),
+        ("demo", "--hand", ""),
+        ("estimate", "--object", "cube", "--contacts", ""),
+        ("run", "shadow_like", "--record", ""),
+        ("export", "", "--format", "csv"),
+    ],
+)
+def test_an_empty_path_is_not_the_current_folder(
+    arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(*arguments) == 2
+    errors = capsys.readouterr().err
+    assert "not empty" in errors
+    assert errors.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_results_are_written_though_nobody_reads_what_is_printed(files: Path) -> None:
+    out = files / "result.json"
+    command = [sys.executable, "-c", START, "estimate", *map(str, inputs(files)), "--out", str(out)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"begin\n"
+    process.stdout.close()
+    assert process.wait(timeout=120) == 1
+    assert out.is_file()
+
+
+def test_what_was_found_is_printed_though_it_cannot_be_written(capsys: pytest.CaptureFixture[str]) -> None:
+    def fail() -> None:
+        with then_printed("It is the mug."):
+            raise InvalidFileError("result.json cannot be written.")
+
+    with pytest.raises(InvalidFileError):
+        fail()
+    assert capsys.readouterr().out == "It is the mug.\n"
