@@ -69,6 +69,8 @@ def run(
         OUT.print(f"Recorded: {record}", soft_wrap=True)
     for lost in view.lost:
         ERRORS.print(f"not recorded: {lost}", style="yellow")
+    for cut in view.cut:
+        ERRORS.print(cut, style="yellow")
     if view.slowness:
         ERRORS.print(f"warning: {view.slowness}", style="yellow")
     print_end(view)

@@ -36,8 +36,9 @@ class Replay:
 
     Attributes:
         view: the run at its end.
-        ends: a sentence on each file's end: after how many frames, and whether it was cut off.
-        whole: whether no file was cut off.
+        ends: a sentence on each file's end: after how many frames, and whether it was cut off; or that the replay was
+            interrupted.
+        whole: whether no file was cut off, and the replay was not interrupted.
         difference: from when on, how much and possibly why the estimates differ from the run's, and which versions
             differ; empty if the estimates agree, or the scenario's estimation differs from the run's.
     """
@@ -109,13 +110,16 @@ def replay(
                 comparison.compare(view)
             observer(view)
 
-        with contextlib.suppress(KeyboardInterrupt):
+        early = [cut] if cut else []
+        try:
             advance(simulator, devices, scenario.estimation.estimator.period, until, compare_and_show, at_end)
+        except KeyboardInterrupt:
+            early.append(f"The replay was interrupted at {simulator.get_context().get_time():.2f} s.")
         view = RunView(simulator.get_system(), simulator.get_context())
         difference = comparison.difference
         if difference:
             difference = f"{difference} {manifest.version_change()}".rstrip()
-        return _replay(view, [bus.log_end for bus in buses if bus.log_end is not None], cut, difference)
+        return _replay(view, [bus.log_end for bus in buses if bus.log_end is not None], early, difference)
 
 
 def _estimates_alike(one: Scenario, other: Scenario) -> bool:
@@ -125,10 +129,9 @@ def _estimates_alike(one: Scenario, other: Scenario) -> bool:
     return one.estimation == other.estimation and same_shape and bases[0].IsExactlyEqualTo(bases[1])
 
 
-def _replay(view: RunView, ends: list[EndOfLogError], cut: str, difference: str) -> Replay:
-    """The result of a replay, given the ends of its logs, and the message `cut` if its signals are cut off."""
-    texts = (*(str(end) for end in ends), *([cut] if cut else []))
-    return Replay(view, texts, not cut and all(end.whole for end in ends), difference)
+def _replay(view: RunView, ends: list[EndOfLogError], early: list[str], difference: str) -> Replay:
+    """The result of a replay, given the ends of its logs, and why it ended before them."""
+    return Replay(view, (*map(str, ends), *early), not early and all(end.whole for end in ends), difference)
 
 
 def have_ended(buses: list[DeviceBus]) -> bool:

@@ -64,7 +64,8 @@ def run_scenario(
     if isinstance(scenario.senses, RecordedSenses):
         if record is not None:
             raise InvalidInputError("record must be None if the scenario's senses are a recording.")
-        return replay(Path(scenario.senses.folder), scenario, duration=duration, observer=observer, tell=tell).view
+        played = replay(Path(scenario.senses.folder), scenario, duration=duration, observer=observer, tell=tell)
+        return played.view if played.whole else dataclasses.replace(played.view, cut=played.ends)
     devices = scenario.senses if isinstance(scenario.senses, CanSenses) else None
     if devices is None or devices.simulated == SimulatedDevices():
         check_bodies(scenario)

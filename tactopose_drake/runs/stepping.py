@@ -19,6 +19,7 @@ class RunView:
         context: its root context.
         devices: the devices of a run on CAN devices or their logs; otherwise None.
         lost: sentences on what of a finished run could not be recorded, and why.
+        cut: sentences on why a finished replay did not play the whole recording; empty if it did.
         slowness: a sentence on how far a finished run fell behind its devices; empty if it kept up.
         outcome: the outcome of a finished run's grasp, if it was simulated.
         true_pose: true X_PO, if it is simulated.
@@ -31,6 +32,7 @@ class RunView:
     context: Context
     devices: CanDevices | None = None
     lost: tuple[str, ...] = ()
+    cut: tuple[str, ...] = ()
     slowness: str = ""
     outcome: str = ""
     true_pose: RigidTransform | None = None

@@ -22,8 +22,11 @@ from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.runs.estimate_writer import EstimateWriter
 from tactopose_drake.runs.manifest import ESTIMATES, SIGNALS, load_manifest, save_manifest
 from tactopose_drake.runs.scenario_replay import replay
+from tactopose_drake.runs.scenario_run import run_scenario
+from tactopose_drake.runs.stepping import RunView
 from tactopose_drake.station.can_senses import CanBus, CanSenses, ForceTorqueBoard
 from tactopose_drake.station.scenario import Scenario, load_scenario
+from tactopose_drake.station.senses import RecordedSenses
 from tactopose_drake.systems.signals import SignalRecorder
 
 
@@ -74,6 +77,25 @@ def test_a_part_that_ends_between_two_estimates_is_like_the_run(
     signals.write_text(signals.read_text().replace('"time": 0.2', '"time": 0.15') + '{"time"')
     played = replay(copy, scenario)
     assert (played.view.context.get_time(), played.whole, played.difference) == (0.15, False, "")
+
+
+def test_a_replay_that_is_interrupted_or_cut_off_is_not_whole(
+    recording: Path, scenario: Scenario, tmp_path: Path
+) -> None:
+    def interrupt(view: RunView) -> None:
+        if view.context.get_time() > 0.15:
+            raise KeyboardInterrupt
+
+    played = replay(recording, scenario, observer=interrupt)
+    assert (played.whole, played.ends) == (False, ("The replay was interrupted at 0.20 s.",))
+    copy = Path(shutil.copytree(recording, tmp_path / "copy"))
+    of_recording = dataclasses.replace(scenario, senses=RecordedSenses(folder=str(copy)))
+    assert run_scenario(of_recording).cut == ()
+    assert run_scenario(of_recording, observer=interrupt).cut == ("The replay was interrupted at 0.20 s.",)
+    with (copy / SIGNALS).open("a") as file:
+        file.write('{"time"')
+    (said,) = run_scenario(of_recording).cut
+    assert "is cut off after" in said
 
 
 def test_a_replay_is_freed(recording: Path, scenario: Scenario) -> None:
