@@ -10,17 +10,18 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 from tactopose_drake.core.validation import FloatArray, told_of
+from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.hand.encoder_offsets import radian_units
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.runs.manifest import ESTIMATES, MANIFEST, SIGNALS, Manifest, load_manifest
 from tactopose_drake.runs.recorded_estimates import read_estimates
-from tactopose_drake.runs.scenario_replay import as_recorded, have_ended, logged_devices, missing_signals
-from tactopose_drake.runs.simulation import BESIDE_DEVICES, sense_ports
+from tactopose_drake.runs.scenario_replay import as_recorded, check_kinds, have_ended, logged_devices, missing_signals
+from tactopose_drake.runs.simulation import BESIDE_DEVICES, TRUE_POSE, sense_ports
 from tactopose_drake.runs.stepping import advance
 from tactopose_drake.station.can_senses import CanSenses
-from tactopose_drake.station.hardware import make_hardware_station
+from tactopose_drake.station.hardware import check_signals, make_hardware_station
 from tactopose_drake.systems.signals import Signal, SignalRecorder, read_signals
 
 _STEP = 0.1  # s between checks of whether the logs have ended
@@ -64,8 +65,12 @@ def read_recording(folder: Path) -> RecordedRun:
     """
     manifest = load_manifest(folder)
     with told_of(f"{folder / MANIFEST}: scenario.hand: "):
-        plant, hand = make_hand_plant(load_hand_config(manifest.scenario.hand))
+        config = load_hand_config(manifest.scenario.hand)
+        plant, hand = make_hand_plant(config)
     signals, cut = read_signals(folder / SIGNALS)
+    check_kinds(signals, cut or f"{folder / SIGNALS} is whole.")
+    with told_of(f"{folder}: ", InvalidFileError):
+        check_signals(config, plant, {name: signal for name, signal in signals.items() if name != TRUE_POSE})
     problems = [cut] if cut else []
     if missing := missing_signals(signals, manifest.scenario):
         problems.append(f"{folder / SIGNALS} has no {', '.join(missing)}, which the run has recorded.")

@@ -191,10 +191,15 @@ def _check_signals(signals: Mapping[str, Signal], scenario: Scenario, state: str
     """Raises InvalidFileError if a signal of the run is missing or has another type, which would change estimates."""
     for name in missing_signals(signals, scenario):
         raise InvalidFileError(f"{state} It must have the {name}, which the run has recorded, but lacks it.")
+    check_kinds(signals, state)
+
+
+def check_kinds(signals: Mapping[str, Signal], state: str) -> None:
+    """Raises InvalidFileError if a recorded signal has another type than its name says; `state` is of its file."""
     for name, signal in signals.items():
-        kind = {"prior": PosePrior, "palm_pose": RigidTransform}.get(name, np.ndarray)
+        kind = _KINDS.get(name, np.ndarray)
         if not all(isinstance(value, kind) or (value is None and name == "prior") for value in signal.values):
-            raise InvalidFileError(f"{state} Its {name} must be a {_KINDS[kind]}, not another kind of value.")
+            raise InvalidFileError(f"{state} Its {name} must be a {_KIND_NAMES[kind]}, not another kind of value.")
 
 
 def missing_signals(signals: Mapping[str, Signal], scenario: Scenario) -> list[str]:
@@ -213,4 +218,5 @@ def missing_signals(signals: Mapping[str, Signal], scenario: Scenario) -> list[s
     return [name for name in needed if name not in signals]
 
 
-_KINDS: dict[type, str] = {PosePrior: "prior", RigidTransform: "pose", np.ndarray: "vector"}
+_KINDS = {"prior": PosePrior, "palm_pose": RigidTransform, TRUE_POSE: RigidTransform}
+_KIND_NAMES: dict[type, str] = {PosePrior: "prior", RigidTransform: "pose", np.ndarray: "vector"}

@@ -85,7 +85,9 @@ def make_hardware_station(
     config = scenario.hand_config()
     plant, hand = make_hand_plant(config)
     builder = DiagramBuilder()
-    known = _add_signals(builder, config, plant, signals or {})
+    signals = signals or {}
+    check_signals(config, plant, signals)
+    known = _add_signals(builder, signals)
     senses, ages = dict[str, System](), dict[str, OutputPort]()
     if devices is not None and devices.hand is not None:
         known |= _add_barrett_hand(builder, scenario, devices.hand, plant, hand)
@@ -127,18 +129,21 @@ def make_hardware_station(
     return HardwareStation(diagram, model, scenario)
 
 
-def _add_signals(
-    builder: DiagramBuilder, config: HandConfig, plant: MultibodyPlant, signals: Mapping[str, Signal]
-) -> dict[str, OutputPort]:
-    """Adds systems that play the signals; returns their ports by name."""
+def check_signals(config: HandConfig, plant: MultibodyPlant, signals: Mapping[str, Signal]) -> None:
+    """Raises InvalidInputError if a signal's name is not one of the hand's, or its vectors have another length."""
     sizes = {f"wrench_{finger.name}": 6 for finger in config.fingers if finger.sensor_frame}
     sizes |= {f"pressures_{pad.name}": len(load_tactile_pad(pad.array).layout) for pad in config.pads}
     sizes["joint_positions"] = plant.num_positions()
-    ports = {}
     for name, signal in signals.items():
         known_name("each name in signals", name, [*sizes, *_POSES])
         if name in sizes and signal.size != sizes[name]:
             raise InvalidInputError(f"signal {name!r} must have {sizes[name]} numbers, not {signal.size}.")
+
+
+def _add_signals(builder: DiagramBuilder, signals: Mapping[str, Signal]) -> dict[str, OutputPort]:
+    """Adds systems that play the signals; returns their ports by name."""
+    ports = {}
+    for name, signal in signals.items():
         player = PlayedValue(signal) if name in _POSES else PlayedVector(signal)
         ports[name] = builder.AddNamedSystem(f"played_{name}", player).get_output_port()
     return ports

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, retract
+from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
@@ -257,6 +258,29 @@ def test_what_cannot_be_exported_is_refused(
     assert tactopose("export", recording, "--format", "csv", "--out", recording / "x.csv") == 2
     assert "must be another file than an input, and not in one" in capsys.readouterr().err
     assert tactopose("export", recording, "--format", "bag") == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "fault"),
+    [
+        ("joint_positions", {"vector": [0.1] * 9}, "signal 'joint_positions' must have 8 numbers, not 9"),
+        ("pressures_palm", {"name": "pressures_toe"}, "each name in signals must be one of .*, not 'pressures_toe'"),
+        ("true_pose", {"pose": ..., "vector": [0.1]}, "Its true_pose must be a pose, not another kind of value"),
+        ("prior", {"prior": ..., "unknown": True, "name": "palm_pose"}, "Its palm_pose must be a pose"),
+    ],
+)
+def test_signals_of_another_hand_are_refused(
+    simulated: Path, tmp_path: Path, name: str, change: dict, fault: str
+) -> None:
+    copy = Path(shutil.copytree(simulated, tmp_path / "copy"))
+    lines = [json.loads(line) for line in (copy / "signals.jsonl").read_text().splitlines()]
+    for line in lines:
+        if line["name"] == name:
+            line |= change
+    kept = [{key: value for key, value in line.items() if value is not ...} for line in lines]
+    (copy / "signals.jsonl").write_text("".join(json.dumps(line) + "\n" for line in kept))
+    with pytest.raises(InvalidFileError, match=fault):
+        read_recording(copy)
 
 
 @pytest.mark.parametrize("log", [".", ".."])
