@@ -14,20 +14,21 @@ that can be expected of any estimator. Likewise, a direction that the touch dete
 right only by chance. So the belief is also counted with all directions as free that the touch determines no better than
 10 mm. The probability that both give to right poses does not depend on chance. Finally, over all instants, it is
 counted how often the belief's status is "ok" while it is off by 20 mm or 20 degrees.
+
+`--late-wrenches 0.04` or `--late-joints 0.04` delays these by 40 ms against the others, which nobody tells the belief.
 """
 
 import argparse
-import dataclasses
 import functools
-import itertools
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pydrake.all as drake
+from belief_summary import DURATION, RIGHT, Counts, Instant, counts, print_line
 from laid_objects import clear_of_the_hand, lay
 from nearest_images import least_error
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.progress import track
 
 import tactopose_drake as tp
@@ -38,8 +39,7 @@ from tactopose_drake.resources import model_path
 from tactopose_drake.systems import AddPoseEstimation, AddPoseTracking, CollectableSystem, PoseEstimationParams
 
 Array = NDArray[np.float64]
-PERIOD, DURATION, SETTLED = 0.02, 1.5, 0.5  # s
-RIGHT, WRONG = (0.010, 10.0), (0.020, 20.0)  # m, deg
+PERIOD = 0.02  # s
 FIST = np.radians([0, 0] + 3 * [0, 63, 68] + [0, 0, 63, 68] + [10, 30, 0, 20, 50])
 
 
@@ -54,35 +54,6 @@ class Sensor(CollectableSystem):
 
     def calc(self, context: drake.Context, F_S: drake.BasicVector) -> None:
         F_S.SetFromVector(-self.reactions.Eval(context)[self.weld].get_coeffs())
-
-
-@dataclasses.dataclass(frozen=True)
-class Instant:
-    """The outputs at one time; errors are [m, deg], without the part along the free directions.
-
-    The open error is also without the directions that the touch determines no better than the tolerance of a right
-    pose. Probabilities are those that the belief and the estimate give to right poses.
-    """
-
-    time: float
-    fingers: tuple[str, ...]
-    status: str
-    belief_error: Array
-    estimate_error: Array
-    belief_open_error: Array
-    estimate_is_sure: bool
-    belief_probability: float
-    estimate_probability: float
-
-    @property
-    def belief_is_right(self) -> bool:
-        """Whether the belief's best pose is right."""
-        return bool(np.all(self.belief_error < RIGHT))
-
-    @property
-    def estimate_is_right(self) -> bool:
-        """Whether the estimate's best pose is right."""
-        return bool(np.all(self.estimate_error < RIGHT))
 
 
 def error(model: tp.ObjectModel, X_hat: Array, X_true: Array, free: Array) -> Array:
@@ -114,25 +85,41 @@ def add_plant(builder: drake.DiagramBuilder, name: str) -> tuple[drake.Multibody
     return plant, hand
 
 
-def run_grasp(name: str, model: tp.ObjectModel, seed: int, with_prior: bool) -> list[Instant]:
+def add_senses(
+    builder: drake.DiagramBuilder, plant: drake.MultibodyPlant, hand: Hand, late: Mapping[str, float]
+) -> dict[str, drake.OutputPort]:
+    """The ports by the names of the belief's inputs, those of joints and wrenches late by this time, s."""
+    joints = builder.AddSystem(drake.Demultiplexer([24, 24]))
+    builder.Connect(plant.get_state_output_port(hand.model_instance), joints.get_input_port())
+    senses = {name: joints.get_output_port(i) for i, name in enumerate(("joint_positions", "joint_velocities"))}
+    for finger, weld in hand.welds.items():
+        sensor = builder.AddSystem(Sensor(weld))
+        builder.Connect(plant.get_reaction_forces_output_port(), sensor.get_input_port())
+        senses[f"wrench_{finger}"] = sensor.get_output_port()
+    for name, port in senses.items():
+        steps = round(late[name.split("_")[0]] / plant.time_step())
+        if steps:
+            delay = builder.AddSystem(drake.DiscreteTimeDelay(plant.time_step(), steps, port.size()))
+            builder.Connect(port, delay.get_input_port())
+            senses[name] = delay.get_output_port()
+    return senses
+
+
+def run_grasp(
+    name: str, model: tp.ObjectModel, seed: int, with_prior: bool, late: Mapping[str, float]
+) -> list[Instant]:
     """Lays an object into the hand, closes the hand, and evaluates belief and estimate at each period."""
     builder = drake.DiagramBuilder()
     plant, hand = add_plant(builder, name)
-    joints = builder.AddSystem(drake.Demultiplexer([24, 24]))
-    builder.Connect(plant.get_state_output_port(hand.model_instance), joints.get_input_port())
     often = PoseEstimationParams()
     often.estimator.period = PERIOD
     estimation = AddPoseEstimation(builder, hand.config, model, often)
     tracking = AddPoseTracking(builder, hand.config, model)
     parts = (estimation, tracking)
-    builder.Connect(joints.get_output_port(1), tracking.GetInputPort("joint_velocities"))
-    sensors = {finger: builder.AddSystem(Sensor(weld)) for finger, weld in hand.welds.items()}
-    for sensor in sensors.values():
-        builder.Connect(plant.get_reaction_forces_output_port(), sensor.get_input_port())
-    for part in parts:
-        builder.Connect(joints.get_output_port(0), part.GetInputPort("joint_positions"))
-        for finger, sensor in sensors.items():
-            builder.Connect(sensor.get_output_port(), part.GetInputPort(f"wrench_{finger}"))
+    for sense, port in add_senses(builder, plant, hand, late).items():
+        for part in parts:
+            if part.HasInputPort(sense):
+                builder.Connect(port, part.GetInputPort(sense))
     simulator = drake.Simulator(builder.Build())
     root = simulator.get_mutable_context()
     context, body = plant.GetMyMutableContextFromRoot(root), plant.GetBodyByName(name)
@@ -190,78 +177,16 @@ def _output(system: drake.System, context: drake.Context, name: str) -> Any:
     return system.GetOutputPort(name).Eval(context)
 
 
-class Counts(NamedTuple):
-    """Counts of instants.
-
-    Attributes:
-        instants: all.
-        wrong: those at which the belief's status is "ok" while it is wrong.
-        settled: those from half a second after the last finger's first contact.
-        settled_right: settled ones at which the belief is right.
-        belief_probability, estimate_probability: sums over settled ones of the probability of right poses.
-        counted: settled ones at which the estimate is right; the following are of these.
-        right: those at which the belief is right.
-        open_right: those at which it is right apart from the open directions.
-        followed: those with a next instant.
-        next_right: those at which the next estimate is right.
-        sure: those at which the estimate's status is "ok".
-        sure_right: those at which it is, and the belief is right.
-    """
-
-    instants: float = 0.0
-    wrong: float = 0.0
-    settled: float = 0.0
-    settled_right: float = 0.0
-    belief_probability: float = 0.0
-    estimate_probability: float = 0.0
-    counted: float = 0.0
-    right: float = 0.0
-    open_right: float = 0.0
-    followed: float = 0.0
-    next_right: float = 0.0
-    sure: float = 0.0
-    sure_right: float = 0.0
-
-    def plus(self, more: "Counts") -> "Counts":
-        """The sum of both."""
-        return Counts(*(mine + its for mine, its in zip(self, more, strict=True)))
-
-
-def counts(instants: list[Instant]) -> Counts:
-    """Counts the instants of one grasp."""
-    first: dict[str, float] = {}
-    for instant in instants:
-        for finger in instant.fingers:
-            first.setdefault(finger, instant.time)
-    begin = max(first.values(), default=DURATION) + SETTLED
-    settled = [i for i in instants if i.time > begin]
-    counted = [i for i in settled if i.estimate_is_right]
-    right = [i for i in counted if i.belief_is_right]
-    followed = [(now, then) for now, then in itertools.pairwise(settled) if now.estimate_is_right]
-    return Counts(
-        instants=len(instants),
-        wrong=sum(i.status == "ok" and bool(np.any(i.belief_error > WRONG)) for i in instants),
-        settled=len(settled),
-        settled_right=sum(i.belief_is_right for i in settled),
-        belief_probability=sum(i.belief_probability for i in settled),
-        estimate_probability=sum(i.estimate_probability for i in settled),
-        counted=len(counted),
-        right=len(right),
-        open_right=sum(bool(np.all(i.belief_open_error < RIGHT)) for i in counted),
-        followed=len(followed),
-        next_right=sum(then.estimate_is_right for _, then in followed),
-        sure=sum(i.estimate_is_sure for i in counted),
-        sure_right=sum(i.estimate_is_sure for i in right),
-    )
-
-
 def main() -> None:
     """Prints a line for each object, and for all, with a prior and without."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--objects", nargs="+", default=["bust", "mug", "spray_bottle"])
     parser.add_argument("--placements", type=int, default=5)
     parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--late-joints", type=float, default=0.0, help="delay of the joints, s")
+    parser.add_argument("--late-wrenches", type=float, default=0.0, help="delay of the wrenches, s")
     arguments = parser.parse_args()
+    late = {"joint": arguments.late_joints, "wrench": arguments.late_wrenches}
     for with_prior in (True, False):
         total = Counts()
         for name in arguments.objects:
@@ -269,25 +194,10 @@ def main() -> None:
             seeds = range(arguments.first_seed, arguments.first_seed + arguments.placements)
             of_object = Counts()
             for seed in track(seeds, description=name):
-                of_object = of_object.plus(counts(run_grasp(name, model, seed, with_prior)))
+                of_object = of_object.plus(counts(run_grasp(name, model, seed, with_prior, late)))
             total = total.plus(of_object)
             print_line(name, of_object)
         print_line("all, with a prior" if with_prior else "all, without", total)
-
-
-def print_line(name: str, of: Counts) -> None:
-    """Prints the counts as a sentence."""
-    counted, settled = max(of.counted, 1.0), max(of.settled, 1.0)
-    Console().print(
-        f"{name}: the belief is right at {of.right / counted:.1%} of {of.counted:.0f} instants at which the estimate "
-        f"is (the next estimate is at {of.next_right / max(of.followed, 1.0):.1%} of them), up to what the "
-        f"touch knows no better than 10 mm at {of.open_right / counted:.1%}, and at "
-        f"{of.sure_right / max(of.sure, 1.0):.1%} of {of.sure:.0f} at which the estimate is sure as well; of "
-        f"{of.settled:.0f} settled instants the belief is right at {of.settled_right / settled:.1%}, the estimate at "
-        f"{of.counted / settled:.1%}; they give {of.belief_probability / settled:.1%} and "
-        f"{of.estimate_probability / settled:.1%} to poses that are; "
-        f'"ok" while wrong at {of.wrong / of.instants:.2%} of {of.instants:.0f}'
-    )
 
 
 if __name__ == "__main__":
