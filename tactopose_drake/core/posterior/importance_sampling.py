@@ -26,9 +26,17 @@ from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.doubted_spread import widen_by_doubt
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
-from tactopose_drake.core.posterior.importance_sampling_kernels import Draws, Weighed, find_nearest_images, weigh
+from tactopose_drake.core.posterior.importance_sampling_kernels import Draws, Weighed, weigh
 from tactopose_drake.core.posterior.joined_modes import Families
-from tactopose_drake.core.posterior.mode_cover import Cover, cover_modes, join_modes, minima_between, tile_samples
+from tactopose_drake.core.posterior.mode_cover import (
+    Cover,
+    cost_of_one_image,
+    cover_modes,
+    density_by_contact,
+    join_modes,
+    minima_between,
+    tile_samples,
+)
 from tactopose_drake.core.posterior.mode_moments import Moments, spread, toward_the_mean, weigh_moments
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.student_t_mixture import Increments, StudentTMixture, find_increments
@@ -46,6 +54,7 @@ class Samples(NamedTuple):
         cost: their exact costs, shape (B,).
         increments: from the sampled modes to the poses.
         density: of each mode's proposals at the samples, times the number of all samples, shape (B, g).
+        by_contact: the same of the draws by a single contact, each of which counts for the nearest mode, shape (B, g).
         proposals: the mixtures sampled so far: one for each round that adapted the proposal.
         times: how many times the proposals of each mode have been sampled, shape (g,).
         drawn: number of samples of each component, one array for each time a proposal was sampled, in sample order.
@@ -58,6 +67,7 @@ class Samples(NamedTuple):
     cost: FloatArray
     increments: Increments
     density: FloatArray
+    by_contact: FloatArray
     proposals: tuple[StudentTMixture, ...]
     times: NDArray[np.intp]
     drawn: tuple[NDArray[np.intp], ...]
@@ -67,9 +77,11 @@ class Samples(NamedTuple):
 
     @property
     def draws(self) -> Draws:
-        """The samples as the weighting kernel reads them."""
+        """The samples as the weighting kernel reads them; the draws by a contact come first, as another component."""
         group = [each.group for each in self.proposals] * (len(self.drawn) // len(self.proposals))
-        return Draws(self.cost, self.density, np.concatenate(self.drawn), np.concatenate(group))
+        each = np.concatenate([[0], *self.drawn])
+        each[0] = len(self.cost) - each.sum()
+        return Draws(self.cost, self.density + self.by_contact, each, np.concatenate([[0], *group]))
 
     @property
     def once(self) -> NDArray[np.intp]:
@@ -158,13 +170,14 @@ def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples
 def _first_round(cover: Cover, families: Families, posterior: Posterior, generator: np.random.Generator) -> Samples:
     """Draws and weights the samples of the first proposal."""
     proposal, g = cover.proposal, len(cover.X_PO)
-    X_PO = proposal.sample(generator)
+    X_PO = np.concatenate([cover.by_contact, proposal.sample(generator)])
     increments, density = find_increments(cover.X_PO, X_PO), np.zeros((len(X_PO), g))
     proposal.add_to(density, increments)
-    cost = _cost_of_one_image(X_PO, cover.X_PO, posterior)
+    evaluated = X_PO, cost_of_one_image(X_PO, cover.X_PO, posterior), increments, density
+    by_contact = density_by_contact(X_PO, increments, posterior)
     nothing = Weighed(cover.lowest, 0.0, 0.0, 0.0)
     times, drawn = np.ones(g, dtype=np.intp), (proposal.count,)
-    samples = Samples(X_PO, cost, increments, density, (proposal,), times, drawn, density, density[0], nothing)
+    samples = Samples(*evaluated, by_contact, (proposal,), times, drawn, density, density[0], nothing)
     return _weighed_anew(samples, cover, families, posterior)
 
 
@@ -245,24 +258,11 @@ def _append(samples: Samples, X_PO: FloatArray, cover: Cover, posterior: Posteri
         proposal.add_to(density, increments)
     return samples._replace(
         X_PO=np.concatenate([samples.X_PO, X_PO]),
-        cost=np.concatenate([samples.cost, _cost_of_one_image(X_PO, cover.X_PO, posterior)]),
+        cost=np.concatenate([samples.cost, cost_of_one_image(X_PO, cover.X_PO, posterior)]),
         increments=Increments(*map(np.concatenate, zip(samples.increments, increments, strict=True))),
         density=np.concatenate([samples.density, density]),
+        by_contact=np.concatenate([samples.by_contact, density_by_contact(X_PO, increments, posterior)]),
     )
-
-
-def _cost_of_one_image(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterior) -> FloatArray:
-    """The exact cost of samples (B, 3, 4); infinite where a symmetric image is nearer to a mode than the sample.
-
-    Only one image of each pose counts; otherwise a mode wide enough to reach its own images would count repeatedly.
-    """
-    if len(posterior.symmetry_poses) == 1:
-        return posterior.exact_cost(X_PO)
-    nearest = np.empty(len(X_PO), dtype=np.intp)
-    find_nearest_images(X_PO, X_mode, posterior.symmetry_poses, 0.5 * posterior.size, nearest)
-    cost, own = np.full(len(X_PO), np.inf), nearest == 0
-    cost[own] = posterior.exact_cost(X_PO[own])
-    return cost
 
 
 def _update(

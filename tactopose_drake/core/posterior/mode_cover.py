@@ -17,7 +17,7 @@ from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.joined_modes import Families, Landscape, find_families
 from tactopose_drake.core.posterior.joining_kernels import Lengths
 from tactopose_drake.core.posterior.posterior import Posterior
-from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture, across_turns, draw, in_chart
+from tactopose_drake.core.posterior.student_t_mixture import Increments, StudentTMixture, across_turns, draw, in_chart
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.validation import FloatArray
 
@@ -36,6 +36,7 @@ class Cover(NamedTuple):
         information: Hessians of Laplace's approximation there, shape (g, 6, 6).
         tiles: number of tiles in a round of sampling, besides the one at each mode and those for the tails.
         proposal: the mixture of the first round, over increments from the sampled modes.
+        by_contact: likely poses drawn from all that a single contact leaves, shape (n, 3, 4); none if there is more.
     """
 
     close: NDArray[np.intp]
@@ -46,6 +47,7 @@ class Cover(NamedTuple):
     information: FloatArray
     tiles: int
     proposal: StudentTMixture
+    by_contact: FloatArray
 
 
 def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Cover | None:
@@ -67,7 +69,9 @@ def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
     # min and max also turn a NaN from rounding into the fewest tiles.
     tiles = round(min(params.most_tiles, max(params.fewest_tiles, wanted)))
     proposal = _tile(X_worthy, share, information, tiles, posterior, generator)
-    return Cover(close, float(least.min()), laplace, worthy, X_worthy, information, tiles, proposal)
+    lowest = float(least.min())
+    by_contact = _draw_by_contact(lowest, X_worthy, posterior, generator)
+    return Cover(close, lowest, laplace, worthy, X_worthy, information, tiles, proposal, by_contact)
 
 
 def tile_samples(
@@ -105,6 +109,48 @@ def join_modes(cover: Cover, posterior: Posterior, X_between: FloatArray | None 
         X_between,
         posterior.params.moments,
     )
+
+
+def density_by_contact(X_PO: FloatArray, increments: Increments, posterior: Posterior) -> FloatArray:
+    """The density of the draws by a single contact at poses (B, 3, 4), times their number, shape (B, g).
+
+    It is that of the nearest mode, and zero for the others; and for all if there are no such draws.
+    """
+    density = np.zeros(increments.volume.shape)
+    if posterior.single_contact is not None:
+        nearest = np.square(increments.u / posterior.units).sum(axis=2).argmin(axis=1)
+        drawn = posterior.params.sampling.contact_draws
+        density[np.arange(len(X_PO)), nearest] = drawn * posterior.single_contact.density(X_PO)
+    return density
+
+
+def _draw_by_contact(
+    lowest: float, X_mode: FloatArray, posterior: Posterior, generator: np.random.Generator
+) -> FloatArray:
+    """Those of the draws by a single contact, if there are any, that belong to a mode: all others weigh nothing."""
+    contact, params = posterior.single_contact, posterior.params.sampling
+    if contact is None:
+        return np.empty((0, 3, 4))
+    X_PO = contact.sample(params.contact_draws, generator)
+    X_PO = X_PO[posterior.exact_cost(X_PO) < lowest + params.depth]
+    is_own = np.isfinite(cost_of_one_image(X_PO, X_mode, posterior))
+    return X_PO[is_own & (contact.density(X_PO) > 0.0)]
+
+
+def cost_of_one_image(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterior) -> FloatArray:
+    """The exact cost of samples (B, 3, 4); infinite where a symmetric image is nearer to a mode than the sample.
+
+    Only one image of each pose counts; otherwise a mode wide enough to reach its own images would count repeatedly.
+    """
+    if len(posterior.symmetry_poses) == 1:
+        return posterior.exact_cost(X_PO)
+    nearest = np.empty(len(X_PO), dtype=np.intp)
+    importance_sampling_kernels.find_nearest_images(
+        X_PO, X_mode, posterior.symmetry_poses, 0.5 * posterior.size, nearest
+    )
+    cost, own = np.full(len(X_PO), np.inf), nearest == 0
+    cost[own] = posterior.exact_cost(X_PO[own])
+    return cost
 
 
 def _resample(weights: FloatArray, count: int) -> importance_sampling_kernels.Drawn:

@@ -12,9 +12,13 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.objective import SmoothObjective
 from tactopose_drake.core.posterior.hypotheses import increments_of_one_metre
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
+from tactopose_drake.core.posterior.single_contact import SingleContact
 from tactopose_drake.core.searches.pose_problem import PoseProblem
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
+
+# The standard deviation of a normal, rad, from which on it says next to nothing.
+_NO_NORMAL = 1.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -35,6 +39,7 @@ class Posterior:
         sigma: the smallest standard deviation of the positions of contacts and pads, m.
         params: how it is sampled.
         false_ones: tells which contacts and pads poses (B, 3, 4) take for false, shape (B, k); None if there is none.
+        single_contact: the contact or pad from which poses can be drawn; None if there is more of either, or a prior.
     """
 
     likelihood: SmoothObjective
@@ -48,6 +53,7 @@ class Posterior:
     sigma: float
     params: PosteriorParams = DEFAULT_PARAMS
     false_ones: Callable[[FloatArray], NDArray[np.bool_]] | None = None
+    single_contact: SingleContact | None = None
 
     def turn_directions(self, X_PO: FloatArray) -> FloatArray:
         """The increments of turns about the axes at poses (B, 3, 4), shape (B, 6, c)."""
@@ -118,7 +124,16 @@ def make_posterior(
         sigma=float(np.min(evidence.touch.sigma_position)),
         params=_for_contacts(params, len(evidence.contacts)),
         false_ones=problem.false_ones,
+        single_contact=_single_contact(model, evidence),
     )
+
+
+def _single_contact(model: ObjectModel, evidence: Evidence) -> SingleContact | None:
+    """The only contact or pad, if it has a normal and nothing tells the object's turns about an axis apart."""
+    touch = evidence.touch
+    if evidence.prior is not None or len(touch) != 1 or touch.n_PC is None or model.continuous_symmetries:
+        return None
+    return SingleContact(model, touch) if float(touch.sigma_normal[0]) < _NO_NORMAL else None
 
 
 @functools.lru_cache

@@ -1,0 +1,74 @@
+"""Poses drawn from all that a single contact leaves, and the density that they have."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import trimesh
+
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.evidence.evidence import Evidence
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
+from tactopose_drake.core.poses import make_poses, random_rotations
+from tactopose_drake.core.posterior.posterior import make_posterior
+from tactopose_drake.core.posterior.single_contact import SingleContact
+from tactopose_drake.core.searches.pose_problem import make_problem
+from tactopose_drake.core.shape.object_model import ObjectModel
+
+EDGES = np.array([0.04, 0.03, 0.05])
+CONTACT = Contacts([[0.1, -0.2, 0.05]], [[0.0, 0.6, 0.8]], sigma_position=0.002, sigma_normal=0.15)
+
+
+@pytest.fixture(scope="module")
+def box() -> ObjectModel:
+    return ObjectModel.from_mesh(trimesh.creation.box(EDGES), cache=False)
+
+
+def anywhere(count: int) -> tuple[np.ndarray, float]:
+    """Poses (count, 3, 4) in any orientation that put the contact anywhere near the box, and the volume they fill."""
+    generator, wide = np.random.default_rng(0), EDGES + 0.025
+    R_PO = random_rotations(generator, count)
+    p_OC = wide * (generator.random((count, 3)) - 0.5)
+    X_PO = make_poses(R_PO, CONTACT.p_PC - np.einsum("bij,bj->bi", R_PO, p_OC))
+    return X_PO, 8.0 * np.pi**2 * float(np.prod(wide))
+
+
+def test_the_density_is_that_of_the_draws(box: ObjectModel) -> None:
+    contact = SingleContact(box, CONTACT)
+    X_PO, volume = anywhere(400_000)
+    density = contact.density(X_PO)
+    assert density.mean() * volume == pytest.approx(1.0, rel=0.06)
+    drawn = contact.sample(20_000, np.random.default_rng(1))
+    for power in (0.5, 1.0):
+        expected = np.mean(density ** (1.0 + power)) * volume
+        assert np.mean(contact.density(drawn) ** power) == pytest.approx(expected, rel=0.06)
+
+
+def test_the_draws_touch_the_box_everywhere_and_in_any_spin(box: ObjectModel) -> None:
+    X_PO = SingleContact(box, CONTACT).sample(6000, np.random.default_rng(1))
+    assert CONTACT.n_PC is not None
+    n_OC = CONTACT.n_PC[0] @ X_PO[:, :, :3]
+    face = 2 * np.abs(n_OC).argmax(axis=1) + (np.take_along_axis(n_OC, np.abs(n_OC).argmax(axis=1)[:, None], 1)[:, 0] > 0)
+    area = np.repeat(np.prod(EDGES) / EDGES, 2)
+    np.testing.assert_allclose(np.bincount(face) / 6000, area / area.sum(), atol=0.02)
+    p_OC = np.einsum("bji,bj->bi", X_PO[:, :, :3], CONTACT.p_PC - X_PO[:, :, 3])
+    distance = np.abs(box.grid.distance(p_OC))
+    assert np.sqrt(np.mean(distance**2)) == pytest.approx(1.5 * 0.002, rel=0.1)
+    # The turn about the normal, of the object's axes that lie most across it.
+    across = np.cross(CONTACT.n_PC[0], [1.0, 0.0, 0.0])
+    side = X_PO[face >= 2, :, 0]
+    spin = np.arctan2(side @ across, side[:, 0])
+    np.testing.assert_allclose(np.abs(np.mean(np.exp(1j * spin))), 0.0, atol=0.05)
+
+
+def test_only_a_single_contact_with_a_normal_and_nothing_known_is_drawn_from(box: ObjectModel) -> None:
+    def is_drawn_from(evidence: Evidence, model: ObjectModel = box) -> bool:
+        return make_posterior(model, evidence, make_problem(model, evidence)).single_contact is not None
+
+    assert is_drawn_from(Evidence(CONTACT))
+    assert not is_drawn_from(Evidence(Contacts(CONTACT.p_PC)))
+    assert not is_drawn_from(Evidence(CONTACT, prior=GaussianPrior(np.eye(3, 4))))
+    two = Contacts(np.repeat(CONTACT.p_PC, 2, axis=0) + [[0.0] * 3, [0.02, 0.0, 0.0]])
+    assert not is_drawn_from(Evidence(dataclasses.replace(two)))
+    can = ObjectModel.from_mesh(trimesh.creation.cylinder(0.03, 0.1, sections=256), cache=False)
+    assert not is_drawn_from(Evidence(CONTACT), can)
