@@ -6,15 +6,19 @@ import math
 import numpy as np
 import pytest
 import trimesh
+from scipy.stats import chi2
 
 import tactopose_drake as tp
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract, transform_points
 from tactopose_drake.core.posterior.hypotheses import determined_part
+from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.searches.pair_search import PairSearch
+from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.synthetic.synthetic_patch import flat_pad, touch_with_pads
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.estimation.search_methods import GLOBAL_METHODS, METHODS
+from tactopose_drake.resources import model_path
 from tests.core.meshes import shape_poor_in_symmetry
 
 ALPHA = 1e-7
@@ -219,6 +223,28 @@ def test_one_pad_leaves_many_poses(model: tp.ObjectModel) -> None:
     assert isinstance(usual, PairSearch)
     assert wide.start.samples >= 4 * usual.start.samples
     assert wide.on_the_way.kept > usual.on_the_way.kept
+
+
+def test_the_set_of_one_pad_holds_the_poses_that_it_leaves() -> None:
+    """It is felt by a whole surface and in any spin; a search finds only a part of these poses."""
+    model, shares = tp.ObjectModel.from_mesh(model_path("objects", "spray_bottle.obj")), []
+    for seed in range(4):
+        generator = np.random.default_rng(seed)
+        patches = touch_with_pads(model, random_pose(generator), 1, generator)
+        evidence = Evidence(NOTHING, patches=patches)
+        posterior = make_posterior(model, evidence, make_problem(model, evidence))
+        assert posterior.single_contact is not None
+        X_PO = posterior.single_contact.sample(6000, generator)
+        cost, density = posterior.exact_cost(X_PO), posterior.single_contact.density(X_PO)
+        weights = np.where(density > 0.0, np.exp(cost.min() - cost) / np.maximum(density, 1e-300), 0.0)
+        held, before = np.zeros(len(X_PO), dtype=np.bool_), 0.0
+        for hypothesis in tp.estimate_pose(model, NOTHING, patches=patches).hypotheses:
+            u = increments_between(hypothesis.X_PO.GetAsMatrix34(), X_PO)
+            square = np.einsum("bi,bi->b", u, np.linalg.solve(hypothesis.covariance, u.T).T)
+            held |= (square < chi2.ppf(0.95, 6)) & (before < 0.95)
+            before += hypothesis.probability
+        shares.append(weights[held].sum() / weights.sum())
+    assert np.mean(shares) > 0.8
 
 
 def test_three_touches_and_no_fewer_may_tell_the_pose_of_a_ball() -> None:

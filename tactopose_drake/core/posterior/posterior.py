@@ -133,7 +133,7 @@ def _single_contact(model: ObjectModel, evidence: Evidence) -> SingleContact | N
     touch = evidence.touch
     if evidence.prior is not None or len(touch) != 1 or touch.n_PC is None or model.continuous_symmetries:
         return None
-    return SingleContact(model, touch) if float(touch.sigma_normal[0]) < _NO_NORMAL else None
+    return SingleContact(model, touch) if float(np.max(touch.sigma_normal)) < _NO_NORMAL else None
 
 
 @functools.lru_cache

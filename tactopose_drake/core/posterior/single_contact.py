@@ -30,8 +30,8 @@ class SingleContact:
         """The density of poses by the only one of the contacts, in P."""
         assert contact.n_PC is not None
         self._p_PC, self._n_PC = contact.p_PC[0], contact.n_PC[0]
-        self._sigma_position = _WIDER * float(contact.sigma_position[0])
-        self._sigma_normal = _WIDER * float(contact.sigma_normal[0])
+        self._sigma_position = _WIDER * float(np.max(contact.sigma_position))
+        self._sigma_normal = _WIDER * float(np.max(contact.sigma_normal))
         wider = Contacts(
             contact.p_PC, contact.n_PC, sigma_position=self._sigma_position, sigma_normal=self._sigma_normal
         )
