@@ -108,6 +108,23 @@ def arrange(
     return vertices, faces
 
 
+def without_cavities(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> IntArray:
+    """Drops the faces (f, 3) of bodies within others: the walls of sealed cavities, and what is in these.
+
+    Args:
+        vertices: shape (v, 3), m.
+        faces: of separate bodies and their cavities, as `arrange` leaves them.
+        repairs: a statement is appended to it if there are cavities.
+    """
+    body = mesh_topology.body_labels(faces)
+    is_within = np.array([len(enclosing) > 0 for enclosing in _enclosing_bodies(vertices, faces, body)])
+    if not is_within.any():
+        return faces
+    cavities = np.count_nonzero(volumes(vertices, faces, body)[is_within] < 0.0)
+    repairs.append(f"left out the walls of {counted(cavities, 'sealed cavity', 'sealed cavities')}")
+    return faces[~is_within[body]]
+
+
 def _inverted(volume: FloatArray, parents: list[IntArray]) -> NDArray[np.bool_]:
     """Which bodies are inside out: those at even depth, outermost or within a cavity, should have positive volume.
 

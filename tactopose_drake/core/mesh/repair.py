@@ -45,7 +45,8 @@ class RepairedMesh:
         faces: vertex indices, anticlockwise seen from outside, shape (f, 3); none of zero area, and every edge belongs
             to two, once in each direction.
         repairs: one sentence for each repair.
-        properties: volume, centroid and inertia, which are physically possible.
+        properties: volume, centroid and inertia, which are physically possible; sealed cavities, whose walls are not
+            among the faces, are empty.
     """
 
     vertices: FloatArray
@@ -60,7 +61,8 @@ def repair_mesh(raw: RawMesh, name: str) -> RepairedMesh:
     Repaired with a statement: faces without area, repeated faces, faces with the wrong orientation, inside-out bodies,
     edges where bodies touch, cracks, holes that leave inside and outside distinguishable, debris, bodies that overlap
     or touch along faces. Duplicate vertices are merged silently. Separate bodies are kept as one rigid object, with a
-    statement; inside-out shells within a body are its cavities.
+    statement. Inside-out shells within a body are its cavities: they take away mass, but no finger reaches their walls,
+    which are left out of the surface, with a statement.
 
     Args:
         raw: the triangles.
@@ -80,6 +82,7 @@ def repair_mesh(raw: RawMesh, name: str) -> RepairedMesh:
         vertices, faces = mesh_bodies.arrange(vertices, faces, repairs)
         vertices, faces = _compact(vertices, without_flat_faces(vertices, faces, size, repairs))
         properties = solid_properties(vertices, faces)
+        vertices, faces = _compact(vertices, mesh_bodies.without_cavities(vertices, faces, repairs))
     except (InvalidMeshError, MeshUnitsError) as error:
         raise type(error)(f"{name} {error}") from None
     return RepairedMesh(vertices, faces.astype(np.int32), tuple(repairs), properties)

@@ -27,7 +27,7 @@ from tactopose_drake.core.shape.checksum_kernels import checksum
 from tactopose_drake.errors import InvalidInputError
 
 FOLDER_VARIABLE = "TACTOPOSE_CACHE_DIR"
-FORMAT_VERSION = 14
+FORMAT_VERSION = 15
 """To be raised when the arrays' meaning, or what builds them, changes."""
 
 LIMIT_VARIABLE = "TACTOPOSE_CACHE_GB"

@@ -110,6 +110,15 @@ def test_repaired_balls_are_the_ball_again(name: str) -> None:
     np.testing.assert_allclose(solid.volume, BALL.volume, rtol=1e-5)
 
 
+def test_walls_that_no_finger_reaches_are_left_out_and_their_cavity_weighs_nothing() -> None:
+    """A hollow cube with a ball in it, that nothing holds."""
+    hollow, loose = inside_out(cube(0.04)), ball(0.01)
+    result = repair_mesh(raw(joined(CUBE, hollow, loose)), "thing")
+    assert result.repairs == ("kept 2 separate bodies as one rigid object", "left out the walls of 1 sealed cavity")
+    np.testing.assert_allclose(np.unique(np.abs(result.vertices)), [0.03])
+    assert result.properties.volume == pytest.approx(CUBE.volume - 0.04**3 + loose.volume)
+
+
 @pytest.mark.parametrize("side", [0.06, 0.02])
 def test_no_surface_is_left_between_bodies_that_touch_along_a_face(side: float) -> None:
     solid, _ = repaired(joined(cube(), cube(side, (0.03 + side / 2, 0.0, 0.0))))
