@@ -120,9 +120,10 @@ def without_cavities(vertices: FloatArray, faces: IntArray, repairs: list[str]) 
     is_within = np.array([len(enclosing) > 0 for enclosing in _enclosing_bodies(vertices, faces, body)])
     if not is_within.any():
         return faces
-    cavities = np.count_nonzero(volumes(vertices, faces, body)[is_within] < 0.0)
+    cavities = int(np.count_nonzero(volumes(vertices, faces, body)[is_within] < 0.0))
     repairs.append(f"left out the walls of {counted(cavities, 'sealed cavity', 'sealed cavities')}")
-    return faces[~is_within[body]]
+    outside: IntArray = faces[~is_within[body]]
+    return outside
 
 
 def _inverted(volume: FloatArray, parents: list[IntArray]) -> NDArray[np.bool_]:
