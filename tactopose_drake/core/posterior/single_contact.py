@@ -6,6 +6,7 @@ itself: any place of the surface may be the one that is touched, in any spin. We
 cover each of its parts in proportion to its probability.
 """
 
+import functools
 import math
 
 import numpy as np
@@ -36,12 +37,17 @@ class SingleContact:
             contact.p_PC, contact.n_PC, sigma_position=self._sigma_position, sigma_normal=self._sigma_normal
         )
         self._surface = SurfaceDensity(model, wider)
-        discs = model.surfels(self._sigma_position).blocks.swapaxes(1, 2).reshape(-1, 9)
-        self._discs = discs[discs[:, 6] > 0.0].astype(np.float64)
+        self._blocks = model.surfels(self._sigma_position).blocks
         # The integrals of `SurfaceDensity` over the place, the distance from it, the normal's tilt, and the spin.
-        area, spin = float(self._discs[:, 6].sum()), 2.0 * math.pi
+        area, spin = float(self._blocks[:, 6].sum(dtype=np.float64)), 2.0 * math.pi
         self._scale = area * math.sqrt(2.0 * math.pi) * self._sigma_position
         self._scale *= 2.0 * math.pi * self._sigma_normal**2 * spin
+
+    @functools.cached_property
+    def _discs(self) -> FloatArray:
+        """The columns of `Surfels.blocks` for each disc, shape (m, 9)."""
+        discs = self._blocks.swapaxes(1, 2).reshape(-1, 9)
+        return discs[discs[:, 6] > 0.0].astype(np.float64)
 
     def density(self, X_PO: FloatArray) -> FloatArray:
         """The density at poses (B, 3, 4) with respect to their volume, shape (B,), 1/(rad^3 m^3)."""
