@@ -165,19 +165,17 @@ class PoseTracker:
 
     def _motion(self, belief: PoseBelief, frame: Frame, contacts: Contacts, *, slips: bool) -> Motion:
         """The object's motion since the belief's time."""
-        duration, noise = frame.time - belief.time, self._params.noise
+        duration, params, noise = frame.time - belief.time, self._params, self._params.noise
         # If the palm's pose is known, an object that is not touched rests in the world.
         if not len(contacts) and frame.X_WP is None and not self._is_over(belief, frame):
             return move_with_palm(noise, duration, slips=slips)
         if not len(contacts) or duration > noise.longest_gap:
-            most = self._params.mixture.max_sigma_translation
-            return move_freely(noise, duration, most, belief.X_WP, frame.X_WP)
+            return move_freely(noise, duration, params.mixture.max_sigma_translation, belief.X_WP, frame.X_WP)
         if frame.tip_velocity is None:
             return move_with_palm(noise, duration, slips=slips)
         forces = frame.evidence.contacts if len(frame.evidence.contacts) == len(contacts) else contacts
-        felt = (belief.felt_time.get(name, -np.inf) for name in frame.names)
-        settled = min(felt) >= belief.time - self._params.flicker_time
-        settled = settled and belief.time >= belief.joined_time + self._params.settling_time
+        felt = min(belief.felt_time.get(name, -np.inf) for name in frame.names)
+        settled = felt >= belief.time - params.flicker_time and belief.time >= belief.joined_time + params.settling_time
         return move_with_fingertips(
             forces, frame.names, frame.tip_velocity, noise, duration, slips=slips, settled=settled
         )
@@ -215,11 +213,12 @@ class PoseTracker:
             keyframes=follow_touch(() if slips else belief.keyframes, now, params.window),
             contacts=reading.contacts,
             touch_time=time,
+            joined_time=time if is_new else belief.joined_time,
             slip_time=time if slips else belief.slip_time,
             slip_sign=slip_sign,
         )
         X_best, explained = modes.X_PO[:1], bool(explanation.of(modes.X_PO)[:1].any())
-        joined_time, unsettled_time = (time, time) if is_new else (belief.joined_time, belief.unsettled_time)
+        unsettled_time = time if is_new else belief.unsettled_time
         is_urgent = slips or is_outlier or not explained or time < unsettled_time + params.settling_time
         if slips or is_outlier or is_new:
             forgotten = belief.errors._replace(estimates=0)
@@ -235,14 +234,7 @@ class PoseTracker:
             if not len(X_best) or self._has_moved(X_best, modes.X_PO[:1]):
                 unsettled_time, test = time, test.restarted()
         felt_time = _felt(belief, frame)
-        return copied(
-            belief,
-            modes=modes,
-            slip_test=test,
-            joined_time=joined_time,
-            unsettled_time=unsettled_time,
-            felt_time=felt_time,
-        )
+        return copied(belief, modes=modes, slip_test=test, unsettled_time=unsettled_time, felt_time=felt_time)
 
     def _search(
         self,
