@@ -54,7 +54,7 @@ class Samples(NamedTuple):
         cost: their exact costs, shape (B,).
         increments: from the sampled modes to the poses.
         density: of each mode's proposals at the samples, times the number of all samples, shape (B, g).
-        by_contact: the same of the draws by a single contact, each of which counts for the nearest mode, shape (B, g).
+        by_contact: the same of the draws by a single contact, in parts; none without. Each counts for the nearest mode.
         proposals: the mixtures sampled so far: one for each round that adapted the proposal.
         times: how many times the proposals of each mode have been sampled, shape (g,).
         drawn: number of samples of each component, one array for each time a proposal was sampled, in sample order.
@@ -67,7 +67,7 @@ class Samples(NamedTuple):
     cost: FloatArray
     increments: Increments
     density: FloatArray
-    by_contact: FloatArray
+    by_contact: tuple[FloatArray, ...]
     proposals: tuple[StudentTMixture, ...]
     times: NDArray[np.intp]
     drawn: tuple[NDArray[np.intp], ...]
@@ -78,10 +78,12 @@ class Samples(NamedTuple):
     @property
     def draws(self) -> Draws:
         """The samples as the weighting kernel reads them; the draws by a contact come first, as another component."""
-        group = [each.group for each in self.proposals] * (len(self.drawn) // len(self.proposals))
-        each = np.concatenate([[0], *self.drawn])
-        each[0] = len(self.cost) - each.sum()
-        return Draws(self.cost, self.density + self.by_contact, each, np.concatenate([[0], *group]))
+        groups = [each.group for each in self.proposals] * (len(self.drawn) // len(self.proposals))
+        count, group, density = np.concatenate(self.drawn), np.concatenate(groups), self.density
+        if self.by_contact:
+            count, group = np.insert(count, 0, len(self.cost) - count.sum()), np.insert(group, 0, 0)
+            density = density + np.concatenate(self.by_contact)
+        return Draws(self.cost, density, count, group)
 
     @property
     def once(self) -> NDArray[np.intp]:
@@ -261,7 +263,7 @@ def _append(samples: Samples, X_PO: FloatArray, cover: Cover, posterior: Posteri
         cost=np.concatenate([samples.cost, cost_of_one_image(X_PO, cover.X_PO, posterior)]),
         increments=Increments(*map(np.concatenate, zip(samples.increments, increments, strict=True))),
         density=np.concatenate([samples.density, density]),
-        by_contact=np.concatenate([samples.by_contact, density_by_contact(X_PO, increments, posterior)]),
+        by_contact=(*samples.by_contact, *density_by_contact(X_PO, increments, posterior)),
     )
 
 

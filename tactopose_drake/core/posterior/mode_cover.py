@@ -112,17 +112,17 @@ def join_modes(cover: Cover, posterior: Posterior, X_between: FloatArray | None 
     )
 
 
-def density_by_contact(X_PO: FloatArray, increments: Increments, posterior: Posterior) -> FloatArray:
+def density_by_contact(X_PO: FloatArray, increments: Increments, posterior: Posterior) -> tuple[FloatArray, ...]:
     """The density of the draws by a single contact at poses (B, 3, 4), times their number, shape (B, g).
 
-    It is that of the nearest mode, and zero for the others; and for all if there are no such draws.
+    It is that of the nearest mode, and zero for the others; there is none without such draws.
     """
-    density = np.zeros(increments.volume.shape)
-    if posterior.single_contact is not None:
-        nearest = np.square(increments.u / posterior.units).sum(axis=2).argmin(axis=1)
-        drawn = posterior.params.sampling.contact_draws
-        density[np.arange(len(X_PO)), nearest] = drawn * posterior.single_contact.density(X_PO)
-    return density
+    if posterior.single_contact is None:
+        return ()
+    density, drawn = np.zeros(increments.volume.shape), posterior.params.sampling.contact_draws
+    nearest = np.square(increments.u / posterior.units).sum(axis=2).argmin(axis=1)
+    density[np.arange(len(X_PO)), nearest] = drawn * posterior.single_contact.density(X_PO)
+    return (density,)
 
 
 def _draw_by_contact(
