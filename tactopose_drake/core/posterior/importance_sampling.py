@@ -172,11 +172,11 @@ def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples
 def _first_round(cover: Cover, families: Families, posterior: Posterior, generator: np.random.Generator) -> Samples:
     """Draws and weights the samples of the first proposal."""
     proposal, g = cover.proposal, len(cover.X_PO)
-    X_PO = np.concatenate([cover.by_contact, proposal.sample(generator)])
+    X_PO = np.concatenate([cover.by_contact.X_PO, proposal.sample(generator)])
     increments, density = find_increments(cover.X_PO, X_PO), np.zeros((len(X_PO), g))
     proposal.add_to(density, increments)
     evaluated = X_PO, cost_of_one_image(X_PO, cover.X_PO, posterior), increments, density
-    by_contact = density_by_contact(X_PO, increments, posterior)
+    by_contact = density_by_contact(X_PO, increments, cover, posterior)
     nothing = Weighed(cover.lowest, 0.0, 0.0, 0.0)
     times, drawn = np.ones(g, dtype=np.intp), (proposal.count,)
     samples = Samples(*evaluated, by_contact, (proposal,), times, drawn, density, density[0], nothing)
@@ -263,7 +263,7 @@ def _append(samples: Samples, X_PO: FloatArray, cover: Cover, posterior: Posteri
         cost=np.concatenate([samples.cost, cost_of_one_image(X_PO, cover.X_PO, posterior)]),
         increments=Increments(*map(np.concatenate, zip(samples.increments, increments, strict=True))),
         density=np.concatenate([samples.density, density]),
-        by_contact=(*samples.by_contact, *density_by_contact(X_PO, increments, posterior)),
+        by_contact=(*samples.by_contact, *density_by_contact(X_PO, increments, cover, posterior)),
     )
 
 

@@ -18,6 +18,7 @@ from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.joined_modes import Families, Landscape, find_families
 from tactopose_drake.core.posterior.joining_kernels import Lengths
 from tactopose_drake.core.posterior.posterior import Posterior
+from tactopose_drake.core.posterior.single_contact import ContactDraws
 from tactopose_drake.core.posterior.student_t_mixture import Increments, StudentTMixture, across_turns, draw, in_chart
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.validation import FloatArray
@@ -37,7 +38,7 @@ class Cover(NamedTuple):
         information: Hessians of Laplace's approximation there, shape (g, 6, 6).
         tiles: number of tiles in a round of sampling, besides the one at each mode and those for the tails.
         proposal: the mixture of the first round, over increments from the sampled modes.
-        by_contact: likely poses drawn from all that a single contact leaves, shape (n, 3, 4); none if there is more.
+        by_contact: likely poses drawn from all that a single contact leaves; none if there is more.
     """
 
     close: NDArray[np.intp]
@@ -48,7 +49,7 @@ class Cover(NamedTuple):
     information: FloatArray
     tiles: int
     proposal: StudentTMixture
-    by_contact: FloatArray
+    by_contact: ContactDraws
 
 
 def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Cover | None:
@@ -112,30 +113,32 @@ def join_modes(cover: Cover, posterior: Posterior, X_between: FloatArray | None 
     )
 
 
-def density_by_contact(X_PO: FloatArray, increments: Increments, posterior: Posterior) -> tuple[FloatArray, ...]:
+def density_by_contact(
+    X_PO: FloatArray, increments: Increments, cover: Cover, posterior: Posterior
+) -> tuple[FloatArray, ...]:
     """The density of the draws by a single contact at poses (B, 3, 4), times their number, shape (B, g).
 
     It is that of the nearest mode, and zero for the others; there is none without such draws.
     """
     if posterior.single_contact is None:
         return ()
-    density, drawn = np.zeros(increments.volume.shape), posterior.params.sampling.contact_draws
+    density = np.zeros(increments.volume.shape)
     nearest = np.square(increments.u / posterior.units).sum(axis=2).argmin(axis=1)
-    density[np.arange(len(X_PO)), nearest] = drawn * posterior.single_contact.density(X_PO)
+    density[np.arange(len(X_PO)), nearest] = cover.by_contact.scale * posterior.single_contact.density(X_PO)
     return (density,)
 
 
 def _draw_by_contact(
     lowest: float, X_mode: FloatArray, posterior: Posterior, generator: np.random.Generator
-) -> FloatArray:
+) -> ContactDraws:
     """Those of the draws by a single contact, if there are any, that belong to a mode: all others weigh nothing."""
     contact, params = posterior.single_contact, posterior.params.sampling
     if contact is None:
-        return np.empty((0, 3, 4))
-    X_PO = contact.sample(params.contact_draws, generator)
+        return ContactDraws(np.empty((0, 3, 4)), 0.0)
+    X_PO, scale = contact.sample(params.contact_draws, generator)
     X_PO = X_PO[posterior.exact_cost(X_PO) < lowest + params.depth]
     is_own = np.isfinite(cost_of_one_image(X_PO, X_mode, posterior))
-    return X_PO[is_own & (contact.density(X_PO) > 0.0)]
+    return ContactDraws(X_PO[is_own & (contact.density(X_PO) > 0.0)], scale)
 
 
 def cost_of_one_image(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterior) -> FloatArray:

@@ -39,7 +39,7 @@ class Posterior:
         sigma: the smallest standard deviation of the positions of contacts and pads, m.
         params: how it is sampled.
         false_ones: tells which contacts and pads poses (B, 3, 4) take for false, shape (B, k); None if there is none.
-        single_contact: the contact or pad from which poses can be drawn; None if there is more of either, or a prior.
+        single_contact: the contact or pad from which poses can be drawn; None if there is more of either.
     """
 
     likelihood: SmoothObjective
@@ -130,10 +130,10 @@ def make_posterior(
 
 def _single_contact(model: ObjectModel, evidence: Evidence) -> SingleContact | None:
     """The only contact or pad, if it has a normal and nothing tells the object's turns about an axis apart."""
-    touch = evidence.touch
-    if evidence.prior is not None or len(touch) != 1 or touch.n_PC is None or model.continuous_symmetries:
+    touch, prior = evidence.touch, evidence.prior
+    if len(touch) != 1 or touch.n_PC is None or (prior is None and model.continuous_symmetries):
         return None
-    return SingleContact(model, touch) if float(np.max(touch.sigma_normal)) < _NO_NORMAL else None
+    return SingleContact(model, touch, prior) if float(np.max(touch.sigma_normal)) < _NO_NORMAL else None
 
 
 @functools.lru_cache

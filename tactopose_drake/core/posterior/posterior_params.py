@@ -46,7 +46,8 @@ class SamplingParams:
 
     samples: int = 128  # least number of samples in a round
     samples_a_tile: int = 4  # the same for each tile
-    contact_draws: int = 4096  # from all that a single contact leaves, in the first round
+    # Places of the surface for drawing poses that a single contact leaves: a pose each, with a prior an eighth of that.
+    contact_draws: int = 4096
     # Or this share of all earlier samples, while rounds adapt the proposals, as each weights all samples again.
     growth: float = 0.5
     # Poses that cost more than the best by this belong to no mode: far off, where contacts are taken for outliers, a

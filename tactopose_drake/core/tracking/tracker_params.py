@@ -68,7 +68,7 @@ class RelocalisationParams:
     most_between: int = 16  # most such minima that are tested as well
     samples: int = 96  # least number of importance samples in a round
     most_samples: int = 768  # largest number of importance samples over all rounds
-    contact_draws: int = 512  # of poses from all that a single contact leaves, besides these
+    contact_draws: int = 512  # besides these; see `SamplingParams.contact_draws`
     standard_error: float = 0.03  # of the modes' probabilities, at which sampling ends: searches are averaged
     least_share: float = 0.5  # least weight of the last search in the running mean
     # Mass over that of the best mode, below which the penetration of the hand is not evaluated.
