@@ -31,6 +31,8 @@ from tactopose_drake.core.validation import FloatArray
 
 # Usual standard deviation of a contact's position, m.
 _USUAL_SIGMA = 0.0009
+# Those of points in m: of the best fingers, and of one that seems to touch something else.
+_SUREST, _LEAST_SURE = 0.0005, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,15 +195,15 @@ class ObjectModel(MadeFromMesh):
         if kept_parts.has_surfels(self.vertices, self.faces, self.area, surfel_spacing(_USUAL_SIGMA, self.area)):
             self.surfels(_USUAL_SIGMA)
 
-    def make_ready(self, sigma_position: float = _USUAL_SIGMA, largest_sigma: float | None = None) -> None:
+    def make_ready(self, least_sigma: float = _SUREST, largest_sigma: float = _LEAST_SURE) -> None:
         """Makes or loads all that estimates need, so that none has to wait for it.
 
         Args:
-            sigma_position: standard deviation of the points, m.
-            largest_sigma: for points of any standard deviation between the two, m.
+            least_sigma: least standard deviation of the points that will be touched, m.
+            largest_sigma: the largest, m.
         """
         _ = self.pair_features, self.symmetry_turns, self.samples.spread, self.unevenness, self.growth
-        for sigma in surfel_sigmas(sigma_position, sigma_position if largest_sigma is None else largest_sigma):
+        for sigma in surfel_sigmas(least_sigma, largest_sigma):
             self.surfels(sigma)
 
     @cached_property

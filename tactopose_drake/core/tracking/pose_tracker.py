@@ -39,9 +39,6 @@ from tactopose_drake.core.tracking.vision_update import move_standing, see
 from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.errors import InvalidInputError
 
-# Points are assumed to have standard deviations up to this, m: a finger that touches something else seems this unsure.
-_LEAST_SURE = 0.02
-
 
 class PoseTracker:
     """Computes each belief from the previous one and a frame; keeps no state in between.
@@ -66,7 +63,7 @@ class PoseTracker:
         self._model = model if self._p_OC is None else model.about_middle
         self._plausibility = self._params.plausibility
         make_kernels_ready()
-        self._model.make_ready(surest_position(self._params), _LEAST_SURE)
+        self._model.make_ready(surest_position(self._params))
 
     def start(self, time: float = 0.0) -> PoseBelief:
         """The belief of no knowledge at a time, s."""

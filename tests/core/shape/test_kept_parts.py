@@ -106,11 +106,13 @@ def test_without_the_cache_nothing_is_kept(folder: Path) -> None:
 
 def test_a_model_that_is_ready_has_all_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     ready = model()
-    ready.make_ready(0.002)
+    ready.make_ready()
     for name in PARTS:
         forbid(monkeypatch, name)
     for part in PARTS.values():
         part(ready)
+    for sigma in np.geomspace(0.0005, 0.02, 50):
+        ready.surfels(sigma)
     assert "unevenness" in vars(ready), "the first touch would wait for it"
 
 
