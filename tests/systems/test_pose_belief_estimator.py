@@ -1,3 +1,4 @@
+import gc
 import math
 import re
 import threading
@@ -61,8 +62,8 @@ def keep_pace(bench: Bench, count: int) -> str:
     """Feels so often, at no higher pace than the thread finishes its beliefs at."""
     for _ in range(count):
         bench.feel()
-        begun = bench.context.get_time() - 0.0101
-        while bench.system._exchange.finished.belief.time < begun and bench.system._thread.is_alive():
+        begun, exchange = bench.context.get_time() - 0.0101, bench.system._own.Eval(bench.context).exchange
+        while exchange.finished.belief.time < begun and exchange.thread.is_alive():
             time.sleep(1e-3)
     return str(bench.read("status"))
 
@@ -280,7 +281,41 @@ def test_live_it_finds_the_same_pose_beside_the_loop(box: ObjectModel) -> None:
         bench.fix(vision=SEEN)
         assert keep_pace(bench, 20) == "ok"
         assert error(bench.read("object_pose"))[0] < 0.003
-    assert not system._thread.is_alive()
+        thread = system._own.Eval(bench.context).exchange.thread
+    assert not thread.is_alive()
+
+
+def test_live_contexts_of_one_system_have_their_own_beliefs(box: ObjectModel) -> None:
+    with LivePoseBeliefEstimator(box) as system:
+        seeing, blind = Bench(system), Bench(system)
+        seeing.fix(vision=SEEN)
+        blind.fix(contacts=Contacts.empty(), fingers_in_contact=())
+        for _ in range(20):
+            keep_pace(seeing, 1)
+            blind.simulator.AdvanceTo(blind.context.get_time() + 0.01)
+        assert seeing.read("status") == "ok"
+        assert error(seeing.read("object_pose"))[0] < 0.003
+        assert not blind.read("belief").has_pose
+        # A clone goes on from the belief of that time, with a thread of its own.
+        clone = Bench(system)
+        clone.simulator.reset_context(seeing.context.Clone())
+        clone.context = clone.simulator.get_mutable_context()
+        clone.fix(vision=None)
+        assert keep_pace(clone, 2) == "ok"
+        threads = [system._own.Eval(bench.context).exchange.thread for bench in (seeing, blind, clone)]
+        assert len(set(threads)) == 3
+    assert not any(thread.is_alive() for thread in threads)
+
+
+def test_live_a_context_that_is_freed_takes_its_thread_with_it(box: ObjectModel) -> None:
+    with LivePoseBeliefEstimator(box) as system:
+        bench = Bench(system)
+        bench.feel()
+        thread = system._own.Eval(bench.context).exchange.thread
+        del bench
+        gc.collect()
+        thread.join(10.0)
+        assert not thread.is_alive()
 
 
 def test_live_an_exception_reaches_the_loop(box: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -291,7 +326,7 @@ def test_live_an_exception_reaches_the_loop(box: ObjectModel, monkeypatch: pytes
     system = LivePoseBeliefEstimator(box)
     bench = Bench(system)
     bench.feel()
-    system._thread.join()
+    system._own.Eval(bench.context).exchange.thread.join()
     with pytest.raises(RuntimeError, match="no more"):
         bench.feel()
     # A loop that goes on all the same is told why nothing comes any more.

@@ -7,7 +7,7 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
@@ -142,15 +142,17 @@ def test_parameters_out_of_range_are_refused(box: ObjectModel) -> None:
 
 
 def test_a_diagram_that_is_dropped_takes_the_thread_of_its_belief_with_it(box: ObjectModel) -> None:
-    def make() -> tuple[weakref.ref[Diagram], threading.Thread]:
-        before, builder = set(threading.enumerate()), DiagramBuilder()
+    def make() -> tuple[weakref.ref[Diagram], Context, threading.Thread]:
+        builder = DiagramBuilder()
         AddPoseTracking(builder, load_hand_config("shadow_like"), box, PoseTrackingParams(live=True))
         diagram = builder.Build()
-        diagram.CreateDefaultContext()
-        (thread,) = set(threading.enumerate()) - before
-        return weakref.ref(diagram), thread
+        context = diagram.CreateDefaultContext()
+        belief = diagram.GetSubsystemByName("pose_tracking").GetSubsystemByName("pose_belief")
+        exchange = belief._own.Eval(belief.GetMyContextFromRoot(context)).exchange
+        belief._start(exchange)
+        return weakref.ref(diagram), context, exchange.thread
 
-    diagram, thread = make()
+    diagram, context, thread = make()
     gc.collect()
     assert diagram() is None
     thread.join(10.0)
