@@ -54,8 +54,7 @@ class LcmHandSenses(CollectableSystem):
     - wrench_<finger>: F_S on each fingertip with a force-torque sensor, shape (6,), N m and N. NaN where the message
       has none, or is older than `max_age`.
     - pressures_<pad>: of each pad's cells, Pa; NaN likewise.
-    - joint_positions: of the hand's own plant, shape (nq,), rad; those of the last message, however old. NaN where it
-      has none; coupled joints follow.
+    - joint_positions: of the hand's own plant, shape (nq,), rad; coupled joints follow. NaN likewise.
     - age: time since the last message arrived, s, shape (1,); infinite before the first.
     - status: str, "ok", "no message yet", "stale: " and its age, or what in the message does not fit the hand.
 
@@ -123,7 +122,8 @@ class LcmHandSenses(CollectableSystem):
 
     def _calc_joints(self, context: Context, output: BasicVector) -> None:
         received = context.get_abstract_state(self._received).get_value()
-        known = {name: value for name, value in received.message.joints.items() if name in self._joints.names}
+        joints = received.message.joints if received.is_used else {}
+        known = {name: value for name, value in joints.items() if name in self._joints.names}
         output.SetFromVector(self._joints.positions("joints", known))
 
     def _calc_status(self, context: Context, output: AbstractValue) -> None:

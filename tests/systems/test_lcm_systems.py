@@ -72,6 +72,7 @@ def test_senses_come_to_their_ports_and_grow_old() -> None:
     wired.run(0.2)
     assert wired.value("status").startswith("stale: 0.2")
     assert np.all(np.isnan(wired.value("wrench_thumb")))
+    assert np.all(np.isnan(wired.value("joint_positions")))
     wired.run(0.01, HandSensesMessage(utime=6, sequence=2, wrenches={"thumb": np.ones(6)}))
     assert wired.value("status") == "ok"
     np.testing.assert_array_equal(wired.value("wrench_thumb"), np.ones(6))
@@ -88,6 +89,7 @@ def test_a_message_of_before_the_clock_went_back_is_not_fresh() -> None:
     wired.run(0.1)
     assert wired.value("status") == "stale: -1.40 s old"
     assert np.all(np.isnan(wired.value("wrench_thumb")))
+    assert np.all(np.isnan(wired.value("joint_positions")))
     wired.run(0.02, HandSensesMessage(utime=6, sequence=2, wrenches=dict(held_cube.WRENCHES)))
     assert wired.value("status") == "ok"
 
