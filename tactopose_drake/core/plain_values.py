@@ -15,7 +15,18 @@ Frozen = TypeVar("Frozen", bound=Any)
 _ROUNDING = 1e-12  # largest change by normalising a unit vector or a rotation once more
 
 
-class PlainValue:
+class ReadOnlyCopies:
+    """Base class of frozen dataclasses whose copies, also in other processes, have read-only arrays like the original.
+
+    Plain pickling makes every array writable, and kernels may round differently for writable arrays.
+    """
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        seal(self)
+
+
+class PlainValue(ReadOnlyCopies):
     """Base class of frozen dataclasses whose fields are arrays, numbers, texts, poses, None, or tuples of these.
 
     Fields excluded from the repr are not part of the value; fields excluded from comparison do not affect equality.
@@ -29,13 +40,6 @@ class PlainValue:
 
     def __hash__(self) -> int:
         return hash(tuple((name, _hashable(value)) for name, value in _compared(self).items()))
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # Copies, also in other processes, are read-only too: kernels may round differently for writable arrays.
-        for value in state.values():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
-        self.__dict__.update(state)
 
     def to_dict(self) -> dict[str, Any]:
         """The fields by name, for JSON and YAML: arrays as lists, poses as their rows, units unchanged.
@@ -85,11 +89,14 @@ def copied(value: Frozen, **fields: Any) -> Frozen:
 
 
 def seal(value: object) -> None:
-    """Makes the arrays of a frozen dataclass, including all that it holds and has cached, or of a tuple read-only."""
+    """Makes the arrays of a frozen dataclass, including all that it holds and has cached, a tuple or dict read-only."""
     if isinstance(value, np.ndarray):
         value.setflags(write=False)
     elif isinstance(value, tuple):
         for part in value:
+            seal(part)
+    elif isinstance(value, dict):
+        for part in value.values():
             seal(part)
     elif hasattr(value, "__dataclass_fields__"):
         for part in vars(value).values():

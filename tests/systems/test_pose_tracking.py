@@ -152,7 +152,7 @@ def test_a_diagram_that_is_dropped_takes_the_thread_of_its_belief_with_it(box: O
         belief._start(exchange)
         return weakref.ref(diagram), context, exchange.thread
 
-    diagram, context, thread = make()
+    diagram, _context, thread = make()
     gc.collect()
     assert diagram() is None
     thread.join(10.0)

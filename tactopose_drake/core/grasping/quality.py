@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.geometry_checks import pose_near
 from tactopose_drake.core.grasping.wrench_space import Norm, WrenchSpace, cone_wrenches
-from tactopose_drake.core.plain_values import seal
+from tactopose_drake.core.plain_values import ReadOnlyCopies, seal
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
 from tactopose_drake.core.posterior.moved_origin import about_middle
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -49,7 +49,7 @@ _PUSHED = 400  # approximate number of points of the surface that are pushed, wh
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class GraspQuality:
+class GraspQuality(ReadOnlyCopies):
     """The quality of one grasp; wrenches are about the centre of mass, in the axes of O, torques over `length`.
 
     Its arrays are read-only.

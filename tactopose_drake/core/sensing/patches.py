@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.geometry_checks import unit_vectors
-from tactopose_drake.core.plain_values import seal
+from tactopose_drake.core.plain_values import ReadOnlyCopies, seal
 from tactopose_drake.core.sensing.long_cells import find_stretch
 from tactopose_drake.core.sensing.pad_values import (
     check_depths,
@@ -49,7 +49,7 @@ class PatchParams:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Patch:
+class Patch(ReadOnlyCopies):
     """What one pad feels at one instant, in the palm frame P (or any frame that its cells are given in).
 
     Unknown numbers are NaN. `status` tells how much is known:

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from tactopose_drake.core.plain_values import ReadOnlyCopies
 from tactopose_drake.core.validation import FloatArray, check_count, finite_array
 from tactopose_drake.errors import InvalidInputError
 
@@ -13,7 +14,7 @@ _SAME = 1e-6  # distance up to which cells are at the same place, m
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class TactileLayout:
+class TactileLayout(ReadOnlyCopies):
     """Quadrilateral cells on a pad, flat or curved, with or without gaps.
 
     Each cell feels what happens inside a wedge: four planes through its edges that rise from the corners along `rays`.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.mesh.bodies import cross_products
 from tactopose_drake.core.mesh.solid import DENSITY
-from tactopose_drake.core.plain_values import seal
+from tactopose_drake.core.plain_values import ReadOnlyCopies, seal
 from tactopose_drake.core.shape import kept_parts
 from tactopose_drake.core.shape.coarse_field import CoarseField, over_grid
 from tactopose_drake.core.shape.model_cache import Arrays
@@ -36,7 +35,7 @@ _SUREST, _LEAST_SURE = 0.0005, 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectModel(MadeFromMesh):
+class ObjectModel(ReadOnlyCopies, MadeFromMesh):
     """A rigid object in its own frame O, made by `from_mesh`; all arrays are read-only.
 
     Attributes:
@@ -91,10 +90,6 @@ class ObjectModel(MadeFromMesh):
     is_kept: bool = False
     surface_sigma: float = 0.0
     scale_sigma: float = 0.0
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        seal(self)  # Unpickled arrays would be writable.
 
     def __repr__(self) -> str:
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)

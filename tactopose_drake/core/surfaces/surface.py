@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from tactopose_drake.core import poses
 from tactopose_drake.core.geometry_checks import pose_near
-from tactopose_drake.core.plain_values import numbers
+from tactopose_drake.core.plain_values import ReadOnlyCopies, numbers
 from tactopose_drake.core.surfaces import surface_kernels
 from tactopose_drake.core.validation import FloatArray, finite_array, positive_number, positive_numbers
 from tactopose_drake.errors import InvalidInputError
@@ -23,7 +23,7 @@ MOST_LENGTH: Final = 1.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Surface(abc.ABC):
+class Surface(ReadOnlyCopies, abc.ABC):
     """A convex surface S(p) = 0 of a fingertip, in a frame F that X_SF places in the sensor frame S.
 
     S is dimensionless, negative inside and positive outside: the square of the surface's gauge, minus one (on a sphere

@@ -12,7 +12,7 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.geometry_checks import pose_matrix, pose_near
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs
-from tactopose_drake.core.plain_values import copied, numbers
+from tactopose_drake.core.plain_values import ReadOnlyCopies, copied, numbers
 from tactopose_drake.core.posterior.moved_origin import increments_of_origin, move_origin, prior_of_middle
 from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, limited
 from tactopose_drake.errors import InvalidInputError
@@ -24,7 +24,7 @@ _ANY_PRIOR = GaussianPrior(np.eye(3, 4))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PoseMeasurement:
+class PoseMeasurement(ReadOnlyCopies):
     """The object's pose in the palm at one time in the past.
 
     Attributes:

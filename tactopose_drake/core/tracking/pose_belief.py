@@ -17,7 +17,7 @@ from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.motion.rigid_motion import MotionHistory
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.plain_values import copied, counted, numbers, seal
+from tactopose_drake.core.plain_values import ReadOnlyCopies, copied, counted, numbers
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import determined_rows, determined_variance, free_directions
 from tactopose_drake.core.posterior.plausibility import explain_touch
@@ -62,7 +62,7 @@ class VisionRecord:
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class PoseBelief:
+class PoseBelief(ReadOnlyCopies):
     """The belief at one time; frozen, with read-only arrays, so that copies are shared.
 
     Attributes:
@@ -129,10 +129,6 @@ class PoseBelief:
 
     def __deepcopy__(self, memo: Any) -> PoseBelief:
         return self
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        seal(self)
 
     @property
     def X_PO(self) -> FloatArray:
