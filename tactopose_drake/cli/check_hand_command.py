@@ -6,7 +6,7 @@ import click
 from rich import box
 from rich.table import Table
 
-from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.consoles import ERRORS, OUT, print_written, then_printed
 from tactopose_drake.cli.hand_name import HAND
 from tactopose_drake.cli.hand_page import save_hand_page
 from tactopose_drake.cli.path_type import PATH
@@ -18,6 +18,7 @@ from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.visualization.layout_picture import save_layout_picture
 
 _STYLES = {"ok": "green", "note": "yellow", "fault": "red"}
+_SUGGESTED = "Suggested entries of these fingers in the hand's file:"
 
 
 @click.command("check-hand")
@@ -29,15 +30,23 @@ def check_hand_command(hand: str, html: Path | None, cells: Path | None) -> None
     check_outputs((html, cells), inputs=(Path(hand),))
     with ERRORS.status(f"checking {hand}"):
         check = check_hand(hand)
-    OUT.print(findings_table(hand, check.findings))
-    if check.entries:
-        OUT.print("Suggested entries of these fingers in the hand's file:")
-        OUT.print(fingers_yaml(check.entries), soft_wrap=True, highlight=False, markup=False)
-    if html is not None and check.parts is not None:
-        save_hand_page(html, hand, check)
-        OUT.print(f"Written: {html}", soft_wrap=True)
-    if cells is not None and check.parts is not None:
-        _save_cells(cells, check.parts.hand.config.pads)
+    pads = [] if check.parts is None else check.parts.hand.config.pads
+    unwritten = {}
+    if html is not None and check.parts is None:
+        unwritten[html] = "the hand cannot be read"
+    if cells is not None and not pads:
+        unwritten[cells] = "the hand cannot be read" if check.parts is None else "the hand has no tactile pads"
+    written = [path for path in (html, cells) if path is not None and path not in unwritten]
+    earlier = [path for path in written if path.is_file()]
+    suggested = [_SUGGESTED, fingers_yaml(check.entries)] if check.entries else []
+    with then_printed(findings_table(hand, check.findings), *suggested):
+        if html in written:
+            save_hand_page(html, hand, check)
+        if cells in written:
+            _save_cells(cells, pads)
+    print_written(written, earlier)
+    for path, reason in unwritten.items():
+        OUT.print(f"{path} is not written, since {reason}.", style="yellow", soft_wrap=True)
     for fault in check.faults:
         named = fault.text.startswith((f"{hand}: ", f"{hand} "))
         ERRORS.print(f"error: {fault.text if named else f'{hand}: {fault.part}: {fault.text}'}.", style="red")
@@ -50,12 +59,8 @@ def _save_cells(path: Path, pads: list[PadConfig]) -> None:
     arrays: dict[str, list[str]] = {}
     for pad in pads:
         arrays.setdefault(pad.array, []).append(pad.name)
-    if not arrays:
-        OUT.print(f"{path} is not written, since the hand has no tactile pads.", style="yellow", soft_wrap=True)
-        return
     rows = {f"{', '.join(names)} ({Path(array).stem})": array for array, names in arrays.items()}
     save_layout_picture(path, {row: load_tactile_pad(array).layout for row, array in rows.items()})
-    OUT.print(f"Written: {path}", soft_wrap=True)
 
 
 def findings_table(hand: str, findings: tuple[Finding, ...]) -> Table:

@@ -34,6 +34,18 @@ def test_check_hand_shows_the_cells_of_a_hand_that_has_some(tmp_path: Path, caps
     assert not (tmp_path / "none.png").exists()
 
 
+def test_check_hand_says_which_files_it_does_not_write(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    hand, page, picture = write_gripper(tmp_path, yaml="model: none.sdf\n"), tmp_path / "hand.html", tmp_path / "cells.png"
+    page.write_text("an earlier page")
+    assert run("check-hand", hand, "--html", page, "--cells", picture) == 2
+    printed = capsys.readouterr()
+    assert "Written" not in printed.out
+    for path in (page, picture):
+        assert f"{path} is not written, since the hand cannot be read." in printed.out
+    assert page.read_text() == "an earlier page"
+    assert "error: " in printed.err
+
+
 def test_what_an_input_leads_to_is_never_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     hand = write_gripper(tmp_path)
     for name in ("cube.obj", "cube.sdf"):

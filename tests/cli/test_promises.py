@@ -272,10 +272,12 @@ def test_an_empty_path_is_not_the_current_folder(
     assert not list(tmp_path.iterdir())
 
 
-def test_results_are_written_though_nobody_reads_what_is_printed(files: Path) -> None:
-    out = files / "result.json"
-    command = [sys.executable, "-c", START, "estimate", *map(str, inputs(files)), "--out", str(out)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE)
+@pytest.mark.parametrize("command", ["estimate", "check-hand"])
+def test_results_are_written_though_nobody_reads_what_is_printed(command: str, files: Path) -> None:
+    out = files / "result"
+    arguments = {"estimate": [*inputs(files), "--out", out], "check-hand": ["shadow_like", "--html", out]}[command]
+    call = [sys.executable, "-c", START, command, *map(str, arguments)]
+    process = subprocess.Popen(call, stdout=subprocess.PIPE)
     assert process.stdout is not None
     assert process.stdout.readline() == b"begin\n"
     process.stdout.close()
