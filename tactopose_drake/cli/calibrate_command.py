@@ -27,8 +27,7 @@ from tactopose_drake.hand.hand_calibration import USED, CalibrationParams, Calib
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.recorded_grasps import RecordedGrasp
 from tactopose_drake.runs.manifest import MANIFEST
-from tactopose_drake.runs.quiet_instant import quiet_grasp
-from tactopose_drake.runs.recorded_senses import read_recording
+from tactopose_drake.runs.quiet_instant import read_quiet_grasp
 
 _MOST_NAMED = 8  # undetermined combinations that are listed
 _SURE = 0.9  # grasps whose pose is less probable than this are listed
@@ -88,7 +87,7 @@ def _grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:
     recordings = sorted(path.parent for path in folder.glob(f"*/{MANIFEST}")) if folder.is_dir() else []
     has_files = any(path.suffix.lower() in GRASP_ENDINGS for path in folder.iterdir()) if recordings else True
     files = load_grasps(folder, model) if has_files else ()
-    return (*files, *(quiet_grasp(read_recording(path), model, str(path)) for path in recordings))
+    return (*files, *(read_quiet_grasp(path, model) for path in recordings))
 
 
 def calibration_table(found: HandCalibration, sliding: Collection[str]) -> Table:

@@ -12,6 +12,7 @@ from .mcap_export import write_mcap as write_mcap
 from .monitor import Monitor as Monitor
 from .monitor import estimate_line as estimate_line
 from .quiet_instant import quiet_grasp as quiet_grasp
+from .quiet_instant import read_quiet_grasp as read_quiet_grasp
 from .recorded_senses import RecordedRun as RecordedRun
 from .recorded_senses import read_recording as read_recording
 from .recording import Recording as Recording

@@ -1,14 +1,11 @@
 """The simulator of a scenario's grasp, and the recording of its senses."""
 
-from collections.abc import Callable
-
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus, OutputPort
 
 from tactopose_drake.station.simulated import Station
-from tactopose_drake.systems.signals import Value
+from tactopose_drake.systems.signals import Write
 
-Write = Callable[[str, float, Value], None]  # a signal's name, the time in s, and its value
 TRUE_POSE = "true_pose"  # the signal of the true X_PO in the simulator
 BESIDE_DEVICES = ("joint_positions", "palm_pose", "prior")  # signals that do not come from devices on a bus
 

@@ -7,9 +7,10 @@ and any language can read the file. NaN is written as `null`, and so is an unkno
 
 import bisect
 import dataclasses
+import functools
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self, TypeAlias
 
@@ -30,6 +31,8 @@ UNKNOWN_POSE = RigidTransform(np.full((3, 4), np.nan))
 
 # A vector (FloatArray), a pose (RigidTransform), a prior of a pose (PosePrior), or None: unknown as yet.
 Value: TypeAlias = Any
+Change: TypeAlias = tuple[str, float, Value]  # name of a signal, time, s, and the value from then on
+Write: TypeAlias = Callable[[str, float, Value], None]  # takes a change
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,18 +86,19 @@ class Signal:
 
 
 class SignalRecorder:
-    """Records signals in memory or, given a path, on disk; a context manager.
+    """Records signals in memory or, given a path or a function, there; a context manager.
 
     Attributes:
-        signals: the recorded signals by name; empty if they are on disk.
-        file: the file on disk; None if they are in memory.
+        signals: the recorded signals by name; empty if they are not in memory.
+        file: the file on disk; None if there is none.
     """
 
-    def __init__(self, path: Path | None = None) -> None:
+    def __init__(self, path: Path | None = None, pass_on: Write | None = None) -> None:
         """Creates the file.
 
         Args:
-            path: the file to write; an existing one is replaced. None: signals are kept in memory.
+            path: the file to write; an existing one is replaced. None: there is none.
+            pass_on: called with each change in place of keeping it in memory.
 
         Raises:
             InvalidFileError: if the file cannot be written.
@@ -103,6 +107,7 @@ class SignalRecorder:
         self._last: dict[str, str] = {}
         self._kinds: dict[str, list[Value]] = {}  # a known value of each signal
         self._time = -math.inf
+        self._pass_on: Write = functools.partial(append_change, self.signals) if pass_on is None else pass_on
         self.file = None if path is None else LineFile(path)
 
     def __enter__(self) -> Self:
@@ -144,7 +149,44 @@ class SignalRecorder:
         if self.file is not None:
             self.file.write(f'{{"time": {time!r}, "name": {json.dumps(name)}, {text[1:]}')
             return
-        _append(self.signals, name, time, value)
+        self._pass_on(name, time, value)
+
+
+class SignalFile:
+    """A file of signals, which is read one change after the other.
+
+    Attributes:
+        cut: a message that the file was cut off, once its end has been read; empty if not.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Keeps the path."""
+        self._path, self.cut = path, ""
+
+    def changes(self) -> Iterator[Change]:
+        """Name, time, s, and value of each change, up to the last whole line.
+
+        Raises:
+            InvalidFileError: if the file cannot be read, or one of its lines is not a signal.
+        """
+        known: dict[str, list[Value]] = {}  # a known value of each signal
+        last = -math.inf
+        for number, line in enumerate(lines_of(self._path), 1):
+            if not line.endswith("\n"):
+                self.cut = f"{self._path} is cut off after {number - 1} whole lines."
+                return
+            try:
+                time, name, value = _read_line(line)
+                if time < last:
+                    raise ValueError(f"its time is {time:.15g}, after {last:.15g}")
+                last = time
+                _check_like(value, known.setdefault(name, []))
+            except (ArithmeticError, LookupError, RecursionError, RuntimeError, TypeError, ValueError) as error:
+                reason = shown(" ".join(str(error).split()))[1:-1]
+                raise InvalidFileError(f"{self._path}: line {number} must be a signal ({reason}).") from None
+            if value is not None:
+                known[name] = [value]
+            yield name, time, value
 
 
 def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
@@ -157,21 +199,19 @@ def read_signals(path: Path) -> tuple[dict[str, Signal], str]:
         InvalidFileError: if the file cannot be read, or one of its lines is not a signal.
     """
     signals: dict[str, Signal] = {}
-    last = -math.inf
-    for number, line in enumerate(lines_of(path), 1):
-        if not line.endswith("\n"):
-            return signals, f"{path} is cut off after {number - 1} whole lines."
-        try:
-            time, name, value = _read_line(line)
-            if time < last:
-                raise ValueError(f"its time is {time:.15g}, after {last:.15g}")
-            last = time
-            _check_like(value, signals[name].values if name in signals else [])
-        except (ArithmeticError, LookupError, RecursionError, RuntimeError, TypeError, ValueError) as error:
-            reason = shown(" ".join(str(error).split()))[1:-1]
-            raise InvalidFileError(f"{path}: line {number} must be a signal ({reason}).") from None
-        _append(signals, name, time, value)
-    return signals, ""
+    file = SignalFile(path)
+    for change in file.changes():
+        append_change(signals, *change)
+    return signals, file.cut
+
+
+def append_change(signals: dict[str, Signal], name: str, time: float, value: Value) -> None:
+    """Adds a value from a time on, s, to the signal of that name, which may be new."""
+    if name not in signals:
+        signals[name] = Signal([time], [value])
+        return
+    signals[name].times.append(time)
+    signals[name].values.append(value)
 
 
 def _as_value(name: str, value: Value) -> Value:
@@ -185,15 +225,6 @@ def _as_value(name: str, value: Value) -> Value:
             f"{name} must be a vector, a RigidTransform, a PosePrior or None, not {kind_name(type(value))}."
         )
     return number_array(name, value, (None,))
-
-
-def _append(signals: dict[str, Signal], name: str, time: float, value: Value) -> None:
-    """Adds a value to the signal of that name, which may be new."""
-    if name not in signals:
-        signals[name] = Signal([time], [value])
-        return
-    signals[name].times.append(time)
-    signals[name].values.append(value)
 
 
 def _read_line(line: str) -> tuple[float, str, Value]:
