@@ -35,7 +35,11 @@ def test_check_hand_shows_the_cells_of_a_hand_that_has_some(tmp_path: Path, caps
 
 
 def test_check_hand_says_which_files_it_does_not_write(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    hand, page, picture = write_gripper(tmp_path, yaml="model: none.sdf\n"), tmp_path / "hand.html", tmp_path / "cells.png"
+    hand, page, picture = (
+        write_gripper(tmp_path, yaml="model: none.sdf\n"),
+        tmp_path / "hand.html",
+        tmp_path / "cells.png",
+    )
     page.write_text("an earlier page")
     assert run("check-hand", hand, "--html", page, "--cells", picture) == 2
     printed = capsys.readouterr()

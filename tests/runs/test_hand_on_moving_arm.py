@@ -70,7 +70,10 @@ def test_what_is_felt_does_not_see_the_fingertips_weight_as_the_hand_turns(scena
         assert np.abs(felt[3:] - F_S[3:]).max() < 0.05
     played = replay(tmp_path / "run", scenario)
     assert played.whole
-    write_mcap(read_recording(tmp_path / "run"), tmp_path / "run.mcap")
+    recorded = read_recording(tmp_path / "run")
+    for finger, F_S in held_cube.WRENCHES.items():
+        assert np.abs(recorded.signals[f"wrench_{finger}"].values[-1][3:] - F_S[3:]).max() < 0.05
+    write_mcap(recorded, tmp_path / "run.mcap")
     _, last = messages(tmp_path / "run.mcap")["/palm_pose"][-1]
     position = last.pose.position
     assert last.header.frame_id == "world"

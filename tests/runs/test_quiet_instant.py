@@ -1,5 +1,8 @@
 """The instant of a recording that a calibration takes."""
 
+import math
+import weakref
+
 import numpy as np
 import pytest
 
@@ -7,7 +10,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.hand.encoder_offsets import SLIDE
 from tactopose_drake.runs.manifest import Manifest
-from tactopose_drake.runs.quiet_instant import quiet_grasp
+from tactopose_drake.runs.quiet_instant import QuietInstant, quiet_grasp
 from tactopose_drake.runs.recorded_senses import RecordedRun
 from tactopose_drake.systems.signals import Signal
 
@@ -92,3 +95,52 @@ def test_an_instant_at_which_a_joint_is_not_known_is_not_quiet(blob: ObjectModel
     for time, q in zip(joints.times, joints.values, strict=True):
         q[1] = np.nan if 2.2 < time < 2.7 else q[1]
     assert quiet_grasp(run, blob, "run").joint_positions == pytest.approx({"a": 0.3, "b": 0.3}, abs=0.05)
+
+
+def quietest(q: np.ndarray, F: np.ndarray) -> int:
+    """The first of the quietest 15 samples in which the finger touches, looked for in all: q (t, n), F (t, 6)."""
+    best = (-1.0, math.inf, 0)
+    for k in range(len(q) - 14):
+        window = slice(k, k + 15)
+        touches = float(np.all(np.linalg.norm(F[window, 3:], axis=1) > 0.3))
+        unrest = np.rad2deg(np.ptp(q[window], axis=0)).sum()
+        unrest += (np.ptp(F[window], axis=0) / np.repeat([0.001, 0.05], 3)).sum()
+        best = max(best, (touches, unrest, k), key=lambda one: (one[0], -one[1], -one[2]))
+    return best[2]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_long_recording_is_looked_at_as_a_whole(blob: ObjectModel, seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    times = 0.02 * np.arange(2600)
+    calm = generator.uniform(0.5, 1.0, len(times))[:, None]
+    calm[985 + 10 * seed : 1000 + 10 * seed] = 0.01  # across the end of what is looked at together
+    q = 0.1 + 0.01 * calm * generator.normal(size=(len(times), 2))
+    F = HELD + 0.001 * calm * generator.normal(size=(len(times), 6))
+    signals = {"joint_positions": Signal(times.tolist(), list(q)), "wrench_one": Signal(times.tolist(), list(F))}
+    grasp = quiet_grasp(RecordedRun(Manifest(start=1000.0), signals, ("a", "b"), (), (), np.ones(2)), blob, "run")
+    first = quietest(q, F)
+    assert first == 985 + 10 * seed
+    np.testing.assert_allclose(grasp.wrenches["one"], F[first : first + 15].mean(axis=0), atol=1e-12)
+    assert grasp.time == pytest.approx(1000.0 + times[first + 7], abs=1e-6)
+
+
+def test_of_a_long_recording_little_is_kept(blob: ObjectModel) -> None:
+    instant, readings = QuietInstant(np.ones(2)), list[weakref.ref[np.ndarray]]()
+    for k in range(30_000):
+        for name, value in (("joint_positions", np.full(2, 1e-3 * (k % 7))), ("wrench_one", HELD * (1.0 + 1e-3 * k))):
+            readings.append(weakref.ref(value))
+            instant.write(name, 0.01 * k, value)
+    del value
+    assert sum(reading() is not None for reading in readings) < 2500
+    assert instant.grasp(blob, "run", ("a", "b"), 0.0).wrenches.keys() == {"one"}
+
+
+def test_a_time_without_changes_is_passed_over(blob: ObjectModel) -> None:
+    run = recording(start=1000.0)
+    for signal in run.signals.values():
+        signal.times[-1] = 1e9
+    grasp = quiet_grasp(run, blob, "run")
+    assert grasp.time is not None
+    # The last readings hold for ages, but nothing touches there.
+    assert 1002.0 <= grasp.time <= 1003.0
