@@ -86,8 +86,13 @@ def _grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:
         raise InvalidInputError(f"{folder} must be a folder that holds a recording for each grasp, not one itself.")
     recordings = sorted(path.parent for path in folder.glob(f"*/{MANIFEST}")) if folder.is_dir() else []
     has_files = any(path.suffix.lower() in GRASP_ENDINGS for path in folder.iterdir()) if recordings else True
-    files = load_grasps(folder, model) if has_files else ()
-    return (*files, *(read_quiet_grasp(path, model) for path in recordings))
+    grasps = list(load_grasps(folder, model)) if has_files else []
+    for path in recordings:
+        grasp, problems = read_quiet_grasp(path, model)
+        grasps.append(grasp)
+        for problem in problems:
+            ERRORS.print(problem, style="yellow")
+    return tuple(grasps)
 
 
 def calibration_table(found: HandCalibration, sliding: Collection[str]) -> Table:

@@ -48,12 +48,15 @@ def quiet_grasp(run: RecordedRun, model: ObjectModel, name: str) -> RecordedGras
     return instant.grasp(model, name, run.joints, run.manifest.start)
 
 
-def read_quiet_grasp(folder: Path, model: ObjectModel) -> RecordedGrasp:
+def read_quiet_grasp(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, list[str]]:
     """The `quiet_grasp` of a recording in a folder, which is read without keeping more than a part of it.
 
     Args:
         folder: folder of the recording.
         model: the object in it.
+
+    Returns:
+        The grasp, and sentences on files that could not be read to their end.
 
     Raises:
         InvalidFileError: as `read_recording` and `quiet_grasp`.
@@ -61,8 +64,8 @@ def read_quiet_grasp(folder: Path, model: ObjectModel) -> RecordedGrasp:
     """
     reader = SenseReader(folder)
     instant = QuietInstant(reader.units)
-    reader.read(instant.write)
-    return instant.grasp(model, str(folder), reader.joints, reader.manifest.start)
+    problems = reader.read(instant.write)
+    return instant.grasp(model, str(folder), reader.joints, reader.manifest.start), problems
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

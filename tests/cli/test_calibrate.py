@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from tactopose_drake.cli.calibrate_command import calibration_lines, calibration_table
+from tactopose_drake.cli.calibrate_command import _grasps, calibration_lines, calibration_table
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.hand.calibration_file import CalibrationNoise, HandCalibration, MeasuredNumber
 from tactopose_drake.hand.closed_grasps import ClosedGraspParams
@@ -18,6 +18,9 @@ from tactopose_drake.hand.hand_calibration import calibrate_hand
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.resources import model_path
+from tactopose_drake.runs.manifest import SIGNALS, save_manifest
+from tactopose_drake.station.scenario import load_scenario
+from tactopose_drake.systems.signals import SignalRecorder
 from tests.cli.test_cli import run
 from tests.core.meshes import smooth_shape
 from tests.hand.calibrated_shadow import WrongHand
@@ -252,3 +255,23 @@ def test_folders_and_outputs_are_checked_before_the_work(
     )
     assert calibrate(folder, "--out", folder / "grasps" / "calibration.yaml") == 2
     assert "must be another file than an input, and not in one" in capsys.readouterr().err
+
+
+def test_a_recording_that_was_cut_off_is_used_as_far_as_it_goes_and_named(
+    blob: ObjectModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "grasp"
+    folder.mkdir()
+    save_manifest(folder, load_scenario("shadow_like"), 0.0, {}, {})
+    plant, _ = make_hand_plant(load_hand_config("shadow_like"))
+    with SignalRecorder(folder / SIGNALS) as recorder:
+        for k in range(50):
+            recorder.write("joint_positions", 0.02 * k, np.full(plant.num_positions(), 1e-6 * k))
+            recorder.write("wrench_thumb", 0.02 * k, np.array([0.0, 0.0, 0.0, 0.0, 1e-4 * k, -2.0]))
+    with (folder / SIGNALS).open("a") as file:
+        file.write('{"time": 1.0, "na')
+    (grasp,) = _grasps(tmp_path, blob)
+    assert set(grasp.wrenches) == {"thumb"}
+    told = capsys.readouterr().err
+    assert f"{folder / SIGNALS} is cut off after 100 whole lines." in told
+    assert "has no wrench_first, wrench_middle, wrench_ring, wrench_little" in told
