@@ -234,7 +234,7 @@ def test_the_set_of_one_pad_holds_the_poses_that_it_leaves() -> None:
         evidence = Evidence(NOTHING, patches=patches)
         posterior = make_posterior(model, evidence, make_problem(model, evidence))
         assert posterior.single_contact is not None
-        X_PO = posterior.single_contact.sample(6000, generator)
+        X_PO = posterior.single_contact.sample(6000, generator).X_PO
         cost, density = posterior.exact_cost(X_PO), posterior.single_contact.density(X_PO)
         weights = np.where(density > 0.0, np.exp(cost.min() - cost) / np.maximum(density, 1e-300), 0.0)
         held, before = np.zeros(len(X_PO), dtype=np.bool_), 0.0
