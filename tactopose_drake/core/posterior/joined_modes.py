@@ -103,6 +103,7 @@ class Families(NamedTuple):
 
 def find_families(
     X_PO: FloatArray,
+    cost: FloatArray,
     landscape: Landscape,
     symmetry_poses: FloatArray,
     size: float,
@@ -114,6 +115,7 @@ def find_families(
     Args:
         X_PO: minima, the most important first, shape (g, 3, 4). All pairs of the first `params.most_joined` are
             evaluated; of each further one, and of the minima between, the pairs with its nearest neighbours.
+        cost: the negative log posterior of these, shape (g,).
         landscape: the posterior.
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
         size: the object's size, m.
@@ -121,12 +123,12 @@ def find_families(
         params: which minima are one mode.
     """
     found = Families(X_PO, np.arange(len(X_PO)), symmetry_poses, 0.5 * size)
-    most = min(len(X_PO), params.most_joined)
-    asked = X_PO if between is None else np.concatenate([X_PO, between])
+    most, asked, low = min(len(X_PO), params.most_joined), X_PO, cost
+    if between is not None and len(between):
+        asked, low = np.concatenate([X_PO, between]), np.concatenate([cost, landscape.objective.cost(between)])
     if len(asked) < 2:
         return found
-    low, ways = landscape.objective.cost(asked), _Ways(asked, found, landscape, params.steps_across)
-    pairs = _pairs(most)
+    ways, pairs = _Ways(asked, found, landscape, params.steps_across), _pairs(most)
     if len(asked) > most:
         pairs = np.concatenate([pairs, _near_pairs(asked, most, found)])
     chosen = np.ones(len(pairs), dtype=np.bool_)
@@ -134,27 +136,41 @@ def find_families(
         # First a minimum spanning tree: once two minima are joined, another path between them changes nothing.
         pairs, halfway = _passable(pairs, low, params.ridge, ways)
         _, chosen = _join(pairs, halfway, np.inf, low)
-    raised = np.zeros(len(pairs))
+    ends, raised = low[pairs].max(axis=1), np.zeros(len(pairs))
     if landscape.false_ones is not None:
         false_ones = landscape.false_ones(asked)
         raised[(false_ones[pairs[:, 0]] != false_ones[pairs[:, 1]]).any(axis=1)] = params.ridge - params.plateau
     saddle, unknown = np.full(len(pairs), np.inf), np.ones(len(pairs), dtype=np.bool_)
     family = np.arange(len(asked))
     while chosen.any():
-        saddle[chosen] = _saddles(pairs[chosen], low, low.min() + params.ridge - raised[chosen], ways) + raised[chosen]
-        unknown[chosen] = False
+        index, straight = chosen.nonzero()[0], ways.lay(pairs[chosen], _SHARES)
+        saddle[index] = np.maximum(ways.highest(straight[:, 1:-1]), ends[index]) + raised[index]
+        unsure = _are_apart(pairs[index], _join(pairs, saddle, params.ridge, low, surely=True)[0])
+        if unsure.any():
+            high = index[unsure]
+            bent = np.maximum(ways.lowest_pass(straight[unsure, ::2]), ends[high]) + raised[high]
+            saddle[high] = np.minimum(saddle[high], bent)
+        unknown[index] = False
         family = _join(pairs, saddle, params.ridge, low)[0]
-        chosen = unknown & (family[pairs[:, 0]] != family[pairs[:, 1]])
+        chosen = unknown & _are_apart(pairs, family)
     return found._replace(family=family[: len(X_PO)])
 
 
 def _join(
-    pairs: NDArray[np.intp], saddle: FloatArray, ridge: float, low: FloatArray
+    pairs: NDArray[np.intp], saddle: FloatArray, ridge: float, low: FloatArray, *, surely: bool = False
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Families (g,) of minima with costs (g,), joined over the saddles (n,) of pairs (n, 2); and which pairs joined."""
+    """Families (g,) of minima with costs (g,), joined over the saddles (n,) of pairs (n, 2); and which pairs joined.
+
+    If surely, only those that are one family however much lower any of the saddles may be.
+    """
     family, joined = np.arange(len(low)), np.zeros(len(pairs), dtype=np.bool_)
-    join_over_saddles(pairs, saddle, saddle.argsort(kind="stable"), ridge, low.copy(), family, joined)
+    join_over_saddles(pairs, saddle, ridge, surely, low.copy(), family, joined)
     return family, joined
+
+
+def _are_apart(pairs: NDArray[np.intp], family: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Which pairs (n, 2) are of two families, shape (n,)."""
+    return np.asarray(family[pairs[:, 0]] != family[pairs[:, 1]])
 
 
 @functools.cache
@@ -191,8 +207,16 @@ class _Ways(NamedTuple):
         lay_paths(self.X_PO, pairs, self.images.symmetry_poses, self.images.arm, shares, ways)
         return ways
 
-    def relax(self, paths: FloatArray) -> FloatArray:
-        """Paths (n, t, 3, 4) after Levenberg-Marquardt steps of their inner poses, each across its path."""
+    def highest(self, poses: FloatArray) -> FloatArray:
+        """The highest cost of the poses (n, t, 3, 4) of each of n paths, shape (n,)."""
+        costs = self.landscape.objective.cost(poses.reshape(-1, 3, 4))
+        return np.asarray(costs.reshape(poses.shape[:2]).max(axis=1))
+
+    def relax(self, paths: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Paths (n, t, 3, 4) after Levenberg-Marquardt steps of their inner poses, each across its path.
+
+        Also returns the highest cost of the inner poses of each, shape (n,).
+        """
         path, tried = np.array(paths, order="C"), np.array(paths[:, 1:-1], order="C")
         count, (objective, lengths, _) = tried.shape[0] * tried.shape[1], self.landscape
         here = Slopes(np.full(count, np.inf), np.zeros((count, 6)), np.zeros((count, 6, 6)))
@@ -200,12 +224,14 @@ class _Ways(NamedTuple):
         for _ in range(1 + self.steps):
             there = Slopes(*objective.normal_equations(tried.reshape(-1, 3, 4)))
             relax_paths(path, tried, here, there, damping, lengths)
-        return path
+        return path, here.cost.reshape(tried.shape[:2]).max(axis=1)
 
-    def highest(self, poses: FloatArray) -> FloatArray:
-        """The highest cost of the poses (n, t, 3, 4) of each of n paths, shape (n,)."""
-        costs = self.landscape.objective.cost(poses.reshape(-1, 3, 4))
-        return np.asarray(costs.reshape(poses.shape[:2]).max(axis=1))
+    def lowest_pass(self, paths: FloatArray) -> FloatArray:
+        """The highest cost of each of the paths (n, t, 3, 4) once relaxed, also between its poses, shape (n,)."""
+        bent, highest = self.relax(paths)
+        middle = np.empty((len(bent), bent.shape[1] - 1, 3, 4))
+        lay_between(bent, middle)
+        return np.maximum(highest, self.highest(middle))
 
 
 def _passable(
@@ -215,23 +241,6 @@ def _passable(
     most, halfway = low[pairs].max(axis=1) + ridge, ways.lay(pairs, _HALF)
     cost = ways.highest(halfway[:, 1:-1])
     high = np.flatnonzero(cost > most)
-    cost[high] = np.minimum(cost[high], ways.highest(ways.relax(halfway[high])[:, 1:-1]))
+    cost[high] = np.minimum(cost[high], ways.relax(halfway[high])[1])
     passable = np.flatnonzero(cost <= most)
     return pairs[passable], cost[passable]
-
-
-def _saddles(pairs: NDArray[np.intp], low: FloatArray, enough: FloatArray, ways: _Ways) -> FloatArray:
-    """The highest cost on the path between each pair (n, 2) of minima with costs (g,), shape (n,).
-
-    Straight paths that are higher than `enough` (n,), with which they surely join their ends, are relaxed.
-    """
-    ends, straight = low[pairs].max(axis=1), ways.lay(pairs, _SHARES)
-    saddle: FloatArray = np.maximum(ways.highest(straight[:, 1:-1]), ends)
-    high = np.flatnonzero(saddle > enough)
-    if len(high):
-        bent = ways.relax(straight[high, ::2])
-        middle = np.empty((len(high), bent.shape[1] - 1, 3, 4))
-        lay_between(bent, middle)
-        lower = np.maximum(ways.highest(bent[:, 1:-1]), ways.highest(middle))
-        saddle[high] = np.minimum(saddle[high], np.maximum(lower, ends[high]))
-    return saddle

@@ -21,7 +21,7 @@ from tactopose_drake.core.kernel_types import (
 )
 from tactopose_drake.core.kernels.least_squares_kernels import damped_step
 from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between, retract_one
-from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector
+from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector, sort_stably
 
 
 class Joined(NamedTuple):
@@ -174,22 +174,49 @@ def _find_slope_across(
 
 @kernel
 def join_over_saddles(
-    pairs: Longs2, saddle: Floats1, order: Longs1, ridge: float, low: OutFloats1, family: OutLongs1, joined: OutFlags1
+    pairs: Longs2,
+    saddle: Floats1,
+    ridge: float,
+    surely: bool,
+    low: OutFloats1,
+    family: OutLongs1,
+    joined: OutFlags1,
 ) -> None:
-    """Joins the families of a pair if its saddle (n,) is at most `ridge` above the lower minimum of either family.
+    """Joins the families of a pair if its saddle (n,) is at most `ridge` above the lowest minima of both.
 
-    Pairs (n, 2) are visited in `order` (n,); `joined` (n,) marks those that joined two families. On entry `low` holds
-    the modes' costs (g,); afterwards, at each family's first mode, the lowest of the family.
+    Pairs (n, 2) are visited in order of rising saddles; `joined` (n,) marks those that joined two families. On entry
+    `low` holds the modes' costs (g,); afterwards, at each family's first mode, the lowest of the family, and infinity
+    at the others.
+
+    If surely, the saddle must be at most `ridge` above the second lowest family: of two families at least one is as
+    high as that, whichever were joined before. Such a pair would be joined however much lower any of the saddles are.
     """
+    order, spare = np.empty(saddle.shape[0], dtype=np.int64), np.empty(saddle.shape[0], dtype=np.int64)
+    sort_stably(saddle, order, spare)
     for k in order:
         first, other = family[pairs[k, 0]], family[pairs[k, 1]]
         if first > other:
             first, other = other, first
-        if first != other and saddle[k] <= max(low[first], low[other]) + ridge:
-            joined[k], low[first] = True, min(low[first], low[other])
+        if first == other:
+            continue
+        higher = _second_lowest(low) if surely else max(low[first], low[other])
+        if saddle[k] <= higher + ridge:
+            joined[k], low[first], low[other] = True, min(low[first], low[other]), np.inf
             for i in range(low.shape[0]):
                 if family[i] == other:
                     family[i] = first
+
+
+@part
+def _second_lowest(values: Floats1) -> float:
+    """The second lowest of at least two values (n,)."""
+    lowest, second = np.inf, np.inf
+    for i in range(values.shape[0]):
+        if values[i] < lowest:
+            lowest, second = values[i], lowest
+        else:
+            second = min(second, values[i])
+    return second
 
 
 @kernel

@@ -35,6 +35,7 @@ class Cover(NamedTuple):
         laplace: log masses by Laplace's approximation, up to a common constant, shape (c,).
         worthy: indices into `close` of the modes that are sampled, shape (g,).
         X_PO: the sampled modes' minima, shape (g, 3, 4).
+        cost: the smooth cost of these, shape (g,).
         information: Hessians of Laplace's approximation there, shape (g, 6, 6).
         tiles: number of tiles in a round of sampling, besides the one at each mode and those for the tails.
         proposal: the mixture of the first round, over increments from the sampled modes.
@@ -46,6 +47,7 @@ class Cover(NamedTuple):
     laplace: FloatArray
     worthy: NDArray[np.intp]
     X_PO: FloatArray
+    cost: FloatArray
     information: FloatArray
     tiles: int
     proposal: StudentTMixture
@@ -73,7 +75,8 @@ def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
     proposal = _tile(X_worthy, share, information, tiles, posterior, generator)
     lowest = float(least.min())
     by_contact = _draw_by_contact(lowest, X_worthy, posterior, generator)
-    return Cover(close, lowest, laplace, worthy, X_worthy, information, tiles, proposal, by_contact)
+    cost = modes.cost[close[worthy]]
+    return Cover(close, lowest, laplace, worthy, X_worthy, cost, information, tiles, proposal, by_contact)
 
 
 def tile_samples(
@@ -105,6 +108,7 @@ def join_modes(cover: Cover, posterior: Posterior, X_between: FloatArray | None 
     lengths = Lengths(posterior.units, longest, 1.0 / posterior.straight**2)
     return find_families(
         cover.X_PO,
+        cover.cost,
         Landscape(posterior.objective, lengths, posterior.false_ones),
         posterior.symmetry_poses,
         posterior.size,

@@ -70,7 +70,7 @@ def families(
     between: FloatArray = NONE,
     false_ones: Callable[[FloatArray], NDArray[np.bool_]] | None = None,
 ) -> Families:
-    return find_families(X, Landscape(objective, LENGTHS, false_ones), symmetries, 0.1, between)
+    return find_families(X, objective.cost(X), Landscape(objective, LENGTHS, false_ones), symmetries, 0.1, between)
 
 
 def all_one(X: FloatArray, symmetries: FloatArray = ALONE) -> Families:
@@ -120,6 +120,16 @@ def test_of_many_minima_few_ways_are_laid_and_the_families_are_those_of_all_ways
         np.testing.assert_array_equal(family, [np.flatnonzero(side == own)[0] for own in side])
         # Eleven for each pair, and 36 more for each that leads over the ridge, would be all of them.
         assert valley.asked < (18 * pairs if ridge else 5 * pairs)
+
+
+@pytest.mark.parametrize(("height", "bent"), [(9.0, 0), (11.0, 2)])
+def test_no_way_is_bent_where_straight_ones_join_minima_whatever_lower_ways_there_are(height: float, bent: int) -> None:
+    # The first two are one, as a saddle of 5 is little higher than the second. Then 9 is little higher than the third.
+    valley = valleys([0.0, 3.0, 6.0, 9.0, 12.0], [0.0, 5.0, 4.0, height, 4.5])
+    family = families(along(0.0, 6.0, 12.0), valley).family
+    np.testing.assert_array_equal(family, [0, 0, 0] if bent == 0 else [0, 0, 2])
+    # The three minima, and eleven poses on each of three straight ways; five times five, and six between, on each bent.
+    assert valley.asked == 3 + 3 * 11 + bent * 31
 
 
 def test_minima_between_which_no_pose_is_possible_are_apart() -> None:
