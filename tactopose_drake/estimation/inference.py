@@ -1,8 +1,11 @@
 """From evidence to an estimate: a search finds modes, sampling weighs them, and contacts are checked against them."""
 
 import dataclasses
+import functools
 import math
+import threading
 import time
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +41,16 @@ _MORE_SAMPLES = dataclasses.replace(
 _SAMPLES_SEED = 0
 
 
+class _Generators(threading.local):
+    """The generators of each thread, seeded anew for each estimate: to make new ones takes several times as long."""
+
+    def __init__(self) -> None:
+        self.of_search, self.of_samples = np.random.default_rng(0), np.random.default_rng(0)
+
+
+_GENERATORS = _Generators()
+
+
 def weigh_poses(
     model: ObjectModel, evidence: Evidence, method: str, seed: int, max_hypotheses: int, time_limit: float
 ) -> PoseEstimate:
@@ -51,7 +64,7 @@ def weigh_poses(
     most_modes = max(max_hypotheses, params.modes.most_modes)
     problem = make_problem(model, evidence)
     search = METHODS[method](model, evidence)
-    generator = np.random.default_rng(seed)
+    generator = _seeded(_GENERATORS.of_search, seed)
     images = indistinct_images(model, float(np.min(evidence.touch.sigma_position)))
 
     def answer(search: Search) -> tuple[Modes, Judgement | None, NDArray[np.bool_]]:
@@ -60,7 +73,7 @@ def weigh_poses(
         modes = _modes_of(model, evidence, problem, found, images, most_modes)
         if not deadline():
             posterior = make_posterior(model, evidence, problem, params, images)
-            modes = weigh_modes(modes, posterior, np.random.default_rng(_SAMPLES_SEED))
+            modes = weigh_modes(modes, posterior, _seeded(_GENERATORS.of_samples, _SAMPLES_SEED))
         if model.near_symmetries or len(images) < len(model.symmetry_poses):
             modes = join_alike(modes, model, params.modes)
         return modes, *_judge(model, evidence, problem, modes, params)
@@ -88,6 +101,17 @@ def weigh_poses(
         undetermined,
     )
     return estimate.first(max_hypotheses)
+
+
+def _seeded(generator: np.random.Generator, seed: int) -> np.random.Generator:
+    """The generator in the state of a new one with this seed."""
+    generator.bit_generator.state = _state(seed)
+    return generator
+
+
+@functools.lru_cache
+def _state(seed: int) -> Any:
+    return np.random.default_rng(seed).bit_generator.state
 
 
 def _search(
