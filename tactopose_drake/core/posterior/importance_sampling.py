@@ -21,11 +21,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.doubted_spread import widen_by_doubt
-from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
+from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.importance_sampling_kernels import Draws, Weighed, weigh
 from tactopose_drake.core.posterior.joined_modes import Families
 from tactopose_drake.core.posterior.mode_cover import (
@@ -37,7 +35,8 @@ from tactopose_drake.core.posterior.mode_cover import (
     minima_between,
     tile_samples,
 )
-from tactopose_drake.core.posterior.mode_moments import Moments, spread, toward_the_mean, weigh_moments
+from tactopose_drake.core.posterior.mode_moments import with_moments
+from tactopose_drake.core.posterior.mode_moments_kernels import Weighted
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.student_t_mixture import Increments, StudentTMixture, find_increments
 from tactopose_drake.core.validation import FloatArray
@@ -153,9 +152,6 @@ def weigh_on(weighing: Weighing, posterior: Posterior, generator: np.random.Gene
 def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples, posterior: Posterior) -> Modes:
     """Returns the modes with the masses and moments of their samples."""
     close, worthy, weights, weighed = cover.close, cover.worthy, samples.weights, samples.weighed
-    moments = weigh_moments(samples.increments.u, weights)
-    if not (moments.effective_samples > 1.0).any():
-        return modes  # One sample outweighs all others; Laplace's approximation is more reliable.
     every = np.exp(cover.laplace + weighed.lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
     # Samples do not count for modes of much higher cost than the best: these keep Laplace's approximation.
     cost = modes.cost[close[worthy]]
@@ -163,10 +159,16 @@ def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples
     every[worthy[counts]] = weights[:, counts].sum(axis=0)
     masses = modes.mixture.weights * (every.sum() / modes.mixture.weights[close].sum())
     masses[close] = every
-    whole = masses.sum() + weighed.mass - weights.sum()  # Includes the samples that belong to no mode.
+    mass = masses.sum()
+    if not mass > 0.0:  # No sample counts, nor has a mode that was not sampled any weight.
+        return modes
+    weighted = Weighted(samples.increments.u, weights)
+    found = with_moments(modes, close[worthy], masses / mass, weighted, families, posterior)
+    if found is None:
+        return modes  # One sample outweighs all others; Laplace's approximation is more reliable.
+    whole = mass + weighed.mass - weights.sum()  # Includes the samples that belong to no mode.
     log_mass = float(np.log(whole) - weighed.lowest + _LOG_TURNS[len(posterior.turns[0])])
-    found = _update(modes, close[worthy], masses / masses.sum(), moments, families, posterior, log_mass)
-    return copied(found, standard_error=weighed.error)
+    return copied(found, log_mass=log_mass, standard_error=weighed.error)
 
 
 def _first_round(cover: Cover, families: Families, posterior: Posterior, generator: np.random.Generator) -> Samples:
@@ -265,36 +267,3 @@ def _append(samples: Samples, X_PO: FloatArray, cover: Cover, posterior: Posteri
         density=np.concatenate([samples.density, density]),
         by_contact=(*samples.by_contact, *density_by_contact(X_PO, increments, cover, posterior)),
     )
-
-
-def _update(
-    modes: Modes,
-    sampled: NDArray[np.intp],
-    masses: FloatArray,
-    moments: Moments,
-    families: Families,
-    posterior: Posterior,
-    log_mass: float,
-) -> Modes:
-    """Returns the modes with these masses, merged by family, and with the moments of their samples where known."""
-    params, X_PO, covariance = posterior.params, modes.mixture.X_PO.copy(), modes.mixture.covariance.copy()
-    cost, mass = modes.cost.copy(), masses.copy()
-    known = moments.effective_samples > 1.0
-    index, moments = sampled[known], Moments(*(moment[known] for moment in moments))
-    laplace = covariance[index]
-    mass[index], moments, _ = families.chosen(known.nonzero()[0]).join(cost[index], mass[index], moments)
-    left = mass[index] > 0.0
-    index, laplace, moments = index[left], laplace[left], Moments(*(moment[left] for moment in moments))
-    X_PO[index], cost[index], second = toward_the_mean(
-        X_PO[index], cost[index], laplace, moments, posterior.objective, params.moments
-    )
-    covariance[index] = spread(X_PO[index], moments._replace(second=second), laplace, posterior)
-    # Bumps along a valley's floor can hide a free direction from the curvature, but not from the samples.
-    by_touch = inverses(covariance[index])[0] - posterior.prior_information
-    free = list(modes.free_directions)
-    by_both = free_directions(by_touch, posterior.size, [free[i] for i in index], params.modes)
-    for i, directions in zip(index, by_both, strict=True):
-        free[i] = directions
-    order = (-mass).argsort(kind="stable")[: np.count_nonzero(mass)]
-    named = tuple(free[i] for i in order)
-    return Modes(GaussianMixture(X_PO[order], mass[order], covariance[order]), cost[order], named, log_mass)

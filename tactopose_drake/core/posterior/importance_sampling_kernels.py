@@ -1,14 +1,10 @@
-"""Compiled loops of the posterior: importance weights, their moments, and steps to a valley's floor.
+"""Compiled loops of the posterior: importance weights, resampling, and steps to a valley's floor.
 
-See `importance_sampling.py` and `mode_moments.py`.
+See `importance_sampling.py` and `mode_cover.py`.
 
 With the exact posterior exp(-c) and the groups' densities q_g, which add up to the mixture q = sum_g q_g, a sample x
-out of N has the weight w = exp(-c(x)) / (N q(x)), of which w q_g(x) / q(x) belongs to group g [OZ00]. For increments u
-from the group's pose the moments are sum w u / sum w and sum w u u^T / sum w; the effective sample size is
-(sum w)^2 / sum w^2. Weights are truncated at their mean times a power of N, which keeps estimates consistent [I08].
-
-A mean m of increments with covariance S and effective sample size n is shrunk by the factor
-max(0, 1 - chance / (n m^T S^-1 m)) [JS61].
+out of N has the weight w = exp(-c(x)) / (N q(x)), of which w q_g(x) / q(x) belongs to group g [OZ00]. Weights are
+truncated at their mean times a power of N, which keeps estimates consistent [I08].
 """
 
 from typing import NamedTuple
@@ -24,11 +20,9 @@ from tactopose_drake.core.kernel_types import (
     OutFloats1,
     OutFloats2,
     OutFloats3,
-    OutFloats4,
     OutLongs1,
 )
 from tactopose_drake.core.kernels import least_squares_kernels, pose_kernels
-from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
 
 
@@ -220,34 +214,6 @@ def find_nearest_images(X: Floats3, X_mode: Floats3, symmetries: Floats3, arm: f
                     least, nearest[b] = square, s
 
 
-class Tried(NamedTuple):
-    """Output of `try_shares`: fractions of the means, shape (n, s), and the poses there, shape (n, s, 3, 4)."""
-
-    shares: OutFloats2
-    X: OutFloats4
-
-
-@kernel
-def try_shares(
-    X: Floats3, laplace: Floats3, mean: Floats2, effective_samples: Floats1, way: Floats1, chance: float, tried: Tried
-) -> None:
-    """Tries fractions `way` (s,) of each shrunken mean (n, 6): fills the fractions and the poses so far from X."""
-    L, information, u = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
-    for j in range(X.shape[0]):
-        cholesky(laplace[j], L)
-        invert(L, information)
-        square = 0.0
-        for i in range(6):
-            for k in range(6):
-                square += mean[j, i] * information[i, k] * mean[j, k]
-        certain = max(0.0, 1.0 - chance / max(effective_samples[j] * square, chance))
-        for t in range(way.shape[0]):
-            tried.shares[j, t] = certain * way[t]
-            for i in range(6):
-                u[i] = tried.shares[j, t] * mean[j, i]
-            pose_kernels.retract_one(X[j], u, tried.X[j, t])
-
-
 @kernel
 def step_down(
     gradient: Floats2, hessian: Floats3, soft: Floats1, units: Floats1, longest: float, X: OutFloats3
@@ -268,27 +234,3 @@ def step_down(
             step[i] *= share
         pose_kernels.retract_one(X[b], step, moved)
         copy_matrix(moved, X[b])
-
-
-@kernel
-def add_moments(
-    increment: Floats3, weights: Floats2, effective_samples: OutFloats1, first: OutFloats2, second: OutFloats3
-) -> None:
-    """Fills `mode_moments.Moments` from weights (B, g); `first` and `second` are zero on entry."""
-    for g in range(weights.shape[1]):
-        mass, squares = 0.0, 0.0
-        for b in range(weights.shape[0]):
-            mass += weights[b, g]
-            squares += weights[b, g] ** 2
-        effective_samples[g] = mass * mass / squares if squares > 0.0 else 0.0
-        for b in range(weights.shape[0]):
-            if weights[b, g] > 1e-12 * mass:
-                share, u = weights[b, g] / mass, increment[b, g]
-                for i in range(6):
-                    part = share * u[i]
-                    first[g, i] += part
-                    for j in range(i + 1):
-                        second[g, i, j] += part * u[j]
-        for i in range(6):
-            for j in range(i):
-                second[g, j, i] = second[g, i, j]

@@ -27,16 +27,13 @@ from numpy.typing import NDArray
 from tactopose_drake.core.objectives.objective import SmoothObjective
 from tactopose_drake.core.poses import compose
 from tactopose_drake.core.posterior.joining_kernels import (
-    Joined,
     Lengths,
     Slopes,
-    join,
     join_over_saddles,
     lay_between,
     lay_paths,
     relax_paths,
 )
-from tactopose_drake.core.posterior.mode_moments import Moments
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, MomentParams
 from tactopose_drake.core.validation import FloatArray
 
@@ -77,28 +74,6 @@ class Families(NamedTuple):
     family: NDArray[np.intp]
     symmetry_poses: FloatArray
     arm: float
-
-    def chosen(self, index: NDArray[np.intp]) -> "Families":
-        """The partition of a subset of the modes."""
-        return self._replace(X_PO=self.X_PO[index], family=self.family[index])
-
-    def join(
-        self, cost: FloatArray, mass: FloatArray, moments: Moments
-    ) -> tuple[FloatArray, Moments, NDArray[np.intp]]:
-        """Merges the masses and moments of each family into its mode of lowest cost.
-
-        Args:
-            cost: of the minima, shape (g,).
-            mass: of the modes, shape (g,).
-            moments: of increments from the minima.
-
-        Returns:
-            The masses, 0 for modes that were merged into another; the moments; and the index of each one's new mode.
-        """
-        mass, joint = mass.copy(), Moments(*(moment.copy() for moment in moments))
-        order, owner = cost.argsort(kind="stable"), np.empty(len(mass), dtype=np.intp)
-        join(self.X_PO, order, self.symmetry_poses, self.family, self.arm, Joined(mass, *joint), owner)
-        return mass, joint, owner
 
 
 def find_families(

@@ -25,7 +25,14 @@ from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vecto
 
 
 class Joined(NamedTuple):
-    """Masses (g,) and `mode_moments.Moments` of g modes, merged in place."""
+    """The masses of g modes and the moments of their samples, merged in place.
+
+    Attributes:
+        mass: shape (g,).
+        effective_samples: effective sample sizes, shape (g,).
+        first: means of the increments from the modes, shape (g, 6).
+        second: mean products of these increments, shape (g, 6, 6).
+    """
 
     mass: OutFloats1
     effective_samples: OutFloats1
@@ -219,7 +226,7 @@ def _second_lowest(values: Floats1) -> float:
     return second
 
 
-@kernel
+@part
 def join(
     X: Floats3, order: Longs1, symmetries: Floats3, family: Longs1, arm: float, joined: Joined, owner: OutLongs1
 ) -> None:

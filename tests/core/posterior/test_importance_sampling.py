@@ -12,11 +12,13 @@ from tactopose_drake.core.posterior import importance_sampling
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.importance_sampling import Samples, weigh_modes
-from tactopose_drake.core.posterior.mode_moments import toward_the_mean, weigh_moments
+from tactopose_drake.core.posterior.joined_modes import Families
+from tactopose_drake.core.posterior.mode_moments import with_moments
+from tactopose_drake.core.posterior.mode_moments_kernels import Weighted
 from tactopose_drake.core.posterior.posterior_params import PosteriorParams, SamplingParams
 from tactopose_drake.core.posterior.student_t_mixture import find_increments
 from tactopose_drake.core.validation import FloatArray
-from tests.core.posterior.valleys import SIGMAS, Valley, modes, pose, posterior
+from tests.core.posterior.valleys import SIGMAS, Valley, modes, moments_of, pose, posterior
 
 
 def test_a_gaussian_comes_back_as_it_was() -> None:
@@ -67,14 +69,24 @@ def test_the_spread_is_about_the_pose_wherever_it_ends(count: int) -> None:
     start = modes(valley, pose()[None])
     normal = np.random.default_rng(1).normal(size=(count, 6)) + np.array([0.9, 0, 0, 0, 0, 0])
     X_PO, weights = retract(pose(), 0.5 * normal * SIGMAS), np.ones((count, 1))
-    moments = weigh_moments(find_increments(pose()[None], X_PO).u, weights)
-    moved, _, second = toward_the_mean(start.mixture.X_PO, start.cost, start.mixture.covariance, moments, valley)
-    share = increments_between(pose(), moved[0])[0] / moments.first[0, 0]
+    u = find_increments(pose()[None], X_PO).u
+    alone, told = Families(pose()[None], np.zeros(1, dtype=int), np.eye(3, 4)[None], 0.1), posterior(valley)
+    found = with_moments(start, np.array([0]), np.ones(1), Weighted(u, weights), alone, told)
+    assert found is not None
+    moved, scale = found.mixture.X_PO, np.outer(SIGMAS, SIGMAS)
+    share = increments_between(pose(), moved[0])[0] / u[:, 0, 0].mean()
     assert share == pytest.approx(0.0) if count == 15 else 0.1 < share < 1.0
-    scale = np.outer(SIGMAS, SIGMAS)
-    np.testing.assert_allclose(
-        second[0] / scale, weigh_moments(find_increments(moved, X_PO).u, weights).second[0] / scale, atol=0.01
-    )
+    second = moments_of(find_increments(moved, X_PO).u, weights).second[0]
+    expected = second + told.params.moments.pseudo_samples / count * start.mixture.covariance[0]
+    np.testing.assert_allclose(found.mixture.covariance[0] / scale, expected / scale, atol=0.01)
+
+
+def test_modes_of_which_only_one_sample_counts_have_no_moments() -> None:
+    valley, X_PO = Valley(pose(), SIGMAS), retract(pose(), np.diag(SIGMAS)[:2])
+    alone = Families(pose()[None], np.zeros(1, dtype=int), np.eye(3, 4)[None], 0.1)
+    samples = Weighted(find_increments(pose()[None], X_PO).u, np.array([[1.0], [0.0]]))
+    start, masses = modes(valley, pose()[None]), np.ones(1)
+    assert with_moments(start, np.array([0]), masses, samples, alone, posterior(valley)) is None
 
 
 def test_the_masses_are_those_of_the_exact_posterior() -> None:
@@ -206,7 +218,7 @@ def test_a_spread_that_doubles_do_not_hold_stays_as_it_was() -> None:
 
 def test_the_worth_of_samples_is_their_number_where_they_weigh_the_same() -> None:
     X_PO = retract(pose(), np.random.default_rng(0).normal(size=(50, 6)) * SIGMAS)
-    moments = weigh_moments(find_increments(pose()[None], X_PO).u, np.full((50, 1), 0.3))
+    moments = moments_of(find_increments(pose()[None], X_PO).u, np.full((50, 1), 0.3))
     assert moments.effective_samples[0] == pytest.approx(50.0)
     u = increments_between(pose(), X_PO)
     np.testing.assert_allclose(moments.first[0], u.mean(axis=0), rtol=1e-9)

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 from tactopose_drake.core.objectives.objective import NormalEquations
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, retract
 from tactopose_drake.core.posterior.joined_modes import Families, Landscape, find_families
-from tactopose_drake.core.posterior.joining_kernels import Lengths
-from tactopose_drake.core.posterior.mode_moments import Moments, weigh_moments
+from tactopose_drake.core.posterior.joining_kernels import Joined, Lengths, join
 from tactopose_drake.core.posterior.posterior_params import MomentParams
 from tactopose_drake.core.posterior.student_t_mixture import find_increments
 from tactopose_drake.core.validation import FloatArray
+from tests.core.posterior.valleys import moments_of
 
 SIGMAS = np.array([0.03, 0.02, 0.05, 0.001, 0.002, 0.0015])
 SCALE = np.outer(SIGMAS, SIGMAS)
@@ -23,9 +23,17 @@ X_PO = make_poses(exp_so3(np.array([0.4, -1.0, 2.0])), np.array([0.1, 0.0, -0.2]
 HALF_TURN = np.array([[-1.0, 0.0, 0.0, 0.08], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, -1.0, -0.06]])
 
 
-def centred(covariance: FloatArray, effective_samples: float = 50.0) -> Moments:
-    """Moments of modes with these covariances about their poses."""
-    return Moments(np.full(len(covariance), effective_samples), np.zeros((len(covariance), 6)), covariance.copy())
+def centred(mass: list[float], covariance: FloatArray) -> Joined:
+    """Moments of modes with these masses, and these covariances about their poses."""
+    count = len(covariance)
+    return Joined(np.array(mass), np.full(count, 50.0), np.zeros((count, 6)), covariance.copy())
+
+
+def join_all(found: Families, cost: list[float], moments: Joined) -> NDArray[np.intp]:
+    """Joins families in the order of cost, and returns the index of each one's new mode."""
+    order, owner = np.argsort(cost), np.full(len(found.X_PO), -1)
+    join(found.X_PO, order, found.symmetry_poses, found.family, found.arm, moments, owner)
+    return owner
 
 
 def beside(*lengths: float) -> FloatArray:
@@ -235,19 +243,18 @@ def test_many_minima_along_a_flat_valley_are_one_but_for_one_behind_a_ridge() ->
 
 
 def test_of_a_family_the_lowest_cost_stays_and_owns_the_others() -> None:
-    spread = np.tile(np.diag(SIGMAS**2), (3, 1, 1))
     found = all_one(along(0.0, 1.0, 9.0))._replace(family=np.array([0, 0, 2]))
-    mass, _, owner = found.join(np.array([3.0, 2.0, 4.0]), np.array([0.5, 0.1, 0.4]), centred(spread))
-    np.testing.assert_allclose(mass, [0.0, 0.6, 0.4])
-    np.testing.assert_array_equal(owner, [1, 1, 2])
+    moments = centred([0.5, 0.1, 0.4], np.tile(np.diag(SIGMAS**2), (3, 1, 1)))
+    np.testing.assert_array_equal(join_all(found, [3.0, 2.0, 4.0], moments), [1, 1, 2])
+    np.testing.assert_allclose(moments.mass, [0.0, 0.6, 0.4])
 
 
 def test_without_the_first_of_a_family_the_others_are_still_one() -> None:
-    spread = np.tile(np.diag(SIGMAS**2), (2, 1, 1))
-    found = all_one(along(0.0, 1.0, 2.0)).chosen(np.array([1, 2]))
-    mass, _, owner = found.join(np.array([2.0, 1.0]), np.array([0.3, 0.7]), centred(spread))
-    np.testing.assert_allclose(mass, [0.0, 1.0])
-    np.testing.assert_array_equal(owner, [1, 1])
+    moments, owner = centred([0.6, 0.1, 0.3], np.tile(np.diag(SIGMAS**2), (3, 1, 1))), np.full(3, -1)
+    found = all_one(along(0.0, 1.0, 2.0))
+    join(found.X_PO, np.array([2, 1]), found.symmetry_poses, found.family, found.arm, moments, owner)
+    np.testing.assert_allclose(moments.mass, [0.6, 0.0, 0.4])
+    np.testing.assert_array_equal(owner, [-1, 2, 2])
 
 
 def test_the_joint_moments_are_those_of_the_samples_together() -> None:
@@ -257,22 +264,13 @@ def test_the_joint_moments_are_those_of_the_samples_together() -> None:
     samples = retract(np.repeat(X, 4000, axis=0), u.reshape(-1, 6))
     weights = np.zeros((8000, 2))
     weights[:4000, 0], weights[4000:, 1] = 0.6 / 4000, 0.4 / 4000
-    apart = weigh_moments(find_increments(X, samples).u, weights)
-    mass, joint, _ = all_one(X).join(np.zeros(2), np.array([0.6, 0.4]), apart)
-    together = weigh_moments(find_increments(X[:1], samples).u, weights.sum(axis=1, keepdims=True))
-    np.testing.assert_allclose(mass, [1.0, 0.0])
+    joint = moments_of(find_increments(X, samples).u, weights)._replace(mass=np.array([0.6, 0.4]))
+    join_all(all_one(X), [0.0, 0.0], joint)
+    together = moments_of(find_increments(X[:1], samples).u, weights.sum(axis=1, keepdims=True))
+    np.testing.assert_allclose(joint.mass, [1.0, 0.0])
     np.testing.assert_allclose(joint.first[0] / SIGMAS, together.first[0] / SIGMAS, atol=0.02)
     np.testing.assert_allclose(joint.second[0] / SCALE, together.second[0] / SCALE, atol=0.05)
     assert joint.effective_samples[0] == pytest.approx(together.effective_samples[0])
-
-
-def test_what_is_given_stays_as_it_was() -> None:
-    spread = np.tile(np.diag(SIGMAS**2), (2, 1, 1))
-    mass, moments = np.array([0.7, 0.3]), centred(spread)
-    all_one(beside(0.0, 1.0)).join(np.zeros(2), mass, moments)
-    np.testing.assert_array_equal(mass, [0.7, 0.3])
-    np.testing.assert_array_equal(moments.second, spread)
-    np.testing.assert_array_equal(moments.first, 0.0)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -281,18 +279,20 @@ def test_images_by_a_symmetry_are_compared_where_they_are_alike(seed: int) -> No
     generator = np.random.default_rng(seed)
     roots = generator.normal(size=(2, 6, 6)) * SIGMAS[:, None] / 6
     covariance = roots @ np.swapaxes(roots, 1, 2) + np.diag(SIGMAS**2)
-    X, cost, masses = beside(0.0, 1.0), np.array([0.0, 1.0]), np.array([0.7, 0.3])
-    mass, direct, _ = all_one(X).join(cost, masses, centred(covariance))
-    np.testing.assert_allclose(mass, [1.0, 0.0])
+    X, cost, masses = beside(0.0, 1.0), [0.0, 1.0], [0.7, 0.3]
+    direct = centred(masses, covariance)
+    join_all(all_one(X), cost, direct)
+    np.testing.assert_allclose(direct.mass, [1.0, 0.0])
 
     # How the second mode's increments turn with it, by differences.
     image = compose(X[1], HALF_TURN)
     u = increments_between(image, compose(retract(np.tile(X[1], (6, 1, 1)), 1e-6 * np.eye(6)), HALF_TURN)) / 1e-6
     covariance[1] = u.T @ covariance[1] @ u
     group, there = np.stack([np.eye(3, 4), HALF_TURN]), np.stack([X[0], image])
-    mass, by_image, _ = all_one(there, group).join(cost, masses, centred(covariance))
-    np.testing.assert_allclose(mass, [1.0, 0.0])
+    by_image, half_a_turn_off = centred(masses, covariance), centred(masses, covariance)
+    join_all(all_one(there, group), cost, by_image)
+    np.testing.assert_allclose(by_image.mass, [1.0, 0.0])
     np.testing.assert_allclose(by_image.first / SIGMAS, direct.first / SIGMAS, atol=1e-6)
     np.testing.assert_allclose(by_image.second[0] / SCALE, direct.second[0] / SCALE, atol=1e-3)
-    _, half_a_turn_off, _ = all_one(there).join(cost, masses, centred(covariance))
+    join_all(all_one(there), cost, half_a_turn_off)
     assert np.trace(half_a_turn_off.second[0][:3, :3]) > 0.25 * np.pi**2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import identity_poses
-from tactopose_drake.core.posterior.mode_moments import Moments, spread
+from tactopose_drake.core.posterior.mode_moments import spread
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.posterior_params import MomentParams
 
@@ -28,8 +28,8 @@ def test_of_few_samples_it_is_that_of_the_next_one_as_far_as_these_and_laplace_k
         rows = generator.normal(size=(known, 6)) @ root.T
         drawn = generator.normal(size=(count + 1, 6)) @ np.linalg.cholesky(np.linalg.inv(rows.T @ rows)).T
         second = drawn[:-1].T @ drawn[:-1] / count
-        moments = Moments(np.array([float(count)]), np.zeros((1, 6)), second[None])
-        said = np.diag(spread(identity_poses(1), moments, laplace[None], posterior(nothing, nothing))[0])
+        told = second[None], laplace[None], np.array([float(count)])
+        said = np.diag(spread(identity_poses(1), *told, posterior(nothing, nothing))[0])
         ratios.append(drawn[-1] ** 2 / said)
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)
 
@@ -37,7 +37,7 @@ def test_of_few_samples_it_is_that_of_the_next_one_as_far_as_these_and_laplace_k
 def test_a_turn_that_changes_nothing_has_the_spread_that_is_known_without_the_touch() -> None:
     axis, moment = np.array([[0.0, 0.6, 0.8]]), np.array([[0.02, -0.04, 0.03]])
     laplace = 1e-8 * np.eye(6)
-    moments = Moments(np.array([1e12]), np.zeros((1, 6)), np.zeros((1, 6, 6)))
+    told = np.zeros((1, 6, 6)), laplace[None], np.array([1e12])
     direction = np.concatenate([axis[0], moment[0]])
-    found = spread(identity_poses(1), moments, laplace[None], posterior(axis, moment))[0]
+    found = spread(identity_poses(1), *told, posterior(axis, moment))[0]
     np.testing.assert_allclose(found, np.outer(direction, direction), atol=1e-12)

@@ -6,6 +6,8 @@ from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
+from tactopose_drake.core.posterior.joining_kernels import Joined
+from tactopose_drake.core.posterior.mode_moments_kernels import Weighted, add_moments
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.posterior_params import PosteriorParams, SamplingParams
 from tactopose_drake.core.validation import FloatArray
@@ -54,3 +56,11 @@ def modes(valley: Valley, X_PO: FloatArray) -> Modes:
 
 def pose() -> FloatArray:
     return make_poses(exp_so3(np.array([0.4, -1.0, 2.0])), np.array([0.1, 0.0, -0.2]))
+
+
+def moments_of(increments: FloatArray, weights: FloatArray) -> Joined:
+    """Moments of samples from their increments (B, g, 6) from g modes and their weights (B, g)."""
+    g = weights.shape[1]
+    moments = Joined(weights.sum(axis=0), np.empty(g), np.zeros((g, 6)), np.zeros((g, 6, 6)))
+    add_moments(Weighted(increments, weights), *moments[1:])
+    return moments
