@@ -22,7 +22,7 @@ from tactopose_drake.core.kernel_types import (
     OutLongs1,
 )
 from tactopose_drake.core.kernels import pose_kernels
-from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert, solve_transposed
+from tactopose_drake.core.kernels.matrix_kernels import cholesky, solve, solve_transposed
 
 # Number of poses compared with a component at a time, so that they fit into the first-level cache.
 _LANES = 256
@@ -73,13 +73,15 @@ def prepare(
     `farthest` is the squared Mahalanobis distance beyond which a pose does not belong to a component.
     """
     first, information, reach, scale = preparation
-    L, covariance, image = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
+    L, column, image = np.empty((6, 6)), np.empty(6), np.empty(6)
     for j in range(group.shape[0]):
         logarithm = cholesky(information[j], L)
-        invert(L, covariance)
         spread, square = 0.0, 0.0
         for i in range(3, 6):
-            spread += covariance[i, i]
+            for k in range(6):
+                column[k] = 1.0 if k == i else 0.0
+            solve(L, column)  # A column of the covariance.
+            spread += column[i]
             square += center[j, i] ** 2
         g = group[j]
         reach[g] = max(reach[g], (np.sqrt(square) + np.sqrt(farthest * spread)) ** 2)
