@@ -14,6 +14,7 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.identification.model_evidence import log_evidence
 from tactopose_drake.core.objectives.contact_mixture import Judgement
+from tactopose_drake.core.plain_values import seal
 from tactopose_drake.core.posterior.alike_modes import indistinct_images, join_alike
 from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.importance_sampling import weigh_modes
@@ -219,6 +220,7 @@ def _inlier_probability(problem: PoseProblem, evidence: Evidence, modes: Modes, 
 
 def _hypotheses(modes: Modes, inlier: FloatArray, explained: NDArray[np.bool_]) -> tuple[PoseHypothesis, ...]:
     weights = np.minimum(modes.mixture.weights, 1.0)  # Rounding may exceed 1.
+    seal((modes.mixture, modes.free_directions, inlier))  # Rows of read-only arrays are read-only.
     return tuple(
         PoseHypothesis(RigidTransform(pose=X_PO), float(cost), float(weight), covariance, free, bool(explains), own)
         for X_PO, cost, weight, covariance, free, explains, own in zip(

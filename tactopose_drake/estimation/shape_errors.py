@@ -58,6 +58,8 @@ def log_dilution(told: Contacts, felt: Contacts) -> float:
         told: contacts whose noise contains only the hand's errors.
         felt: the result of `with_shape_errors` for them.
     """
+    if felt is told:
+        return 0.0
     dilution = np.log(felt.sigma_position) - np.log(told.sigma_position)
     if felt.n_PC is not None:
         # The density of a normal is at least that of the uniform distribution, as in `ContactMixture`.

@@ -94,9 +94,9 @@ def explain_with_doubt(
         by_pad = _by_pad(model, evidence, X_PO, params.least_pad_chance)
         felt = np.array([patch.is_felt for patch in evidence.patches], dtype=np.bool_)
         explained &= by_pad[:, ~felt].all(axis=1)
-        false += np.count_nonzero(~by_pad[:, felt], axis=1)
+        false += (~by_pad[:, felt]).sum(axis=1)
     if judgement is not None:
-        false += np.count_nonzero(judgement.is_false, axis=1)
+        false += judgement.is_false.sum(axis=1)
         freedom = _of_contacts(evidence)
         # With many contacts, the chi-square quantile is less than the resolution of the noise scales.
         limit = max(_limit(freedom, params.least_doubted_chance), 0.5 * _OF_A_SCALE * freedom)
