@@ -1,57 +1,96 @@
 """Finds which of many poses are the same mode, up to the object's symmetries and each pose's uncertainty, compiled."""
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import kernel
-from tactopose_drake.core.kernel_types import Floats3, OutLongs1
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, OutLongs1
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between
+from tactopose_drake.core.kernels.sorting_kernels import sort_stably
 from tactopose_drake.core.validation import FloatArray
+
+_NOTHING_ELSE = np.zeros((6, 6))
+
+
+class Minima(NamedTuple):
+    """Poses (n, 3, 4) in any order, their costs (n,), and the Hessians there (n, 6, 6)."""
+
+    X_PO: FloatArray
+    cost: FloatArray
+    hessian: FloatArray
+
+
+def best_of_each(
+    minima: Minima,
+    known: FloatArray,
+    symmetry_poses: FloatArray,
+    sigmas: float,
+    most: int | None = None,
+    worth: float = math.inf,
+) -> NDArray[np.int64]:
+    """The indices of distinct poses by rising cost: each equals no cheaper one of these.
+
+    Two poses are equal if the Mahalanobis distance between the better and some symmetric image of the other is below
+    `sigmas`, by the better one's Hessian and what else is known, shape (6, 6). At most `most` are found, and only such
+    that cost at most by `worth` more than the best.
+    """
+    index = np.empty(len(minima.X_PO) if most is None else min(most, len(minima.X_PO)), dtype=np.int64)
+    return index[: _find_distinct(*minima, known, symmetry_poses, sigmas**2, worth, index)]
 
 
 def one_of_each(
-    X_PO: FloatArray, information: FloatArray, symmetry_poses: FloatArray, sigmas: float, most: int | None = None
+    X_PO: FloatArray, information: FloatArray, symmetry_poses: FloatArray, sigmas: float
 ) -> NDArray[np.int64]:
-    """The indices of distinct poses (n, 3, 4), which are sorted best first: each equals no earlier one of these.
-
-    Two poses are equal if the Mahalanobis distance, by the information (n, 6, 6) of the better one, between the better
-    and some symmetric image of the other is below `sigmas`. At most `most` are found.
-    """
-    index = np.empty(len(X_PO) if most is None else min(most, len(X_PO)), dtype=np.int64)
-    return index[: _find_distinct(X_PO, information, symmetry_poses, sigmas**2, index)]
+    """The same for poses (n, 3, 4) that are sorted, the best first, and all information on them (n, 6, 6)."""
+    as_sorted = np.zeros(len(X_PO))
+    return best_of_each(Minima(X_PO, as_sorted, information), _NOTHING_ELSE, symmetry_poses, sigmas)
 
 
 @kernel
-def _find_distinct(X: Floats3, information: Floats3, symmetries: Floats3, threshold: float, index: OutLongs1) -> int:
-    """Writes the indices of poses X (B, 3, 4) that equal none of the earlier ones, and returns their number.
+def _find_distinct(
+    X: Floats3,
+    cost: Floats1,
+    hessian: Floats3,
+    known: Floats2,
+    symmetries: Floats3,
+    threshold: float,
+    worth: float,
+    index: OutLongs1,
+) -> int:
+    """Writes the indices of poses X (B, 3, 4) that equal none of the cheaper ones, and returns their number.
 
-    Stops when `index` is full.
+    Stops when `index` is full, or when poses cost more than the best by `worth`.
 
-    Two poses are equal if the squared Mahalanobis length of the increment between them, by the information (B, 6, 6) of
-    the better one, is below the threshold for one of the symmetries (g, 3, 4). Most are told apart more cheaply, by
-    bounds on the translation and rotation of such increments: their squares are at most the threshold times the traces
-    of the covariance's blocks.
+    Two poses are equal if the squared Mahalanobis length of the increment between them, by the information on the
+    better one, is below the threshold for one of the symmetries (g, 3, 4). Most are told apart more cheaply, by bounds
+    on the translation and rotation of such increments: their squares are at most the threshold times the traces of the
+    covariance's blocks.
     """
     u, Y, count = np.empty(6), np.empty((symmetries.shape[0], 3, 4)), 0
-    L, covariance = np.empty((6, 6)), np.empty((6, 6))
-    farthest, least_trace = np.empty(X.shape[0]), np.empty(X.shape[0])
-    for b in range(X.shape[0]):
-        if count == index.shape[0]:
+    L, covariance, information = np.empty((6, 6)), np.empty((6, 6)), np.empty((index.shape[0], 6, 6))
+    farthest, least_trace = np.empty(index.shape[0]), np.empty(index.shape[0])
+    order, spare = np.empty(X.shape[0], dtype=np.int64), np.empty(X.shape[0], dtype=np.int64)
+    sort_stably(cost, order, spare)
+    for b in order:
+        if count == index.shape[0] or cost[b] > cost[order[0]] + worth:
             break
         for s in range(symmetries.shape[0]):
             compose_one(X[b], symmetries[s], Y[s])
         is_new = True
         for k in range(count):
             a = index[k]
-            H = information[a]
+            H = information[k]
             for s in range(symmetries.shape[0]):
                 way, trace = 0.0, 0.0
                 for i in range(3):
                     way += (Y[s, i, 3] - X[a, i, 3]) ** 2
                     for j in range(3):
                         trace += X[a, i, j] * Y[s, i, j]
-                if way > farthest[a] or trace < least_trace[a]:
+                if way > farthest[k] or trace < least_trace[k]:
                     continue
                 increment_between(X[a], Y[s], u)
                 total = 0.0
@@ -66,11 +105,15 @@ def _find_distinct(X: Floats3, information: Floats3, symmetries: Floats3, thresh
             if not is_new:
                 break
         if is_new:
+            H = information[count]
+            for i in range(6):
+                for j in range(6):
+                    H[i, j] = hessian[b, i, j] + known[i, j]
+            cholesky(H, L)
+            invert(L, covariance)
+            farthest[count] = threshold * (covariance[3, 3] + covariance[4, 4] + covariance[5, 5])
+            widest = np.sqrt(threshold * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]))
+            least_trace[count] = 1.0 + 2.0 * np.cos(min(widest, np.pi))
             index[count] = b
             count += 1
-            cholesky(information[b], L)
-            invert(L, covariance)
-            farthest[b] = threshold * (covariance[3, 3] + covariance[4, 4] + covariance[5, 5])
-            widest = np.sqrt(threshold * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]))
-            least_trace[b] = 1.0 + 2.0 * np.cos(min(widest, np.pi))
     return count

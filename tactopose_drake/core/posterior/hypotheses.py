@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
-from tactopose_drake.core.kernels.mode_kernels import one_of_each
+from tactopose_drake.core.kernels.mode_kernels import Minima, best_of_each
 from tactopose_drake.core.posterior.free_direction_kernels import find_free
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
@@ -63,11 +63,9 @@ def find_modes(
         size: the object's size, m; rotations are compared by the displacement of a point at half of it.
         max_modes: how many modes are kept at the most.
     """
-    order = cost.argsort(kind="stable")
-    X_PO, cost, touch_information = X_PO[order], cost[order], touch_information[order]
-    information = touch_information + prior_information
-    index = one_of_each(X_PO, information, symmetry_poses, DEFAULT_PARAMS.modes.same_sigmas)
-    covariance, log_determinant = _inverses(information[index], size)
+    minima = Minima(X_PO, cost, touch_information)
+    index = best_of_each(minima, prior_information, symmetry_poses, DEFAULT_PARAMS.modes.same_sigmas)
+    covariance, log_determinant = _inverses(touch_information[index] + prior_information, size)
     log_weight = -cost[index] - 0.5 * log_determinant
     order = (-log_weight).argsort(kind="stable")[:max_modes]
     index, log_weight = index[order], log_weight[order]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactopose_drake.core.kernels.mode_kernels import one_of_each
+from tactopose_drake.core.kernels.mode_kernels import Minima, best_of_each
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pose_problem import PoseProblem
 from tactopose_drake.core.searches.search import Search, SearchResult, StopSignal, never
@@ -29,6 +29,7 @@ def search_with_doubt(
     if found is not None:
         return found
     found = search.minimize(problem.objective, space, generator, should_stop)
-    information = problem.objective.normal_equations(found.X_PO).hessian + space.information
-    apart = one_of_each(found.X_PO, information, _NO_SYMMETRY, _SAME_MINIMUM, _KEPT)
+    hessian = problem.objective.normal_equations(found.X_PO).hessian
+    minima = Minima(found.X_PO, found.cost, hessian)
+    apart = best_of_each(minima, space.information, _NO_SYMMETRY, _SAME_MINIMUM, _KEPT)
     return _REFINEMENT.refine(objective, found.X_PO[apart], should_stop)

@@ -77,16 +77,22 @@ class LevenbergMarquardt(Search):
         return self.refine(objective, space.center[None], should_stop)
 
     def refine(self, objective: SmoothObjective, X_start: FloatArray, should_stop: StopSignal = never) -> SearchResult:
-        """Minimises from each of the poses (B, 3, 4); returns them in ascending order of cost.
+        """Minimises from each of the poses (B, 3, 4); returns the minima in ascending order of cost.
 
         With increments any smooth objective will do; other parametrisations need residuals.
         """
+        return self.refine_each(objective, X_start, should_stop).ranked()
+
+    def refine_each(
+        self, objective: SmoothObjective, X_start: FloatArray, should_stop: StopSignal = never
+    ) -> SearchResult:
+        """The same, but returns the minima in the order of the poses that led to them."""
         X_start = np.ascontiguousarray(X_start)
         by_increments = isinstance(self.parameters, IncrementParameters)
         descent = objective.descent if by_increments and self.solver is cholesky_steps else None
         if descent is not None:
             blocks = self._descend(descent, X_start, should_stop)
-            return join_results(*blocks).ranked()
+            return join_results(*blocks)
         least_squares = cast(LeastSquaresObjective, objective)
         here = self.parameters.start(X_start).copy()
         state, cost = here.copy(), np.empty(len(here))
@@ -121,7 +127,7 @@ class LevenbergMarquardt(Search):
                 if not len(active):
                     break
         X_PO, known = self.parameters.poses(state, X_start), hessian if by_increments else None
-        return SearchResult(X_PO, cost, iterations, converged, known).ranked()
+        return SearchResult(X_PO, cost, iterations, converged, known)
 
     @functools.cached_property
     def _rule(self) -> DescentRule:

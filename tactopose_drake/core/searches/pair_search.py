@@ -14,7 +14,7 @@ import dataclasses
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.kernels.mode_kernels import one_of_each
+from tactopose_drake.core.kernels.mode_kernels import Minima, best_of_each
 from tactopose_drake.core.objectives.objective import DoubtedObjective, LeastSquaresObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import compose
@@ -194,12 +194,12 @@ class PairSearch(Search):
             X_PO = self._starts(start_but_for_one, by_others, proposals, generator)
             found = join_results(found, _FIRST_STEPS.refine(objective.but_for_one, X_PO, should_stop))
         if objective is not believed:
-            found = found._replace(cost=objective.cost(found.X_PO)).ranked()
+            found = found._replace(cost=objective.cost(found.X_PO))
         for stage, following in ((last, _FURTHER_STEPS), (self.on_the_way, _TO_THE_MINIMUM)):
             X_PO = self._apart(found, believed, space, stage)
-            found = following.refine(objective, X_PO, should_stop)
+            found = following.refine_each(objective, X_PO, should_stop)
         best = self._apart(found, believed, space, _AGAIN)
-        again = _TO_THE_MINIMUM.refine(objective, best if near else self._with_images(best), should_stop)
+        again = _TO_THE_MINIMUM.refine_each(objective, best if near else self._with_images(best), should_stop)
         return join_results(found, again).ranked()
 
     def minimize_with_doubt(
@@ -281,10 +281,14 @@ class PairSearch(Search):
         Distances are by the local quadratic models without outliers: along a direction that hardly changes the cost,
         poses far apart belong together.
         """
-        count = int(found.cost.searchsorted(found.cost[0] + stage.worth, side="right"))
-        X_PO = found.X_PO[:count]
-        hessian = believed.normal_equations(X_PO).hessian if found.hessian is None else found.hessian[:count]
-        return X_PO.take(one_of_each(X_PO, hessian + space.information, _NO_SYMMETRY, stage.apart, stage.kept), axis=0)
+        X_PO, cost, hessian = found.X_PO, found.cost, found.hessian
+        if hessian is None:
+            worth = cost <= cost.min() + stage.worth
+            X_PO, cost = X_PO[worth], cost[worth]
+            hessian = believed.normal_equations(X_PO).hessian
+        minima = Minima(X_PO, cost, hessian)
+        best = best_of_each(minima, space.information, _NO_SYMMETRY, stage.apart, stage.kept, stage.worth)
+        return X_PO.take(best, axis=0)
 
 
 def _tell_as_little_as_few(contacts: Contacts, size: float) -> bool:
