@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import kernel
-from tactopose_drake.core.kernel_types import Longs1, OutFlags1, OutFloats1, OutFloats2, OutFloats3, OutLongs1
+from tactopose_drake.core.kernel_types import OutFlags1, OutFloats1, OutFloats2, OutFloats3, OutLongs1
 from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts, add_up_doubted, make_work
 from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.hand_sphere_kernels import Spheres
@@ -30,7 +30,7 @@ from tactopose_drake.core.kernels.penetration_kernels import (
 from tactopose_drake.core.kernels.pose_kernels import retract_one
 from tactopose_drake.core.kernels.prior_kernels import Prior, add_prior, half_square, prior_row
 from tactopose_drake.core.kernels.sorting_kernels import copy_matrix
-from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts, add_up
+from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts, add_up, find_dearest
 
 
 class Ends(NamedTuple):
@@ -51,7 +51,7 @@ def descend(
     prior: Prior,
     hand: Spheres,
     rule: DescentRule,
-    spared: Longs1,
+    trimmed: bool,
     X: OutFloats3,
     ends: Ends,
 ) -> None:
@@ -59,8 +59,8 @@ def descend(
 
     The cost is that of the contacts' residuals, the prior, and the hand's volume. There is no prior if its weights are
     zero; the hand may have no spheres. If `doubts` has pairs of noise factors, the contacts' cost is the mixture's.
-    Otherwise each pose ignores the contact with the index in `spared` (B,), or none if that is empty. `ends` holds the
-    exact gradient and the Gauss-Newton Hessian at the final poses; the Hessian is of the contacts' rows that carry
+    Otherwise, if it is `trimmed`, each pose ignores the contact that it fits worst at the start. `ends` holds the exact
+    gradient and the Gauss-Newton Hessian at the final poses; the Hessian is of the contacts' rows that carry
     information, see `surface_contact_kernels.contact_rows`.
 
     As many poses as there are lanes descend at a time; where one has finished, the next begins.
@@ -71,7 +71,9 @@ def descend(
     L, forward, step, J = np.empty((6, 6)), np.empty(6), np.empty(6), np.empty(6)
     near, depths, bounded = make_near(hand), make_depths(hand), len(hand.weight) > 0
     under_way, begun, doubted = 0, 0, len(doubts.s) > 0
-    work = make_work(touch.p.shape[0], doubts)
+    work, spared = make_work(touch.p.shape[0], doubts), np.full(X.shape[0], -1)
+    if trimmed:
+        find_dearest(grid, touch, X, spared)
     while True:
         while under_way < LANES and begun < X.shape[0]:
             index[under_way], damping[under_way], promised[under_way] = begun, rule.initial_damping, 0.0
@@ -84,7 +86,7 @@ def descend(
             add_up_doubted(grid, touch, doubts, there, under_way, w, work)
         else:
             for lane in range(under_way):
-                left_out[lane] = spared[index[lane]] if len(spared) > 0 else -1
+                left_out[lane] = spared[index[lane]]
             add_up(grid, touch, left_out, there, under_way, w)
         going = 0
         for lane in range(under_way):

@@ -109,7 +109,7 @@ def contact_costs(grid: Grid, touch: WeightedContacts, prior: Prior, X: Floats3,
                 cost[first + lane] += w[DISTANCE_ENERGY + np.uintp(lane)] + w[NORMAL_ENERGY + np.uintp(lane)]
 
 
-@kernel
+@part
 def find_dearest(grid: Grid, touch: WeightedContacts, X: Floats3, dearest: OutLongs1) -> None:
     """Writes the index of the contact with the largest energy at each pose into dearest (B,)."""
     w, largest = np.zeros(SIZE), np.empty(LANES)

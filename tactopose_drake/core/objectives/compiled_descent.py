@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts
@@ -37,26 +36,30 @@ _STANDING = DescentRule(0, 0.0, 0.0, 0.0, 0.0)
 
 
 class CompiledDescent(NamedTuple):
-    """The arguments of the compiled loop; for contacts that are taken as told, each pose may leave one out."""
+    """The arguments of the compiled loop.
+
+    If it is `trimmed`, contacts are taken as told, except the one that fits a pose worst at the start: it is ignored.
+    """
 
     grid: Grid
     touch: WeightedContacts
     prior: Prior = NO_PRIOR
     doubts: Doubts = NO_DOUBTS
     hand: Spheres = NO_SPHERES
+    trimmed: bool = False
 
-    def normal_equations(self, X_PO: FloatArray, spared: NDArray[np.int64] | None = None) -> NormalEquations:
-        """Cost, exact gradient and Gauss-Newton Hessian at poses (B, 3, 4), each without the contact `spared` (B,)."""
-        ends = self._run(_STANDING, np.array(X_PO, order="C"), spared)
+    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+        """Cost, exact gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
+        ends = self._run(_STANDING, np.array(X_PO, order="C"))
         return NormalEquations(ends.cost, ends.gradient, ends.hessian)
 
-    def descend(self, rule: DescentRule, X_PO: FloatArray, spared: NDArray[np.int64] | None = None) -> Descent:
-        """Levenberg-Marquardt from each of the poses (B, 3, 4), throughout without the contact `spared` (B,)."""
+    def descend(self, rule: DescentRule, X_PO: FloatArray) -> Descent:
+        """Levenberg-Marquardt from each of the poses (B, 3, 4)."""
         X_PO = np.array(X_PO, order="C")
-        ends = self._run(rule, X_PO, spared)
+        ends = self._run(rule, X_PO)
         return Descent(X_PO, ends.cost, ends.iterations, ends.converged, ends.hessian)
 
-    def _run(self, rule: DescentRule, X_PO: FloatArray, spared: NDArray[np.int64] | None) -> Ends:
+    def _run(self, rule: DescentRule, X_PO: FloatArray) -> Ends:
         """Runs the kernel, which moves the poses in place."""
         count = len(X_PO)
         ends = Ends(
@@ -66,6 +69,5 @@ class CompiledDescent(NamedTuple):
             np.empty(count, dtype=np.int64),
             np.empty(count, dtype=np.bool_),
         )
-        spared = _NO_INTEGERS if spared is None else spared
-        descend(self.grid, self.touch, self.doubts, self.prior, self.hand, rule, spared, X_PO, ends)
+        descend(self.grid, self.touch, self.doubts, self.prior, self.hand, rule, self.trimmed, X_PO, ends)
         return ends

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -121,8 +120,8 @@ class ContactsButOne(SmoothObjective):
     """
 
     def __init__(self, touch: SurfaceContact, prior: PriorObjective | None = None) -> None:
-        self._touch = touch
-        self._compiled = CompiledDescent(touch.grid, touch.touch, NO_PRIOR if prior is None else prior.kernel_view)
+        known = NO_PRIOR if prior is None else prior.kernel_view
+        self._compiled = CompiledDescent(touch.grid, touch.touch, known, trimmed=True)
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
@@ -130,17 +129,12 @@ class ContactsButOne(SmoothObjective):
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4)."""
-        return self._compiled.normal_equations(X_PO, self._dearest(X_PO))
+        return self._compiled.normal_equations(X_PO)
 
     @property
     def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
         """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
-        return lambda rule, X_PO: self._compiled.descend(rule, X_PO, self._dearest(X_PO))
-
-    def _dearest(self, X_PO: FloatArray) -> NDArray[np.int64]:
-        dearest = np.empty(len(X_PO), dtype=np.int64)
-        surface_contact_kernels.find_dearest(self._touch.grid, self._touch.touch, np.ascontiguousarray(X_PO), dearest)
-        return dearest
+        return self._compiled.descend
 
 
 def _cost(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -> FloatArray:
