@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import kernel
-from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, OutLongs1
+from tactopose_drake.core.kernel_types import Floats1, Floats2, Floats3, OutFloats1, OutFloats3, OutLongs1
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
 from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between
 from tactopose_drake.core.kernels.sorting_kernels import sort_stably
@@ -24,6 +24,21 @@ class Minima(NamedTuple):
     hessian: FloatArray
 
 
+class Distinct(NamedTuple):
+    """Minima that are distinct, by rising cost, and what is known of each in all.
+
+    Attributes:
+        index: of each among all minima, shape (m,).
+        covariance: inverses of the sums of their Hessians and what else is known, shape (m, 6, 6).
+        log_determinant: logarithms of these sums' determinants, shape (m,); infinite where one is not positive
+            definite, and the covariance is NaN.
+    """
+
+    index: NDArray[np.int64]
+    covariance: FloatArray
+    log_determinant: FloatArray
+
+
 def best_of_each(
     minima: Minima,
     known: FloatArray,
@@ -31,23 +46,25 @@ def best_of_each(
     sigmas: float,
     most: int | None = None,
     worth: float = math.inf,
-) -> NDArray[np.int64]:
-    """The indices of distinct poses by rising cost: each equals no cheaper one of these.
+) -> Distinct:
+    """Finds distinct poses: each equals no cheaper one of these.
 
     Two poses are equal if the Mahalanobis distance between the better and some symmetric image of the other is below
     `sigmas`, by the better one's Hessian and what else is known, shape (6, 6). At most `most` are found, and only such
     that cost at most by `worth` more than the best.
     """
-    index = np.empty(len(minima.X_PO) if most is None else min(most, len(minima.X_PO)), dtype=np.int64)
-    return index[: _find_distinct(*minima, known, symmetry_poses, sigmas**2, worth, index)]
+    room = len(minima.X_PO) if most is None else min(most, len(minima.X_PO))
+    found = Distinct(np.empty(room, dtype=np.int64), np.empty((room, 6, 6)), np.empty(room))
+    count = _find_distinct(*minima, known, symmetry_poses, sigmas**2, worth, *found)
+    return Distinct(found.index[:count], found.covariance[:count], found.log_determinant[:count])
 
 
 def one_of_each(
     X_PO: FloatArray, information: FloatArray, symmetry_poses: FloatArray, sigmas: float
 ) -> NDArray[np.int64]:
-    """The same for poses (n, 3, 4) that are sorted, the best first, and all information on them (n, 6, 6)."""
+    """The indices of distinct poses (n, 3, 4) that are sorted, the best first, by all information on them (n, 6, 6)."""
     as_sorted = np.zeros(len(X_PO))
-    return best_of_each(Minima(X_PO, as_sorted, information), _NOTHING_ELSE, symmetry_poses, sigmas)
+    return best_of_each(Minima(X_PO, as_sorted, information), _NOTHING_ELSE, symmetry_poses, sigmas).index
 
 
 @kernel
@@ -60,8 +77,10 @@ def _find_distinct(
     threshold: float,
     worth: float,
     index: OutLongs1,
+    covariance: OutFloats3,
+    log_determinant: OutFloats1,
 ) -> int:
-    """Writes the indices of poses X (B, 3, 4) that equal none of the cheaper ones, and returns their number.
+    """Writes `Distinct` for the poses X (B, 3, 4) that equal none of the cheaper ones, and returns their number.
 
     Stops when `index` is full, or when poses cost more than the best by `worth`.
 
@@ -71,7 +90,7 @@ def _find_distinct(
     covariance's blocks.
     """
     u, Y, count = np.empty(6), np.empty((symmetries.shape[0], 3, 4)), 0
-    L, covariance, information = np.empty((6, 6)), np.empty((6, 6)), np.empty((index.shape[0], 6, 6))
+    L, information = np.empty((6, 6)), np.empty((index.shape[0], 6, 6))
     farthest, least_trace = np.empty(index.shape[0]), np.empty(index.shape[0])
     order, spare = np.empty(X.shape[0], dtype=np.int64), np.empty(X.shape[0], dtype=np.int64)
     sort_stably(cost, order, spare)
@@ -105,14 +124,14 @@ def _find_distinct(
             if not is_new:
                 break
         if is_new:
-            H = information[count]
+            own, inverse = information[count], covariance[count]
             for i in range(6):
                 for j in range(6):
-                    H[i, j] = hessian[b, i, j] + known[i, j]
-            cholesky(H, L)
-            invert(L, covariance)
-            farthest[count] = threshold * (covariance[3, 3] + covariance[4, 4] + covariance[5, 5])
-            widest = np.sqrt(threshold * (covariance[0, 0] + covariance[1, 1] + covariance[2, 2]))
+                    own[i, j] = hessian[b, i, j] + known[i, j]
+            log_determinant[count] = cholesky(own, L)
+            invert(L, inverse)
+            farthest[count] = threshold * (inverse[3, 3] + inverse[4, 4] + inverse[5, 5])
+            widest = np.sqrt(threshold * (inverse[0, 0] + inverse[1, 1] + inverse[2, 2]))
             least_trace[count] = 1.0 + 2.0 * np.cos(min(widest, np.pi))
             index[count] = b
             count += 1

@@ -64,8 +64,10 @@ def find_modes(
         max_modes: how many modes are kept at the most.
     """
     minima = Minima(X_PO, cost, touch_information)
-    index = best_of_each(minima, prior_information, symmetry_poses, DEFAULT_PARAMS.modes.same_sigmas)
-    covariance, log_determinant = _inverses(touch_information[index] + prior_information, size)
+    same_sigmas = DEFAULT_PARAMS.modes.same_sigmas
+    index, covariance, log_determinant = best_of_each(minima, prior_information, symmetry_poses, same_sigmas)
+    if not np.isfinite(log_determinant).all():
+        covariance, log_determinant = _inverses(touch_information[index] + prior_information, size)
     log_weight = -cost[index] - 0.5 * log_determinant
     order = (-log_weight).argsort(kind="stable")[:max_modes]
     index, log_weight = index[order], log_weight[order]
@@ -84,10 +86,7 @@ def _inverses(information: FloatArray, size: float) -> tuple[FloatArray, FloatAr
     A matrix whose condition number exceeds double precision may be numerically singular. Its eigenvalues are then
     clipped from below at the rounding error, in the metric of `free_directions`.
     """
-    inverse, log_determinant = inverses(information)
-    lost = (~np.isfinite(log_determinant)).nonzero()[0]
-    if not len(lost):
-        return inverse, log_determinant
+    lost = (~np.isfinite(inverses(information)[1])).nonzero()[0]
     information, scales = information.copy(), np.outer(units := increments_of_one_metre(size), units)
     values, rows = eigenpairs(information[lost] * scales)
     values = np.maximum(values, _ROUNDING * values.max(axis=1, keepdims=True))

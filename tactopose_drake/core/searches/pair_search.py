@@ -288,7 +288,7 @@ class PairSearch(Search):
             hessian = believed.normal_equations(X_PO).hessian
         minima = Minima(X_PO, cost, hessian)
         best = best_of_each(minima, space.information, _NO_SYMMETRY, stage.apart, stage.kept, stage.worth)
-        return X_PO.take(best, axis=0)
+        return X_PO.take(best.index, axis=0)
 
 
 def _tell_as_little_as_few(contacts: Contacts, size: float) -> bool:

@@ -39,12 +39,14 @@ def test_of_minima_in_any_order_the_cheapest_count_until_they_are_enough_or_cost
         np.eye(3, 4)[None],
     )
     minima, order = Minima(X_PO, cost, hessian), np.argsort(cost)
-    found = best_of_each(minima, known, symmetries, 2.0)
+    found, covariance, log_determinant = best_of_each(minima, known, symmetries, 2.0)
     expected = order[one_of_each(X_PO[order], (hessian + known)[order], symmetries, 2.0)]
     assert 5 < len(found) < 60
     np.testing.assert_array_equal(found, expected)
-    np.testing.assert_array_equal(best_of_each(minima, known, symmetries, 2.0, most=4), found[:4])
-    np.testing.assert_array_equal(best_of_each(minima, known, symmetries, 2.0, most=100), found)
-    near = best_of_each(minima, known, symmetries, 2.0, worth=2.05)
+    np.testing.assert_allclose(covariance @ (hessian[found] + known), np.tile(np.eye(6), (len(found), 1, 1)), atol=1e-9)
+    np.testing.assert_allclose(log_determinant, np.linalg.slogdet(hessian[found] + known)[1])
+    np.testing.assert_array_equal(best_of_each(minima, known, symmetries, 2.0, most=4).index, found[:4])
+    np.testing.assert_array_equal(best_of_each(minima, known, symmetries, 2.0, most=100).index, found)
+    near = best_of_each(minima, known, symmetries, 2.0, worth=2.05).index
     assert 0 < len(near) < len(found)
     np.testing.assert_array_equal(near, found[cost[found] <= 2.05])
