@@ -55,4 +55,4 @@ class GaussianPrior(PlainValue):
     @property
     def sigmas(self) -> FloatArray:
         """Standard deviations of the six increments (w, v), shape (6,), rad and m."""
-        return np.repeat([self.sigma_rotation, self.sigma_translation], 3)
+        return np.array([self.sigma_rotation] * 3 + [self.sigma_translation] * 3)

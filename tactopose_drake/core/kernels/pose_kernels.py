@@ -89,9 +89,9 @@ def retract_one(X, increment, out):
 
 @kernel
 def retract(X: Floats3, increment: Floats2, out: OutFloats3) -> None:
-    """The compiled `poses.retract`: R exp(w), p + v for poses (B, 3, 4) and increments (B, 6)."""
-    for b in range(X.shape[0]):
-        retract_one(X[b], increment[b], out[b])
+    """The compiled `poses.retract`: R exp(w), p + v for poses (B, 3, 4), or one (1, 3, 4), and increments (B, 6)."""
+    for b in range(increment.shape[0]):
+        retract_one(X[min(b, X.shape[0] - 1)], increment[b], out[b])
 
 
 @inlined

@@ -34,7 +34,7 @@ class CandidatePoses:
 
     def _poses(self, y: FloatArray) -> FloatArray:
         X_PO = np.empty((len(y), 3, 4))
-        pose_kernels.retract(np.repeat(self._center[None], len(y), axis=0), y * self._units, X_PO)
+        pose_kernels.retract(self._center[None], y * self._units, X_PO)
         return X_PO
 
     def try_pose(self, y: FloatArray) -> float:

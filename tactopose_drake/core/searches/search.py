@@ -101,7 +101,7 @@ class PriorSpace:
         """Random poses, shape (count, 3, 4)."""
         X_PO = np.empty((count, 3, 4))
         increments = generator.normal(size=(count, 6)) * self._sigmas
-        pose_kernels.retract(np.repeat(self.center[None], count, axis=0), increments, X_PO)
+        pose_kernels.retract(self.center[None], increments, X_PO)
         return X_PO
 
 
