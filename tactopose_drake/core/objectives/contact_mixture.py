@@ -27,6 +27,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import contact_alternatives_kernels
 from tactopose_drake.core.kernels.contact_judgement_kernels import Exact, Judged, judge
 from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts
+from tactopose_drake.core.kernels.contact_odds_kernels import Measured, find_odds
 from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
 from tactopose_drake.core.objectives.compiled_descent import CompiledDescent
 from tactopose_drake.core.objectives.objective import Descent, NormalEquations, SmoothObjective
@@ -36,9 +37,6 @@ from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
-
-# Keeps the density of other objects' contacts above 0, so that its logarithm is finite.
-_LEAST_DENSITY = 1e-250
 
 
 class Judgement(NamedTuple):
@@ -67,7 +65,7 @@ class ContactMixture(SmoothObjective):
     ) -> None:
         self.touch = SurfaceContact(model.grid, contacts)
         self.density = SurfaceDensity(model, contacts)
-        self._doubts = _doubts(model, contacts, outlier_probability, doubt)
+        self._doubts, self._exact_inliers = _doubts(model, contacts, outlier_probability, doubt)
         self._reached = doubt.reached
         self._hand: Penetration | None = None
         self._compiled = CompiledDescent(self.touch.grid, self.touch.touch, doubts=self._doubts)
@@ -113,8 +111,7 @@ class ContactMixture(SmoothObjective):
     def judge(self, X_PO: FloatArray) -> Judgement:
         """The posterior over the contacts at poses (B, 3, 4) by the exact surface, see `SurfaceDensity`."""
         judged = self._judge(X_PO, self.density.densities(X_PO), self._reached, whole=True)
-        of_exact_ones = _exact_inliers(self._doubts)
-        return Judgement(*judged, judged.inlier_probability < 0.5 * of_exact_ones)
+        return Judgement(*judged, judged.inlier_probability < 0.5 * self._exact_inliers)
 
     def exact_cost(self, X_PO: FloatArray) -> FloatArray:
         """The costs (B,) of `judge` alone, which are faster to compute."""
@@ -143,43 +140,35 @@ def _scales(doublings: tuple[tuple[int, int, float], ...]) -> tuple[Any, ...]:
     )
 
 
-def _exact_inliers(doubts: Doubts) -> FloatArray:
-    """The inlier probability (k,) of each contact if all lie exactly on the surface."""
-    own, one = 1.0 + doubts.normal[0] + doubts.displaced[0] + doubts.other[0], doubts.normal[1] + doubts.displaced[1]
-    odds = (one + doubts.other[1]) / own
-    return np.asarray((1.0 + odds.sum() - odds) / (own * (1.0 + odds.sum())))
-
-
-def _doubts(model: ObjectModel, contacts: Contacts, outlier_probability: float, doubt: ContactDoubt) -> Doubts:
-    """The mixture in the form that kernels read."""
-    sigma_p, sigma_n = np.asarray(contacts.sigma_position), np.asarray(contacts.sigma_normal)
-    has_normals = contacts.n_PC is not None
-    # The density of a contact as told is uniform by area and Gaussian across the surface; that of one with something
-    # else is uniform by volume. The density of a normal as told is Gaussian on the sphere; of any normal, uniform.
+def _doubts(
+    model: ObjectModel, contacts: Contacts, outlier_probability: float, doubt: ContactDoubt
+) -> tuple[Doubts, FloatArray]:
+    """The mixture in the form that kernels read, and the inlier probability (k,) if all lie exactly on the surface."""
+    count, has_normals = len(contacts), contacts.n_PC is not None
     volume = math.prod((model.grid.upper - model.grid.origin + 2.0 * doubt.surroundings).tolist())
-    per_sigma = model.area * math.sqrt(2.0 * math.pi) / volume
-    most_p, most_n = doubt.most_noise
-    any_point = np.minimum(per_sigma * sigma_p, 1.0)
-    lost_point = np.minimum(any_point, per_sigma * most_p)
-    any_normal = np.minimum(0.5 * sigma_n**2, 1.0) if has_normals else np.ones(len(sigma_n))
-    lost_normal = np.minimum(any_normal, 0.5 * most_n**2) if has_normals else any_normal
-    displaced = np.minimum(sigma_p / doubt.displacement, 1.0)
-    as_told, flipped, turned, moved, other, lost = _shares(doubt, outlier_probability, len(sigma_p), has_normals)
-    rows = np.empty((4, 2, len(sigma_n)))  # By kind; for independent doubt and for the single one; over inliers.
-    rows[0], rows[1], rows[2] = flipped, turned * any_normal, moved * displaced
-    rows[3] = lost * lost_point * lost_normal + other * any_point * any_normal
-    rows /= as_told
-    rows[3, 0] = np.maximum(rows[3, 0], _LEAST_DENSITY)
-    rows.flags.writeable = False
-    return Doubts._make((*_scales(doubt.doublings), *rows, read_only(displaced**2), has_normals))
+    measured = Measured(
+        sigma_p=read_only(np.asarray(contacts.sigma_position)),
+        sigma_n=read_only(np.asarray(contacts.sigma_normal)),
+        shares=_shares(doubt, outlier_probability, count, has_normals),
+        per_sigma=model.area * math.sqrt(2.0 * math.pi) / volume,
+        most_p=float(doubt.most_noise[0]),
+        most_n=float(doubt.most_noise[1]),
+        displacement=float(doubt.displacement),
+        has_normals=has_normals,
+    )
+    # By kind; for independent doubt and for the single one; over inliers.
+    odds, closeness, exact = np.empty((4, 2, count)), np.empty(count), np.empty(count)
+    find_odds(measured, odds, closeness, exact)
+    odds.flags.writeable = False
+    return Doubts._make((*_scales(doubt.doublings), *odds, read_only(closeness), has_normals)), exact
 
 
 @functools.lru_cache
 def _shares(doubt: ContactDoubt, outlier_probability: float, count: int, has_normals: bool) -> FloatArray:
-    """`KindShares` of `count` contacts, shape (6, 2, 1): for independently false contacts, and for the single one."""
+    """`KindShares` of `count` contacts, shape (6, 2): for independently false contacts, and for the single one."""
     nothing = KindShares(as_told=1.0, flipped=0.0, turned=0.0, displaced=0.0, other=0.0, lost=0.0)
     of_each, of_one = doubt.kinds.shares(outlier_probability), nothing
     if doubt.of_one is not None:  # Contacts with something else are covered by independent doubt.
         of_one = doubt.of_one.among(count).shares(outlier_probability)._replace(other=0.0)
     rows = [each if has_normals else each.without_normals() for each in (of_each, of_one)]
-    return np.array(rows).T[:, :, None]
+    return np.asarray(read_only(np.array(rows).T))
