@@ -28,13 +28,13 @@ class Distinct(NamedTuple):
     """Minima that are distinct, by rising cost, and what is known of each in all.
 
     Attributes:
-        index: of each among all minima, shape (m,).
+        chosen: the index of each among all minima, shape (m,).
         covariance: inverses of the sums of their Hessians and what else is known, shape (m, 6, 6).
         log_determinant: logarithms of these sums' determinants, shape (m,); infinite where one is not positive
             definite, and the covariance is NaN.
     """
 
-    index: NDArray[np.int64]
+    chosen: NDArray[np.int64]
     covariance: FloatArray
     log_determinant: FloatArray
 
@@ -56,7 +56,7 @@ def best_of_each(
     room = len(minima.X_PO) if most is None else min(most, len(minima.X_PO))
     found = Distinct(np.empty(room, dtype=np.int64), np.empty((room, 6, 6)), np.empty(room))
     count = _find_distinct(*minima, known, symmetry_poses, sigmas**2, worth, *found)
-    return Distinct(found.index[:count], found.covariance[:count], found.log_determinant[:count])
+    return Distinct(found.chosen[:count], found.covariance[:count], found.log_determinant[:count])
 
 
 def one_of_each(
@@ -64,7 +64,7 @@ def one_of_each(
 ) -> NDArray[np.int64]:
     """The indices of distinct poses (n, 3, 4) that are sorted, the best first, by all information on them (n, 6, 6)."""
     as_sorted = np.zeros(len(X_PO))
-    return best_of_each(Minima(X_PO, as_sorted, information), _NOTHING_ELSE, symmetry_poses, sigmas).index
+    return best_of_each(Minima(X_PO, as_sorted, information), _NOTHING_ELSE, symmetry_poses, sigmas).chosen
 
 
 @kernel

@@ -32,4 +32,4 @@ def search_with_doubt(
     hessian = problem.objective.normal_equations(found.X_PO).hessian
     minima = Minima(found.X_PO, found.cost, hessian)
     apart = best_of_each(minima, space.information, _NO_SYMMETRY, _SAME_MINIMUM, _KEPT)
-    return _REFINEMENT.refine(objective, found.X_PO[apart.index], should_stop)
+    return _REFINEMENT.refine(objective, found.X_PO[apart.chosen], should_stop)

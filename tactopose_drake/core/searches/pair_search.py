@@ -10,6 +10,7 @@ poses that touch the object are used; and where there is a prior, random poses d
 """
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -284,18 +285,16 @@ class PairSearch(Search):
         X_PO, cost, hessian = found.X_PO, found.cost, found.hessian
         if hessian is None:
             worth = cost <= cost.min() + stage.worth
-            X_PO, cost = X_PO[worth], cost[worth]
-            hessian = believed.normal_equations(X_PO).hessian
-        minima = Minima(X_PO, cost, hessian)
-        best = best_of_each(minima, space.information, _NO_SYMMETRY, stage.apart, stage.kept, stage.worth)
-        return X_PO.take(best.index, axis=0)
+            X_PO, cost, hessian = X_PO[worth], cost[worth], believed.normal_equations(X_PO[worth]).hessian
+        minima, limits = Minima(X_PO, cost, hessian), (stage.apart, stage.kept, stage.worth)
+        return X_PO.take(best_of_each(minima, space.information, _NO_SYMMETRY, *limits).chosen, axis=0)
 
 
 def _tell_as_little_as_few(contacts: Contacts, size: float) -> bool:
     """Whether there are few contacts, few that are precise, or all of them lie in a small region of the object."""
-    sigma = np.asarray(contacts.sigma_position)
-    precise = np.count_nonzero(sigma <= _MUCH_ROUGHER * sigma.min(initial=np.inf))
-    if precise * (1 if contacts.n_PC is None else 3) <= _FEW_NUMBERS:
+    sigmas = np.asarray(contacts.sigma_position).tolist()
+    rough, numbers = _MUCH_ROUGHER * min(sigmas, default=math.inf), 1 if contacts.n_PC is None else 3
+    if numbers * sum(sigma <= rough for sigma in sigmas) <= _FEW_NUMBERS:
         return True
-    from_middle = np.linalg.norm(contacts.p_PC - contacts.p_PC.mean(axis=0), axis=1)
-    return bool(from_middle.max() < _CLOSE_TOGETHER * size)
+    middle = contacts.p_PC.mean(axis=0)
+    return max(math.dist(point, middle) for point in contacts.p_PC.tolist()) < _CLOSE_TOGETHER * size

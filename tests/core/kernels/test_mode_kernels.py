@@ -45,8 +45,8 @@ def test_of_minima_in_any_order_the_cheapest_count_until_they_are_enough_or_cost
     np.testing.assert_array_equal(found, expected)
     np.testing.assert_allclose(covariance @ (hessian[found] + known), np.tile(np.eye(6), (len(found), 1, 1)), atol=1e-9)
     np.testing.assert_allclose(log_determinant, np.linalg.slogdet(hessian[found] + known)[1])
-    np.testing.assert_array_equal(best_of_each(minima, known, symmetries, 2.0, most=4).index, found[:4])
-    np.testing.assert_array_equal(best_of_each(minima, known, symmetries, 2.0, most=100).index, found)
-    near = best_of_each(minima, known, symmetries, 2.0, worth=2.05).index
+    np.testing.assert_array_equal(best_of_each(minima, known, symmetries, 2.0, most=4).chosen, found[:4])
+    np.testing.assert_array_equal(best_of_each(minima, known, symmetries, 2.0, most=100).chosen, found)
+    near = best_of_each(minima, known, symmetries, 2.0, worth=2.05).chosen
     assert 0 < len(near) < len(found)
     np.testing.assert_array_equal(near, found[cost[found] <= 2.05])
