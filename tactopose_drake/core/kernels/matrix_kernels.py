@@ -79,10 +79,11 @@ def _rotate(A, V, p, q):
 
 @kernel
 def _invert_all(matrices: Floats3, inverse: OutFloats3, logarithm: OutFloats1) -> None:
-    L = np.empty(matrices.shape[1:])
+    n = matrices.shape[1]
+    L = np.empty((n, n))
     for b in range(matrices.shape[0]):
-        logarithm[b] = cholesky(matrices[b], L)
-        invert(L, inverse[b])
+        logarithm[b] = cholesky(n, matrices[b], L)
+        invert(n, L, inverse[b])
 
 
 @part
@@ -153,13 +154,14 @@ def orthonormalize(rows: OutFloats2, count: int) -> None:
 
 
 @inlined
-def cholesky(A, L):
+def cholesky(n, A, L):
     """Writes the lower triangle L of A = L L^T (n, n), which may be A itself; returns the logarithm of A's determinant.
 
+    With a number n that is known to the compiler the loops are unrolled, which is nearly twice as fast, here and below.
     Reads only A's lower triangle. Where A is not positive definite the logarithm is infinite, and L's diagonal NaN.
     """
     total = 0.0
-    for i in range(L.shape[0]):
+    for i in range(n):
         for k in range(i + 1):
             s = A[i, k]
             for c in range(k):
@@ -176,9 +178,8 @@ def cholesky(A, L):
 
 
 @inlined
-def solve_transposed(L, z, u):
-    """u = L^-T z, in place if u is z: with H = L L^T and white z, u has the covariance H^-1."""
-    n = L.shape[0]
+def solve_transposed(n, L, z, u):
+    """u = L^-T z (n,), in place if u is z: with H = L L^T and white z, u has the covariance H^-1."""
     for i in range(n - 1, -1, -1):
         s = z[i]
         for k in range(i + 1, n):
@@ -187,24 +188,23 @@ def solve_transposed(L, z, u):
 
 
 @inlined
-def solve(L, x):
+def solve(n, L, x):
     """Replaces x (n,) by (L L^T)^-1 x."""
-    for i in range(L.shape[0]):
+    for i in range(n):
         s = x[i]
         for k in range(i):
             s -= L[i, k] * x[k]
         x[i] = s / L[i, i]
-    solve_transposed(L, x, x)
+    solve_transposed(n, L, x, x)
 
 
 @inlined
-def invert(L, inverse):
+def invert(n, L, inverse):
     """(L L^T)^-1 (n, n), column by column; L may be reused afterwards."""
-    n = L.shape[0]
     for j in range(n):
         for i in range(n):
             inverse[j, i] = 1.0 if i == j else 0.0
-        solve(L, inverse[j])
+        solve(n, L, inverse[j])
     for j in range(n):
         for i in range(j):
             inverse[i, j], inverse[j, i] = inverse[j, i], inverse[i, j]

@@ -60,8 +60,8 @@ def settle(
                 L[a, c] = pad.H[a, c]
             L[a, a] *= 1.0 + damping
             step[a] = -g[a]
-        cholesky(L, L)
-        solve(L, step)
+        cholesky(6, L, L)
+        solve(6, L, step)
         promise = promised_decrease(g, step)
         for a in range(6):
             trial[a] = u[a] + step[a]
@@ -130,4 +130,4 @@ def couple(run: Run, cells: Cells, pad: Pad, C: OutFloats2) -> None:
                     C[a, c] += by_pad[i, a] * by_pose[i, c]
                 for c in range(a + 1):
                     L[a, c] += by_pad[i, a] * by_pad[i, c]
-    cholesky(L, L)
+    cholesky(6, L, L)

@@ -128,8 +128,8 @@ def _find_distinct(
             for i in range(6):
                 for j in range(6):
                     own[i, j] = hessian[b, i, j] + known[i, j]
-            log_determinant[count] = cholesky(own, L)
-            invert(L, inverse)
+            log_determinant[count] = cholesky(6, own, L)
+            invert(6, L, inverse)
             farthest[count] = threshold * (inverse[3, 3] + inverse[4, 4] + inverse[5, 5])
             widest = np.sqrt(threshold * (inverse[0, 0] + inverse[1, 1] + inverse[2, 2]))
             least_trace[count] = 1.0 + 2.0 * np.cos(min(widest, np.pi))

@@ -46,7 +46,7 @@ def patch_residuals(
         copy_matrix(pads[5][k], roots[k])
         for a in range(6):
             roots[k, a, a] += 1.0
-        cholesky(roots[k], roots[k])
+        cholesky(6, roots[k], roots[k])
     for b in range(X.shape[0]):
         residuals[b] = 0.0
         jacobian[b] = 0.0
@@ -58,7 +58,7 @@ def patch_residuals(
             for c in range(6):
                 for a in range(6):
                     follow[c, a] = -C[a, c]
-                solve(pad.L, follow[c])
+                solve(6, pad.L, follow[c])
             for i in range(run[0], run[1]):
                 residuals[b, i] = cells.residual[i]
                 for c in range(6):
@@ -116,7 +116,7 @@ def patch_normal_equations(
                 for a in range(6):
                     g[a] += cells.by_pose[i, a] * cells.residual[i]
                     rest[a] += cells.by_pad[i, a] * cells.residual[i]
-            solve(pad.L, rest)
+            solve(6, pad.L, rest)
             for c in range(6):
                 for a in range(6):
                     g[c] -= C[a, c] * rest[a]
@@ -132,7 +132,7 @@ def patch_normal_equations(
             for c in range(6):
                 for a in range(6):
                     rest[a] = C[a, c]
-                solve(pad.L, rest)
+                solve(6, pad.L, rest)
                 for a in range(c, 6):
                     for e in range(6):
                         H[a, c] -= C[e, a] * rest[e]

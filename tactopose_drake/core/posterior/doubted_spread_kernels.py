@@ -69,7 +69,7 @@ def lay_lines(X: Floats3, information: Floats3, left: Floats4, lines: Lines) -> 
     """
     n, L, d, lost, u = 0, np.empty((6, 6)), np.empty(6), np.empty((6, 6)), np.empty(6)
     for b in range(X.shape[0]):
-        if not np.isfinite(cholesky(information[b], L)):
+        if not np.isfinite(cholesky(6, information[b], L)):
             continue
         for z in range(left.shape[1]):
             column, most = -1, 0.0
@@ -85,7 +85,7 @@ def lay_lines(X: Floats3, information: Floats3, left: Floats4, lines: Lines) -> 
             kept = 0.0
             for _ in range(_STEPS):
                 copy_vector(u, d)
-                solve(L, d)
+                solve(6, L, d)
                 square = 0.0
                 for i in range(6):
                     square += u[i] * d[i]

@@ -38,7 +38,7 @@ def find_free(information: Floats3, units: Floats1, limit: float, rows: OutFloat
         for i in range(6):
             A[i, i] -= limit
         # Most matrices have no other: a Cholesky factorisation proves that sooner than the eigenvalues do.
-        if cholesky(A, L) < np.inf:
+        if cholesky(6, A, L) < np.inf:
             continue
         diagonalize(A, values, vectors)
         for c in range(6):

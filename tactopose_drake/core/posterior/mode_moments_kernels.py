@@ -88,8 +88,8 @@ def try_means(minima: Minima, samples: Weighted, way: Floats1, chance: float, jo
     for j in range(mass.shape[0]):
         if owner[j] < 0 or not mass[j] > 0.0:
             continue
-        cholesky(minima.laplace[j], L)
-        invert(L, information)
+        cholesky(6, minima.laplace[j], L)
+        invert(6, L, information)
         square, mean = 0.0, first[j]
         for i in range(6):
             for k in range(6):

@@ -75,12 +75,12 @@ def prepare(
     first, information, reach, scale = preparation
     L, column, image = np.empty((6, 6)), np.empty(6), np.empty(6)
     for j in range(group.shape[0]):
-        logarithm = cholesky(information[j], L)
+        logarithm = cholesky(6, information[j], L)
         spread, square = 0.0, 0.0
         for i in range(3, 6):
             for k in range(6):
                 column[k] = 1.0 if k == i else 0.0
-            solve(L, column)  # A column of the covariance.
+            solve(6, L, column)  # A column of the covariance.
             spread += column[i]
             square += center[j, i] ** 2
         g = group[j]
@@ -96,7 +96,7 @@ def leave_out(turns: Floats3, across: OutFloats3, logarithm: OutFloats1) -> None
     """Projects turns (n, 6, c) out of information `across` (n, 6, 6); fills the log determinants (n,) that remain."""
     L, image = np.empty((6, 6)), np.empty(6)
     for j in range(across.shape[0]):
-        logarithm[j] = cholesky(across[j], L)
+        logarithm[j] = cholesky(6, across[j], L)
         logarithm[j] -= _leave_out(turns[j], across[j], image)
 
 
@@ -198,10 +198,10 @@ def draw(
             place = 0
         R = X_group[group[j]]
         _turn_translations(R, information[j], own)
-        cholesky(own, L)
+        cholesky(6, own, L)
         for c in range(count[j]):
             is_opposite = opposed and c % 2 == 1
-            solve_transposed(L, white[place - is_opposite], u)
+            solve_transposed(6, L, white[place - is_opposite], u)
             x, y, z = u[3], u[4], u[5]
             for i in range(3):
                 u[3 + i] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z

@@ -80,7 +80,7 @@ def bound_covariances(before: Floats3, most: Floats3, after: OutFloats3) -> None
     values, rows, work = np.empty(6), np.empty((6, 6)), np.empty((6, 6))
     unit, root, A = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     for b in range(before.shape[0]):
-        if not np.isfinite(cholesky(before[b], L)):
+        if not np.isfinite(cholesky(6, before[b], L)):
             raise np.linalg.LinAlgError("Matrix is not positive definite")
         for i in range(6):
             for j in range(6):
@@ -91,7 +91,7 @@ def bound_covariances(before: Floats3, most: Floats3, after: OutFloats3) -> None
         diagonalize(A, values, rows)
         multiply(rows, Lt, root)
         for i in range(6):
-            solve_transposed(L, rows[i], unit[i])
+            solve_transposed(6, L, rows[i], unit[i])
             scale = np.sqrt(max(values[i], 1.0))
             for j in range(6):
                 root[i, j] /= scale

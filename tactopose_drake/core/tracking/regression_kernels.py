@@ -280,8 +280,8 @@ def _add_bias_columns(contacts: ContactArrays, i: int, scratch: _Scratch) -> Non
 def _add_contact(source: int, scratch: _Scratch) -> None:
     """Adds a regressed contact: J^T R^-1 mean to the gradient, J^T R^-1 J to the Hessian."""
     J, mean, W, WJ = scratch.J, scratch.mean, scratch.W, scratch.WJ
-    cholesky(scratch.R, scratch.L)
-    invert(scratch.L, W)
+    cholesky(4, scratch.R, scratch.L)
+    invert(4, scratch.L, W)
     for k in range(4):
         for c in range(12):
             WJ[k, c] = 0.0
