@@ -1,4 +1,4 @@
-"""Paths between modes, and the merging of modes with their masses and moments, compiled."""
+"""Paths between modes, and which of them are joined over the saddles of these, compiled."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,6 @@ from tactopose_drake.core.kernel_types import (
     Floats2,
     Floats3,
     Floats4,
-    Longs1,
     Longs2,
     OutFlags1,
     OutFloats1,
@@ -22,22 +21,6 @@ from tactopose_drake.core.kernel_types import (
 from tactopose_drake.core.kernels.least_squares_kernels import damped_step
 from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_between, retract_one
 from tactopose_drake.core.kernels.sorting_kernels import copy_matrix, copy_vector, sort_stably
-
-
-class Joined(NamedTuple):
-    """The masses of g modes and the moments of their samples, merged in place.
-
-    Attributes:
-        mass: shape (g,).
-        effective_samples: effective sample sizes, shape (g,).
-        first: means of the increments from the modes, shape (g, 6).
-        second: mean products of these increments, shape (g, 6, 6).
-    """
-
-    mass: OutFloats1
-    effective_samples: OutFloats1
-    first: OutFloats2
-    second: OutFloats3
 
 
 class Image(NamedTuple):
@@ -63,15 +46,6 @@ class Lengths(NamedTuple):
     soft: float
 
 
-class Work(NamedTuple):
-    """Scratch arrays of shapes (6,), (6,), (6, 6) and (6, 6)."""
-
-    mean: OutFloats1
-    d: OutFloats1
-    half: OutFloats2
-    products: OutFloats2
-
-
 @kernel
 def lay_paths(X: Floats3, pairs: Longs2, symmetries: Floats3, arm: float, shares: Floats1, path: OutFloats4) -> None:
     """Fills poses (n, t, 3, 4) at fractions (t,) of the paths between pairs (n, 2) of modes X (g, 3, 4).
@@ -82,7 +56,7 @@ def lay_paths(X: Floats3, pairs: Longs2, symmetries: Floats3, arm: float, shares
     Y, image, u = np.empty((3, 4)), Image(np.empty(6), np.empty((6, 6))), np.empty(6)
     for n in range(pairs.shape[0]):
         i = pairs[n, 1]
-        _find_nearest_image(X[i], X[pairs[n, 0]], symmetries, arm, image, Y)
+        find_nearest_image(X[i], X[pairs[n, 0]], symmetries, arm, image, Y)
         for t in range(shares.shape[0]):
             for a in range(6):
                 u[a] = shares[t] * image.u[a]
@@ -227,26 +201,7 @@ def _second_lowest(values: Floats1) -> float:
 
 
 @part
-def join(
-    X: Floats3, order: Longs1, symmetries: Floats3, family: Longs1, arm: float, joined: Joined, owner: OutLongs1
-) -> None:
-    """Merges each mode into the first of its family in `order`, its owner, and sets its own mass to 0."""
-    image, Y = Image(np.empty(6), np.empty((6, 6))), np.empty((3, 4))
-    work = Work(np.empty(6), np.empty(6), np.empty((6, 6)), np.empty((6, 6)))
-    for place in range(order.shape[0]):
-        j = order[place]
-        owner[j] = j
-        for i in order[:place]:
-            if family[i] == family[j] and owner[i] == i:
-                s = _find_nearest_image(X[i], X[j], symmetries, arm, image, Y)
-                _derivative(X[j], symmetries[s], image.turn)
-                _add(joined, i, j, image, work)
-                owner[j] = i
-                break
-
-
-@part
-def _find_nearest_image(
+def find_nearest_image(
     X: Floats2, X_other: Floats2, symmetries: Floats3, arm: float, image: Image, Y: OutFloats2
 ) -> int:
     """Finds the image of X_other nearest to X and fills the increment to it; Y (3, 4) is scratch."""
@@ -259,59 +214,3 @@ def _find_nearest_image(
             nearest, least = s, way
             copy_vector(u, image.u)
     return nearest
-
-
-@part
-def _add(joined: Joined, i: int, j: int, image: Image, work: Work) -> None:
-    """Merges the image of mode j into mode i.
-
-    With p the share of j's mass and d the offset of its mean, the mean becomes m + p d, and the second moment
-    (1 - p) P + p (J P' J^T + J m' u^T + u (J m')^T + u u^T).
-    """
-    mass, effective_samples, first, second = joined
-    p = mass[j] / (mass[i] + mass[j])
-    u, mean, d, products = image.u, work.mean, work.d, work.products
-    _transport(image.turn, first[j], second[j], mean, work.half, products)
-    for a in range(6):
-        d[a] = u[a] + mean[a] - first[i, a]
-    for a in range(6):
-        first[i, a] += p * d[a]
-        for c in range(6):
-            product = products[a, c] + mean[a] * u[c] + u[a] * mean[c] + u[a] * u[c]
-            second[i, a, c] = (1.0 - p) * second[i, a, c] + p * product
-    effective_samples[i] = 1.0 / ((1.0 - p) ** 2 / effective_samples[i] + p**2 / effective_samples[j])
-    mass[i] += mass[j]
-    mass[j] = 0.0
-
-
-@part
-def _transport(J: Floats2, m: Floats1, C: Floats2, mean: OutFloats1, half: OutFloats2, out: OutFloats2) -> None:
-    """J m and J C J^T for a mean m (6,) and a matrix C (6, 6); half (6, 6) is scratch."""
-    for a in range(6):
-        mean[a] = 0.0
-        for c in range(6):
-            mean[a] += J[a, c] * m[c]
-            half[a, c] = 0.0
-            for k in range(6):
-                half[a, c] += J[a, k] * C[k, c]
-    for a in range(6):
-        for c in range(6):
-            out[a, c] = 0.0
-            for k in range(6):
-                out[a, c] += half[a, k] * J[c, k]
-
-
-@part
-def _derivative(X: Floats2, S: Floats2, J: OutFloats2) -> None:
-    """Jacobian of increments at X S with respect to those (w, v) at X = (R, p): (R_S^T w, v + R (w x p_S))."""
-    for i in range(6):
-        for k in range(6):
-            J[i, k] = 0.0
-    for i in range(3):
-        x, y, z = X[i, 0], X[i, 1], X[i, 2]
-        J[3 + i, 0] = z * S[1, 3] - y * S[2, 3]
-        J[3 + i, 1] = x * S[2, 3] - z * S[0, 3]
-        J[3 + i, 2] = y * S[0, 3] - x * S[1, 3]
-        J[3 + i, 3 + i] = 1.0
-        for k in range(3):
-            J[i, k] = S[k, i]

@@ -15,8 +15,8 @@ from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
 from tactopose_drake.core.posterior.joined_modes import Families
-from tactopose_drake.core.posterior.joining_kernels import Joined
 from tactopose_drake.core.posterior.mode_moments_kernels import (
+    Joined,
     Minima,
     Tried,
     Weighted,

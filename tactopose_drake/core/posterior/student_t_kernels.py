@@ -68,10 +68,7 @@ def prepare(
     farthest: float,
     preparation: Preparation,
 ) -> None:
-    """Fills the remaining arrays of `Components`.
-
-    `farthest` is the squared Mahalanobis distance beyond which a pose does not belong to a component.
-    """
+    """Fills the rest of `Components`; beyond the squared Mahalanobis distance `farthest`, a pose belongs to none."""
     first, information, reach, scale = preparation
     L, column, image = np.empty((6, 6)), np.empty(6), np.empty(6)
     for j in range(group.shape[0]):

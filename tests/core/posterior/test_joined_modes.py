@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from tactopose_drake.core.objectives.objective import NormalEquations
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, retract
 from tactopose_drake.core.posterior.joined_modes import Families, Landscape, find_families
-from tactopose_drake.core.posterior.joining_kernels import Joined, Lengths, join
+from tactopose_drake.core.posterior.joining_kernels import Lengths
+from tactopose_drake.core.posterior.mode_moments_kernels import Joined, join
 from tactopose_drake.core.posterior.posterior_params import MomentParams
 from tactopose_drake.core.posterior.student_t_mixture import find_increments
 from tactopose_drake.core.validation import FloatArray
