@@ -124,11 +124,12 @@ def density_by_contact(
 
     It is that of the nearest mode, and zero for the others; there is none without such draws.
     """
-    if posterior.single_contact is None:
+    contact, scale = posterior.single_contact, cover.by_contact.scale
+    if contact is None or scale == 0.0:
         return ()
     density = np.zeros(increments.volume.shape)
     nearest = np.square(increments.u / posterior.units).sum(axis=2).argmin(axis=1)
-    density[np.arange(len(X_PO)), nearest] = cover.by_contact.scale * posterior.single_contact.density(X_PO)
+    density[np.arange(len(X_PO)), nearest] = scale * contact.density(X_PO)
     return (density,)
 
 

@@ -129,7 +129,7 @@ def make_posterior(
 
 
 def _single_contact(model: ObjectModel, evidence: Evidence) -> SingleContact | None:
-    """The only contact or pad, if it has a normal and nothing tells the object's turns about an axis apart."""
+    """The only contact or pad, if it has a normal; None for a continuous axis, whose turns only a prior tells apart."""
     touch, prior = evidence.touch, evidence.prior
     if len(touch) != 1 or touch.n_PC is None or (prior is None and model.continuous_symmetries):
         return None
