@@ -17,6 +17,9 @@ from tactopose_drake.core.validation import FloatArray
 class PosePrior(GaussianPrior):
     """A Gaussian belief of the object's pose.
 
+    If the object's middle lies farther from O than the object is large, both standard deviations are those of a frame
+    at its middle: an error of the rotation about a far origin would move the object by as much.
+
     Attributes:
         X_PO: the object's pose in the palm frame; each access returns a new copy.
         mean: the same as an array, shape (3, 4), for `core`.

@@ -143,3 +143,11 @@ def test_what_only_the_prior_says_is_as_sure_as_the_prior(blob: tp.ObjectModel) 
     variances = np.linalg.eigvalsh(best.covariance / np.outer(prior.sigmas, prior.sigmas))
     assert variances.min() > 0.65
     assert variances.max() < 1.5
+
+
+def test_what_a_single_contact_says_of_an_object_does_not_depend_on_where_it_is(can: tp.ObjectModel) -> None:
+    """Any place of any object may be touched: all of these poses must be found, and none that is out of touch."""
+    for model in (can, *(tp.ObjectModel.from_mesh(model_path("objects", name)) for name in ("bust.obj", "mug.obj"))):
+        touches = [touch_surface(model, random_pose(seed), 1, np.random.default_rng(seed)) for seed in range(16)]
+        evidence = [tp.estimate_pose(model, contacts).log_evidence for contacts in touches]
+        assert np.std(evidence) < 0.2

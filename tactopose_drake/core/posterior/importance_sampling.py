@@ -28,7 +28,7 @@ from tactopose_drake.core.posterior.importance_sampling_kernels import Draws, We
 from tactopose_drake.core.posterior.joined_modes import Families
 from tactopose_drake.core.posterior.mode_cover import (
     Cover,
-    cost_of_one_image,
+    cost_within_modes,
     cover_modes,
     density_by_contact,
     join_modes,
@@ -39,10 +39,8 @@ from tactopose_drake.core.posterior.mode_moments import with_moments
 from tactopose_drake.core.posterior.mode_moments_kernels import Weighted
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.student_t_mixture import Increments, StudentTMixture, find_increments
+from tactopose_drake.core.shape.free_spin import TURN_VOLUME
 from tactopose_drake.core.validation import FloatArray
-
-# Log volume of the rotations about the continuous symmetry axes, by their number: none, one, or the three of a ball.
-_LOG_TURNS = {0: 0.0, 1: np.log(2.0 * np.pi), 3: np.log(8.0 * np.pi**2)}
 
 
 class Samples(NamedTuple):
@@ -167,7 +165,7 @@ def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples
     if found is None:
         return modes  # One sample outweighs all others; Laplace's approximation is more reliable.
     whole = mass + weighed.mass - weights.sum()  # Includes the samples that belong to no mode.
-    log_mass = float(np.log(whole) - weighed.lowest + _LOG_TURNS[len(posterior.turns[0])])
+    log_mass = float(np.log(whole) - weighed.lowest + np.log(TURN_VOLUME[len(posterior.turns[0])]))
     return copied(found, log_mass=log_mass, standard_error=weighed.error)
 
 
@@ -177,7 +175,7 @@ def _first_round(cover: Cover, families: Families, posterior: Posterior, generat
     X_PO = np.concatenate([cover.by_contact.X_PO, proposal.sample(generator)])
     increments, density = find_increments(cover.X_PO, X_PO), np.zeros((len(X_PO), g))
     proposal.add_to(density, increments)
-    evaluated = X_PO, cost_of_one_image(X_PO, cover.X_PO, posterior), increments, density
+    evaluated = X_PO, cost_within_modes(X_PO, cover.X_PO, posterior), increments, density
     by_contact = density_by_contact(X_PO, increments, cover, posterior)
     nothing = Weighed(cover.lowest, 0.0, 0.0, 0.0)
     times, drawn = np.ones(g, dtype=np.intp), (proposal.count,)
@@ -262,7 +260,7 @@ def _append(samples: Samples, X_PO: FloatArray, cover: Cover, posterior: Posteri
         proposal.add_to(density, increments)
     return samples._replace(
         X_PO=np.concatenate([samples.X_PO, X_PO]),
-        cost=np.concatenate([samples.cost, cost_of_one_image(X_PO, cover.X_PO, posterior)]),
+        cost=np.concatenate([samples.cost, cost_within_modes(X_PO, cover.X_PO, posterior)]),
         increments=Increments(*map(np.concatenate, zip(samples.increments, increments, strict=True))),
         density=np.concatenate([samples.density, density]),
         by_contact=(*samples.by_contact, *density_by_contact(X_PO, increments, cover, posterior)),

@@ -141,24 +141,30 @@ def _draw_by_contact(
     if contact is None:
         return ContactDraws(np.empty((0, 3, 4)), 0.0)
     X_PO, scale = contact.sample(params.contact_draws, generator)
-    X_PO = X_PO[posterior.exact_cost(X_PO) < lowest + params.depth]
-    is_own = np.isfinite(cost_of_one_image(X_PO, X_mode, posterior))
-    return ContactDraws(X_PO[is_own & (contact.density(X_PO) > 0.0)], scale)
+    X_PO = contact.turned(X_PO, X_mode)
+    X_PO = X_PO[cost_within_modes(X_PO, X_mode, posterior) < lowest + params.depth]
+    return ContactDraws(X_PO[contact.density(X_PO) > 0.0], scale)
 
 
-def cost_of_one_image(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterior) -> FloatArray:
-    """The exact cost of samples (B, 3, 4); infinite where a symmetric image is nearer to a mode than the sample.
+def cost_within_modes(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterior) -> FloatArray:
+    """The exact cost of samples (B, 3, 4); infinite for those that belong to no mode.
 
-    Only one image of each pose counts; otherwise a mode wide enough to reach its own images would count repeatedly.
+    Only one image of each pose counts, the nearest to a mode; otherwise a mode wide enough to reach its own images
+    would count repeatedly. Poses out of touch do not count: without a prior their volume has no bound.
     """
-    if len(posterior.symmetry_poses) == 1:
+    counts = np.ones(len(X_PO), dtype=np.bool_)
+    if len(posterior.symmetry_poses) > 1:
+        nearest = np.empty(len(X_PO), dtype=np.intp)
+        importance_sampling_kernels.find_nearest_images(
+            X_PO, X_mode, posterior.symmetry_poses, 0.5 * posterior.size, nearest
+        )
+        counts = nearest == 0
+    if posterior.excludes_out_of_touch and posterior.false_ones is not None:
+        counts &= ~posterior.false_ones(X_PO).all(axis=1)
+    if counts.all():
         return posterior.exact_cost(X_PO)
-    nearest = np.empty(len(X_PO), dtype=np.intp)
-    importance_sampling_kernels.find_nearest_images(
-        X_PO, X_mode, posterior.symmetry_poses, 0.5 * posterior.size, nearest
-    )
-    cost, own = np.full(len(X_PO), np.inf), nearest == 0
-    cost[own] = posterior.exact_cost(X_PO[own])
+    cost = np.full(len(X_PO), np.inf)
+    cost[counts] = posterior.exact_cost(X_PO[counts])
     return cost
 
 

@@ -40,6 +40,8 @@ class Posterior:
         params: how it is sampled.
         false_ones: tells which contacts and pads poses (B, 3, 4) take for false, shape (B, k); None if there is none.
         single_contact: the contact or pad from which poses can be drawn; None if there is more of either.
+        excludes_out_of_touch: whether poses that take all contacts and pads for false belong to no mode. Without a prior
+            they may be anywhere; with few contacts they cost little more than the best.
     """
 
     likelihood: SmoothObjective
@@ -54,6 +56,7 @@ class Posterior:
     params: PosteriorParams = DEFAULT_PARAMS
     false_ones: Callable[[FloatArray], NDArray[np.bool_]] | None = None
     single_contact: SingleContact | None = None
+    excludes_out_of_touch: bool = False
 
     def turn_directions(self, X_PO: FloatArray) -> FloatArray:
         """The increments of turns about the axes at poses (B, 3, 4), shape (B, 6, c)."""
@@ -125,15 +128,16 @@ def make_posterior(
         params=_for_contacts(params, len(evidence.contacts)),
         false_ones=problem.false_ones,
         single_contact=_single_contact(model, evidence),
+        excludes_out_of_touch=evidence.prior is None and len(evidence.touch) < params.modes.fewest_contacts,
     )
 
 
 def _single_contact(model: ObjectModel, evidence: Evidence) -> SingleContact | None:
-    """The only contact or pad, if it has a normal; None for a continuous axis, whose turns only a prior tells apart."""
-    touch, prior = evidence.touch, evidence.prior
-    if len(touch) != 1 or touch.n_PC is None or (prior is None and model.continuous_symmetries):
+    """The only contact or pad, if it has a normal."""
+    touch = evidence.touch
+    if len(touch) != 1 or touch.n_PC is None or float(np.max(touch.sigma_normal)) >= _NO_NORMAL:
         return None
-    return SingleContact(model, touch, prior) if float(np.max(touch.sigma_normal)) < _NO_NORMAL else None
+    return SingleContact(model, touch, evidence.prior)
 
 
 @functools.lru_cache

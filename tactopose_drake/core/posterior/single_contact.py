@@ -5,6 +5,9 @@ minima if more is known, and tiles reach only as far as the search has led. But 
 itself: any place of the surface may be the one that is touched, in any spin. Weighted by what else is known, the draws
 cover each of its parts in proportion to its probability.
 
+Only a prior distinguishes rotations about a continuous axis. Without one the draws are turned toward the modes; their
+density is then over the other directions, that is, it is integrated over the turns.
+
 A prior leaves a small part of the family. For each place the prior's density over the spin is nearly a Gaussian;
 places and spins drawn from these are resampled by the ratio of the prior's density to theirs [R88].
 
@@ -23,6 +26,7 @@ from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_density import SurfaceDensity
 from tactopose_drake.core.poses import axes_across, exp_so3, make_poses
+from tactopose_drake.core.shape.free_spin import TURN_VOLUME, turn_toward_nearest
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
@@ -80,6 +84,7 @@ class SingleContact:
         self._p_PC, self._n_PC = contact.p_PC[0], contact.n_PC[0]
         self._sigma_position = _WIDER * float(np.max(contact.sigma_position))
         self._sigma_normal = _WIDER * float(np.max(contact.sigma_normal))
+        self._axes = model.continuous_symmetries if prior is None else ()
 
     @functools.cached_property
     def _surface(self) -> SurfaceDensity:
@@ -102,11 +107,12 @@ class SingleContact:
     def density(self, X_PO: FloatArray) -> FloatArray:
         """The density at poses (B, 3, 4) with respect to their volume, shape (B,), 1/(rad^3 m^3).
 
-        It is not normalised if there is a prior; see `ContactDraws.scale`.
+        It is integrated over turns that change nothing, and not normalised if there is a prior; see
+        `ContactDraws.scale`.
         """
         # The integrals of `SurfaceDensity` over the place, the distance from it, the normal's tilt, and the spin.
         scale = self._area * math.sqrt(_TURN) * self._sigma_position * (_TURN * self._sigma_normal**2 * _TURN)
-        density = np.asarray(self._surface.densities(X_PO)[:, 0] / scale)
+        density = np.asarray(self._surface.densities(X_PO)[:, 0] / (scale / TURN_VOLUME[len(self._axes)]))
         return density if self._prior is None else density * np.exp(-PriorObjective(self._prior).cost(X_PO))
 
     def sample(self, places: int, generator: np.random.Generator) -> ContactDraws:
@@ -120,6 +126,10 @@ class SingleContact:
         spin = _TURN * generator.random(places)
         R_PO = _frames(np.tile(self._n_PC, (places, 1)), spin) @ np.swapaxes(_frames(n_OC, np.zeros(places)), 1, 2)
         return ContactDraws(self._touching(R_PO, p_OC), float(places))
+
+    def turned(self, X_PO: FloatArray, X_mode: FloatArray) -> FloatArray:
+        """Poses (n, 3, 4), each turned toward the nearest of the modes (g, 3, 4) if turns change nothing."""
+        return turn_toward_nearest(X_PO, X_mode, self._axes, 0.5 * self._model.size)
 
     def _sample_near(self, prior: GaussianPrior, places: int, generator: np.random.Generator) -> ContactDraws:
         """The draws near a prior: place, spin given the place, and resampling by what is wanted over what is drawn."""

@@ -4,11 +4,15 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from tactopose_drake.core.poses import make_poses
 from tactopose_drake.core.shape import free_spin_kernels
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tactopose_drake.core.validation import FloatArray
+
+TURN_VOLUME = {0: 1.0, 1: 2.0 * np.pi, 3: 8.0 * np.pi**2}
+"""Volume of the rotations about the continuous symmetry axes, by their number: none, one, or the three of a ball."""
 
 # Rounds of coordinate descent over a sphere's three axes; one axis needs a single round.
 _ROUNDS = 6
@@ -25,6 +29,25 @@ def turn_toward(X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[
         symmetries: the object's.
     """
     return _turn(X_PO, X_reference[None], np.zeros(len(X_PO), dtype=np.int64), symmetries)
+
+
+def turn_toward_nearest(
+    X_PO: FloatArray, X_references: FloatArray, symmetries: Sequence[RotationalSymmetry], arm: float
+) -> FloatArray:
+    """Rotates poses (B, 3, 4) about the continuous axes until they are nearest to the rotation of one of the references.
+
+    For each it is the nearest of the references (n, 3, 4), whatever the turns: by the place of the axis, and by its
+    direction times the lever arm, m.
+    """
+    axes = [symmetry for symmetry in symmetries if symmetry.is_continuous]
+    if not axes or not len(X_PO):
+        return X_PO
+    direction = axes[0].axis if len(axes) == 1 else np.zeros(3)  # The axes of a ball may point anywhere.
+    placed, reference = (
+        np.concatenate([X[:, :, :3] @ axes[0].point + X[:, :, 3], arm * (X[:, :, :3] @ direction)], axis=1)
+        for X in (X_PO, X_references)
+    )
+    return _turn(X_PO, X_references, cdist(placed, reference).argmin(axis=1), axes)
 
 
 def turn_alike(

@@ -22,9 +22,14 @@ def box() -> ObjectModel:
     return ObjectModel.from_mesh(trimesh.creation.box(EDGES), cache=False)
 
 
-def anywhere(count: int) -> tuple[np.ndarray, float]:
-    """Poses (count, 3, 4) in any orientation that put the contact anywhere near the box, and the volume they fill."""
-    generator, wide = np.random.default_rng(0), EDGES + 0.025
+@pytest.fixture(scope="module")
+def can() -> ObjectModel:
+    return ObjectModel.from_mesh(trimesh.creation.cylinder(0.03, 0.1, sections=256), cache=False)
+
+
+def anywhere(count: int, model: ObjectModel) -> tuple[np.ndarray, float]:
+    """Poses (count, 3, 4) in any orientation that put the contact anywhere near an object, and the volume they fill."""
+    generator, wide = np.random.default_rng(0), np.ptp(model.vertices, axis=0) + 0.025
     R_PO = random_rotations(generator, count)
     p_OC = wide * (generator.random((count, 3)) - 0.5)
     X_PO = make_poses(R_PO, CONTACT.p_PC - np.einsum("bij,bj->bi", R_PO, p_OC))
@@ -33,7 +38,7 @@ def anywhere(count: int) -> tuple[np.ndarray, float]:
 
 def test_the_density_is_that_of_the_draws(box: ObjectModel) -> None:
     contact = SingleContact(box, CONTACT)
-    X_PO, volume = anywhere(400_000)
+    X_PO, volume = anywhere(400_000, box)
     density = contact.density(X_PO)
     assert density.mean() * volume == pytest.approx(1.0, rel=0.06)
     drawn, scale = contact.sample(20_000, np.random.default_rng(1))
@@ -60,6 +65,14 @@ def test_the_draws_touch_the_box_everywhere_and_in_any_spin(box: ObjectModel) ->
     side = X_PO[face >= 2, :, 0]
     spin = np.arctan2(side @ across, side[:, 0])
     np.testing.assert_allclose(np.abs(np.mean(np.exp(1j * spin))), 0.0, atol=0.05)
+
+
+def test_without_a_prior_the_density_is_integrated_over_turns_about_a_continuous_axis(can: ObjectModel) -> None:
+    X_PO, volume = anywhere(200_000, can)
+    density = SingleContact(can, CONTACT).density(X_PO)
+    assert density.mean() * volume == pytest.approx(2.0 * np.pi, rel=0.06)
+    with_turns = SingleContact(can, CONTACT, GaussianPrior(np.eye(3, 4), 100.0, 100.0)).density(X_PO)
+    np.testing.assert_allclose(2.0 * np.pi * with_turns, density, rtol=2e-3)
 
 
 def near_a_touch(box: ObjectModel, *, sigma_rotation: float = 0.3) -> GaussianPrior:
@@ -111,6 +124,3 @@ def test_only_a_single_contact_with_a_normal_is_drawn_from(box: ObjectModel) -> 
     assert is_drawn_from(Evidence(CONTACT, prior=GaussianPrior(np.eye(3, 4))))
     two = Contacts([[0.1, -0.2, 0.05], [0.12, -0.2, 0.05]], [[0.0, 0.6, 0.8]] * 2)
     assert not is_drawn_from(Evidence(two))
-    can = ObjectModel.from_mesh(trimesh.creation.cylinder(0.03, 0.1, sections=256), cache=False)
-    assert not is_drawn_from(Evidence(CONTACT), can)
-    assert is_drawn_from(Evidence(CONTACT, prior=GaussianPrior(np.eye(3, 4))), can)

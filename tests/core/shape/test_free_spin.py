@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import compose, exp_so3, make_poses, random_rotations, rotation_angles, transform_points
-from tactopose_drake.core.shape.free_spin import nearest_images, turn_alike, turn_toward
+from tactopose_drake.core.shape.free_spin import nearest_images, turn_alike, turn_toward, turn_toward_nearest
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry, symmetry_group
 
 POINT = np.array([0.02, -0.01, 0.03])
@@ -66,6 +66,21 @@ def test_a_symmetry_that_turns_the_axis_upside_down_brings_poses_together_whatev
         found = turn_alike(X, reference, [symmetry], group)
         images = compose(found, group)
         assert rotation_angles(images[:, :, :3], reference[:, :3]).min() < 1e-6
+
+
+def test_each_pose_turns_toward_the_nearest_reference_however_both_are_turned() -> None:
+    symmetry, references = axis([0.6, 0.0, 0.8]), poses(4)
+    generator = np.random.default_rng(5)
+    near = np.array([2, 0, 3, 3, 1])
+    R = references[near, :, :3] @ exp_so3(0.03 * generator.normal(size=(5, 3)))
+    on_axis = np.einsum("bij,j->bi", references[near, :, :3], POINT) + references[near, :, 3]
+    spun = R @ exp_so3(generator.uniform(-np.pi, np.pi, size=(5, 1)) * symmetry.axis)
+    X = make_poses(spun, on_axis + 0.01 * generator.normal(size=(5, 3)) - spun @ POINT)
+    found = turn_toward_nearest(X, references, [symmetry], 0.1)
+    expected = [turn_toward(X[i : i + 1], references[near[i]], [symmetry])[0] for i in range(5)]
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert turn_toward_nearest(X[:0], references, [symmetry], 0.1).shape == (0, 3, 4)
+    np.testing.assert_array_equal(turn_toward_nearest(X, references, [], 0.1), X)
 
 
 def test_a_sphere_has_but_one_rotation() -> None:
