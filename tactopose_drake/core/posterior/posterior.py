@@ -40,8 +40,8 @@ class Posterior:
         params: how it is sampled.
         false_ones: tells which contacts and pads poses (B, 3, 4) take for false, shape (B, k); None if there is none.
         single_contact: the contact or pad from which poses can be drawn; None if there is more of either.
-        excludes_out_of_touch: whether poses that take all contacts and pads for false belong to no mode. Without a prior
-            they may be anywhere; with few contacts they cost little more than the best.
+        excludes_out_of_touch: whether poses that take all contacts and pads for false belong to no mode. They may be
+            anywhere if there is no prior, and cost little more than the best if there are few contacts.
     """
 
     likelihood: SmoothObjective

@@ -34,9 +34,9 @@ def turn_toward(X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[
 def turn_toward_nearest(
     X_PO: FloatArray, X_references: FloatArray, symmetries: Sequence[RotationalSymmetry], arm: float
 ) -> FloatArray:
-    """Rotates poses (B, 3, 4) about the continuous axes until they are nearest to the rotation of one of the references.
+    """Rotates poses (B, 3, 4) about the continuous axes until they are nearest to the nearest reference's rotation.
 
-    For each it is the nearest of the references (n, 3, 4), whatever the turns: by the place of the axis, and by its
+    Whatever the turns, which of the references (n, 3, 4) is nearest is judged by the place of the axis, and by its
     direction times the lever arm, m.
     """
     axes = [symmetry for symmetry in symmetries if symmetry.is_continuous]
