@@ -74,7 +74,7 @@ class HandGeometry(hand_geometry.HandGeometry):
             plant.ValidateContext(context)
         except RuntimeError:
             raise InvalidInputError(
-                "context must be the plant's, as plant.GetMyContextFromRoot(root_context) gives it, not another system's."
+                "context must be the plant's, as plant.GetMyContextFromRoot(root) gives it, not another system's."
             ) from None
         query_port = plant.get_geometry_query_input_port()
         if not query_port.HasValue(context):
