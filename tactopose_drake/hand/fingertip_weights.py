@@ -10,6 +10,8 @@ from pydrake.multibody.tree import Frame, Joint, RigidBody, WeldJoint
 
 from tactopose_drake.core.sensing.force_torque import GRAVITY_W, weight_matrix
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.finger_chain import welded_bodies
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics
 
@@ -21,10 +23,25 @@ def fingertip_mass(plant: MultibodyPlant, weld: Joint, sensor_frame: Frame) -> t
         plant: finalized plant that holds the hand.
         weld: joint between finger (parent) and fingertip (child); S is on the fingertip if it moves.
         sensor_frame: S, fixed on the finger or on the fingertip.
+
+    Raises:
+        InvalidInputError: as `check_sensor_frame`.
     """
+    check_sensor_frame(plant, weld, sensor_frame)
     bodies = [body.index() for body in _bodies_fixed_on(plant, weld.child_body())]
     inertia = plant.CalcSpatialInertia(plant.CreateDefaultContext(), sensor_frame, bodies)
     return float(inertia.get_mass()), inertia.get_com()
+
+
+def check_sensor_frame(plant: MultibodyPlant, weld: Joint, sensor_frame: Frame) -> None:
+    """Raises InvalidInputError if a sensor frame is not fixed to the link behind its weld, whose load it measures."""
+    bodies = [plant.get_body(index) for index in sorted(welded_bodies(plant, weld.frame_on_child()))]
+    if sensor_frame.body().index() not in {body.index() for body in bodies}:
+        links = ", ".join(body.name() for body in bodies)
+        raise InvalidInputError(
+            f"the sensor frame {sensor_frame.name()!r} of the weld {weld.name()!r} must be on one of the links "
+            f"{links}, not on {sensor_frame.body().name()!r}."
+        )
 
 
 class FingertipWeights:

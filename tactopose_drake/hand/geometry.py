@@ -60,14 +60,22 @@ class HandGeometry(hand_geometry.HandGeometry):
             palm_frame: P.
 
         Raises:
-            InvalidInputError: if an argument has a wrong type, the plant is not finalized or not connected to a
-                SceneGraph, or the hand has no collision geometry.
+            InvalidInputError: if an argument has a wrong type or is of another plant, the plant is not finalized or not
+                connected to a SceneGraph, or the hand has no collision geometry.
         """
         instance_of("plant", plant, MultibodyPlant)
         instance_of("context", context, Context)
         instance_of("palm_frame", palm_frame, Frame)
         if not plant.is_finalized():
             raise InvalidInputError("plant must be finalized, and part of a diagram.")
+        if palm_frame.GetParentPlant() is not plant:
+            raise InvalidInputError(f"palm_frame must be of this plant, but {palm_frame.name()!r} is of another.")
+        try:
+            plant.ValidateContext(context)
+        except RuntimeError:
+            raise InvalidInputError(
+                "context must be the plant's, as plant.GetMyContextFromRoot(root) gives it, not another system's."
+            ) from None
         query_port = plant.get_geometry_query_input_port()
         if not query_port.HasValue(context):
             raise InvalidInputError(

@@ -6,7 +6,15 @@ from pathlib import Path
 import numpy as np
 
 from tactopose_drake.core.geometry_checks import points_near
-from tactopose_drake.core.validation import MOST_ALPHA, check_count, finite_array, known_name, positive_number, told_of
+from tactopose_drake.core.validation import (
+    MOST_ALPHA,
+    check_count,
+    finite_array,
+    instance_of,
+    known_name,
+    positive_number,
+    told_of,
+)
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.calibration_file import load_calibration
 from tactopose_drake.hand.fingertip_surfaces import (
@@ -113,7 +121,8 @@ class HandConfig:
         """Checks everything that does not need the hand's model.
 
         Raises:
-            InvalidInputError: if a name is missing or duplicate, or a number is out of its range.
+            InvalidInputError: if a part has a wrong type, a name is missing or duplicate, or a number is out of its
+                range.
             UnknownNameError: if a coupling or a rest position is of a joint that the hand lacks.
         """
         if not self.model:
@@ -124,6 +133,7 @@ class HandConfig:
         for name, value in (("base_link", self.base_link), ("palm_frame", self.palm_frame)):
             if not value:
                 raise InvalidInputError(f"HandConfig.{name} must be a name in the hand's model, not empty.")
+        self._check_kinds()
         names = [finger.name for finger in self.fingers]
         if "" in names:
             raise InvalidInputError(f"HandConfig.fingers[{names.index('')}].name must be a name, not empty.")
@@ -159,6 +169,15 @@ class HandConfig:
             known_name("each name in HandConfig.rest_positions", joint, driven)
             finite_array(f"HandConfig.rest_positions[{joint}]", [position], (1,))
         self._check_grip()
+
+    def _check_kinds(self) -> None:
+        """Raises InvalidInputError if a finger, a surface or a pad is of another type, as Python lets it be."""
+        surfaces = (SphereSurface, EllipsoidSurface, CapsuleSurface, SuperquadricSurface)
+        for i, finger in enumerate(self.fingers):
+            instance_of(f"HandConfig.fingers[{i}]", finger, FingerConfig)
+            instance_of(f"HandConfig.fingers[{finger.name}].surface", finger.surface, *surfaces)
+        for i, pad in enumerate(self.pads):
+            instance_of(f"HandConfig.pads[{i}]", pad, PadConfig)
 
     def _check_sensors(self) -> None:
         """Raises InvalidInputError if two fingers share a sensor, which would count twice."""

@@ -19,7 +19,7 @@ from pydrake.multibody.tree import (
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Surface
-from tactopose_drake.core.validation import known_name, told_of
+from tactopose_drake.core.validation import instance_of, known_name, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.hand.calibration_file import HandCalibration, load_calibration
 from tactopose_drake.hand.contact_gains import thicker
@@ -70,10 +70,15 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
     Raises:
         UnknownNameError: if the model lacks a name of the configuration.
         InvalidFileError: if Drake cannot read the model.
-        InvalidInputError: if the plant is finalized; if a package of the model is not installed; if the base link is
-            not the model's root, or the model connects it to the world by a moving joint or at another pose; if a
-            finger's weld is a moving joint and its sensor frame is not on the link that this moves.
+        InvalidInputError: if an argument has a wrong type; if the plant is finalized; if a package of the model is not
+            installed; if the base link is not the model's root, or the model connects it to the world by a moving joint
+            or at another pose; if a finger's weld is a moving joint and its sensor frame is not on the link that this
+            moves.
     """
+    instance_of("plant", plant, MultibodyPlant)
+    instance_of("config", config, HandConfig)
+    if X_WBase is not None:
+        instance_of("X_WBase", X_WBase, RigidTransform)
     if plant.is_finalized():
         raise InvalidInputError("plant must not be finalized yet, but is.")
     config.validate()

@@ -17,6 +17,7 @@ class Mimic:
     follows: str
     ratio: float
     offset: float
+    is_obeyed: bool = True  # whether Drake couples the joints; it ignores SDFormat's own entries
 
 
 def read_mimics(path: Path) -> tuple[Mimic, ...] | None:
@@ -45,7 +46,7 @@ def read_mimics(path: Path) -> tuple[Mimic, ...] | None:
     found = [(joint, mimic) for joint in root.iter("joint") for mimic in joint.iterfind(".//{*}mimic")]
     try:
         entries = [
-            _by_attributes(*entry) if "multiplier" in entry[1].attrib or root.tag == "robot" else _by_elements(*entry)
+            _by_attributes(*entry) if root.tag == "robot" or entry[1].tag.startswith("{") else _by_elements(*entry)
             for entry in found
         ]
     except ValueError as error:
@@ -66,7 +67,8 @@ def _of_leader(path: Path, mimic: Mimic, of_joint: dict[str, Mimic]) -> Mimic:
         passed.append(mimic.follows)
         inner = of_joint[mimic.follows]
         offset = mimic.ratio * inner.offset + mimic.offset
-        mimic = Mimic(mimic.joint, inner.follows, mimic.ratio * inner.ratio, offset)
+        is_obeyed = mimic.is_obeyed and inner.is_obeyed
+        mimic = Mimic(mimic.joint, inner.follows, mimic.ratio * inner.ratio, offset, is_obeyed)
     return mimic
 
 
@@ -81,4 +83,4 @@ def _by_elements(joint: ElementTree.Element, mimic: ElementTree.Element) -> Mimi
         float(mimic.findtext(name) or default)
         for name, default in (("multiplier", "1"), ("offset", "0"), ("reference", "0"))
     )
-    return Mimic(joint.get("name", ""), mimic.get("joint", ""), ratio, offset - ratio * reference)
+    return Mimic(joint.get("name", ""), mimic.get("joint", ""), ratio, offset - ratio * reference, is_obeyed=False)

@@ -113,6 +113,9 @@ class ForceTorqueSensor(CollectableSystem):
             sensor_frame: S, fixed on the finger or on the fingertip.
             model: noise, range and quantisation; `load_force_torque_model` reads one.
             period: sampling period, s.
+
+        Raises:
+            InvalidInputError: if the sensor frame is fixed to neither, or a number is out of its range.
         """
         super().__init__()
         model.validate()

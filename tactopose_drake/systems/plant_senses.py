@@ -14,6 +14,7 @@ from pydrake.systems.primitives import MatrixGain
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel
 from tactopose_drake.core.validation import flag, instance_of
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
+from tactopose_drake.hand.fingertip_weights import check_sensor_frame
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import Hand, find_hand, make_hand_plant
 from tactopose_drake.hand.hand_likeness import check_likeness
@@ -100,7 +101,7 @@ def add_with_plant(
     Raises:
         InvalidInputError: if the name, or one of those of the systems that are added with it, is taken; if the plant is
             not finalized or not in the builder; if none or several of its models are the hand; or if that model has
-            another geometry.
+            another geometry; or if a simulated sensor's frame is not fixed to its fingertip or finger.
     """
     check_name_is_free(builder, name)
     felt = flag("simulated_senses", simulated_senses)
@@ -112,6 +113,8 @@ def add_with_plant(
         raise InvalidInputError("plant must be one that was added to the same builder, but is not among its systems.")
     alone, hand_alone = make_hand_plant(dataclasses.replace(config, calibration=""))
     check_likeness(plant, hand, alone, hand_alone)
+    for finger, weld in hand.welds.items() if felt else ():
+        check_sensor_frame(plant, weld, hand.sensor_frames[finger])
     check_name_is_free(builder, name, _parts(estimation, hand, felt))
     added: Diagram = builder.AddNamedSystem(name, estimation)
     _connect(builder, added, plant, hand, _selectors(plant, hand, alone, hand_alone), felt)

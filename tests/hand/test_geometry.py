@@ -155,6 +155,21 @@ def test_a_hand_that_is_no_plant_is_named() -> None:
             HandGeometry.from_plant(*arguments)
 
 
+def test_what_is_of_another_plant_or_system_is_named() -> None:
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=1e-3), builder)
+    plant.Finalize()
+    root = builder.Build().CreateDefaultContext()
+    other, of_other = make_hand(Sphere(0.01))
+    palm = other.GetFrameByName("palm")
+    with pytest.raises(InvalidInputError, match=r"^palm_frame must be of this plant, but 'palm' is of another"):
+        HandGeometry.from_plant(plant, plant.GetMyContextFromRoot(root), palm)
+    for context in (root, plant.GetMyContextFromRoot(root)):
+        with pytest.raises(InvalidInputError, match=r"^context must be the plant's, .* not another system's"):
+            HandGeometry.from_plant(other, context, palm)
+    assert len(HandGeometry.from_plant(other, of_other, palm)) > 0
+
+
 @pytest.mark.parametrize(
     ("p_PH", "radius", "message"),
     [

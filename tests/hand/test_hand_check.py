@@ -2,6 +2,7 @@
 
 import logging
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import trimesh
 from tactopose_drake.core.surfaces.surface import random_directions
 from tactopose_drake.hand.findings import Entry, fingers_yaml
 from tactopose_drake.hand.hand_check import HandCheck, check_hand
+from tactopose_drake.resources import model_path
 from tests.hand.grippers import YAML, write_bending_gripper, write_gripper
 
 
@@ -370,6 +372,23 @@ def test_one_motor_for_two_fingers_is_told(tmp_path: Path) -> None:
     path = write_gripper(tmp_path, mimic=mimic, yaml=YAML.replace("joints: [right_slide]", coupled))
     (note,) = (text for verdict, text in verdicts(check_hand(path), "joints") if verdict == "note")
     assert note.startswith("'left_slide' moves the fingers left, right together; planned grasps take each by itself")
+
+
+def test_couplings_that_drake_ignores_are_told(tmp_path: Path) -> None:
+    folder = model_path("hands", "barrett_like")
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    yaml, model = tmp_path / "barrett_like.hand.yaml", tmp_path / "barrett_like.sdf"
+    yaml.write_text(re.sub(r"model: .*", "model: barrett_like.sdf", yaml.read_text()))
+    assert not check_hand(yaml).faults
+    drakes = r'</axis><drake:mimic joint="(\w+)" multiplier="([\d.]+)" offset="0"/>'
+    own = r'<mimic joint="\1"><multiplier>\2</multiplier></mimic></axis>'
+    model.write_text(re.sub(drakes, own, model.read_text()))
+    faults = [fault.text for fault in check_hand(yaml).faults]
+    assert len(faults) == 4
+    assert faults[3].endswith(
+        "but Drake ignores the model's <mimic>: it would dangle; write "
+        '<drake:mimic joint="finger_3_proximal_joint" multiplier="0.333333333" offset="0.0"/> instead'
+    )
 
 
 def test_a_mass_that_drake_has_made_up_is_told(tmp_path: Path) -> None:

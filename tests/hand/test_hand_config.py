@@ -1,3 +1,4 @@
+import dataclasses
 import math
 import pickle
 from pathlib import Path
@@ -14,7 +15,7 @@ from pydrake.systems.framework import DiagramBuilder
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Superquadric
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.finger_chain import finger_chain, joints_towards
-from tactopose_drake.hand.hand_config import Coupling, load_hand_config
+from tactopose_drake.hand.hand_config import Coupling, FingerConfig, load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand, find_hand, make_hand_plant
 from tactopose_drake.resources import model_path
 
@@ -362,6 +363,24 @@ def test_impossible_pads_are_refused(tmp_path, pads, message):
     path.write_text(path.read_text() + f"pads:\n{pads}\n")
     with pytest.raises(InvalidInputError, match=message):
         make_hand_plant(load_hand_config(path))
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"fingers": [{"name": "left"}]}, r"HandConfig\.fingers\[0\] must be a FingerConfig, not a dict"),
+        (
+            {"fingers": [FingerConfig(name="left", joints=["left_slide"], surface=Sphere(0.01))]},
+            r"HandConfig\.fingers\[left\]\.surface must be a SphereSurface, .*, not a Sphere",
+        ),
+        ({"pads": ["palm"]}, r"HandConfig\.pads\[0\] must be a PadConfig, not a str"),
+    ],
+    ids=["finger", "surface", "pad"],
+)
+def test_parts_of_another_type_are_named(tmp_path, parts, message):
+    config = load_hand_config(write_gripper(tmp_path))
+    with pytest.raises(InvalidInputError, match=f"^{message}"):
+        dataclasses.replace(config, **parts).validate()
 
 
 def test_half_a_sensor_is_refused(tmp_path):

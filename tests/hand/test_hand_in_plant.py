@@ -83,6 +83,18 @@ def test_a_finalized_plant_receives_no_hand() -> None:
         add_hand(plant, hand.config)
 
 
+def test_what_is_no_hand_plant_or_pose_is_named() -> None:
+    plant, config = MultibodyPlant(0.001), load_hand_config("shadow_like")
+    for arguments, message in (
+        ((None, config), "plant must be a MultibodyPlant, not None"),
+        ((plant, "shadow_like"), "config must be a HandConfig, not a str"),
+        ((plant, config, np.eye(4)), "X_WBase must be a RigidTransform, not an ndarray"),
+    ):
+        with pytest.raises(InvalidInputError, match=f"^{message}"):
+            add_hand(*arguments)
+    assert plant.num_model_instances() == 2  # of the world, and the default one: nothing was added
+
+
 def test_two_of_a_kind_are_in_one_plant(tmp_path: Path) -> None:
     config = load_hand_config(write_gripper(tmp_path))
     plant = MultibodyPlant(0.001)

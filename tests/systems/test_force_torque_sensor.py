@@ -113,6 +113,17 @@ def test_a_bad_model_is_refused(finger) -> None:
         make_sensor(finger, ForceTorqueModel(noise=[-1.0] * 6))
 
 
+def test_a_frame_that_does_not_move_with_the_fingertip_is_refused() -> None:
+    plant = MultibodyPlant(1e-3)
+    inertia = SpatialInertia.SolidSphereWithMass(0.05, 0.01)
+    link, tip = (plant.AddRigidBody(name, inertia) for name in ("link", "tip"))
+    joint = plant.AddJoint(RevoluteJoint("hinge", link.body_frame(), tip.body_frame(), [1.0, 0.0, 0.0]))
+    plant.Finalize()
+    message = r"^the sensor frame 'link' of the weld 'hinge' must be on one of the links tip, not on 'link'\.$"
+    with pytest.raises(InvalidInputError, match=message):
+        ForceTorqueSensor(plant, joint, link.body_frame(), ForceTorqueModel())
+
+
 def test_an_overload_saturates_and_says_so(finger) -> None:
     sensor = make_sensor(finger, load_force_torque_model())
     diagram = finger.builder.Build()

@@ -240,6 +240,18 @@ def test_a_hand_of_another_geometry_is_refused(add, told, other, message, box: O
     assert len(builder.GetSystems()) == 2  # Plant and scene.
 
 
+@pytest.mark.parametrize("add", [AddPoseEstimation, AddPoseTracking])
+def test_a_sensor_frame_on_another_finger_is_refused(add, box: ObjectModel, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    config = load_hand_config(write_gripper(tmp_path))
+    config.fingers[0].sensor_frame, config.fingers[1].sensor_frame = "right_tip", "left_tip"
+    builder = DiagramBuilder()
+    plant = gripper_plant(builder, config, (tmp_path / "two_finger.urdf").read_text())
+    params = BARE if add is AddPoseEstimation else PoseTrackingParams(use_hand_volume=False, check_collisions=False)
+    with pytest.raises(InvalidInputError, match=r"^the sensor frame 'right_tip' .* left_tip, not on 'right_tip'"):
+        add(builder, config, box, params, plant=plant)
+    assert len(builder.GetSystems()) == 2  # Plant and scene.
+
+
 def test_a_hand_whose_file_is_rounded_is_the_same(box: ObjectModel, tmp_path: Path) -> None:
     config = load_hand_config(write_gripper(tmp_path))
     urdf = (tmp_path / "two_finger.urdf").read_text()
