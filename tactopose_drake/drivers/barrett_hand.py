@@ -120,7 +120,9 @@ class BarrettHand(Device[HandSample]):
     def initialize(self, puck: Puck) -> None:
         """MOVES a joint to its stops, which sets the zero of its positions, after the present round.
 
-        Initialize the fingers first, and the spread when they are open; otherwise, they may collide.
+        Initialize the fingers first, and the spread when they are open; otherwise, they may collide. The hand does not
+        report the end of the motion. Until the joint is at its stops, its positions still have their previous zero;
+        after a restart, do not use them before then.
 
         Args:
             puck: puck of the joint.

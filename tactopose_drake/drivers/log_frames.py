@@ -103,7 +103,8 @@ def _reader(path: Path, file: BinaryIO) -> tuple[can.BLFReader | can.ASCReader, 
         if suffix == ".asc":
             return can.ASCReader(_WholeLines(file, encoding="utf-8"), relative_timestamp=False), True
     except Exception as error:  # as in `_next_of`
-        raise InvalidFileError(f"{path} must be a log of CAN frames ({error!r}).") from error
+        why = repr(error) if path.stat().st_size else "it is empty"
+        raise InvalidFileError(f"{path} must be a log of CAN frames ({why}).") from error
     raise InvalidFileError(f"{path} must end in .blf or .asc, not {suffix!r}.")
 
 

@@ -15,7 +15,7 @@ from tactopose_drake.drivers import netcanoem_protocol as protocol
 from tactopose_drake.drivers.device import OK, Conversation, Device, Exchange, Pause
 from tactopose_drake.drivers.device_bus import DeviceBus
 from tactopose_drake.drivers.frames import data_frame
-from tactopose_drake.drivers.netcanoem_protocol import Firmware, ForceUnit, Opcode, TorqueUnit
+from tactopose_drake.drivers.netcanoem_protocol import Firmware, ForceUnit, Opcode, StatusBit, TorqueUnit
 from tactopose_drake.errors import DeviceError, DeviceTimeoutError, ProtocolError
 
 # Counts per unit of force and torque of boards that do not report them (firmware before 3.7). [A]
@@ -69,8 +69,8 @@ class BoardCalibration:
 class NetCanOemForceTorque(Device[ForceTorqueSample]):
     """A NETCANOEM board: the driver reads its calibration, polls it, and subtracts the bias.
 
-    If an answer is missing, the board may have restarted with calibration 0. It is then set up again, which activates
-    the calibration, before further samples are used.
+    If an answer is missing, or a sample says that the watchdog has reset the board, the board may have restarted with
+    calibration 0. It is then set up again, which activates the calibration, before further samples are used.
 
     Attributes:
         firmware: the board's firmware version; None until it has answered.
@@ -112,6 +112,7 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
         self.firmware: Firmware | None = None
         self.calibration: BoardCalibration | None = None
         self._answered_at = 0.0
+        self._tells_reset = False  # whether the newest sample has the bit of a watchdog reset
         self._answers: dict[int, bytes] = {}  # of the present setup, by identifier
 
     @property
@@ -179,6 +180,7 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
         self.calibration = BoardCalibration(matrix, *counts, *units)
         to_wrench = self.calibration.wrench_matrix()
         ask_at = self._now
+        self._tells_reset = True  # A reset before the setup does no harm.
         while True:
             yield from self._sample(to_wrench)
             # Relative to the due time, so that delays do not lower the rate.
@@ -253,6 +255,9 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
             nothing = np.full(6, np.nan)
             self._publish(ForceTorqueSample(self._now, nothing, np.zeros(6, np.int64), f"bad reply: {error}"))
             return
+        before, self._tells_reset = self._tells_reset, bool(word & StatusBit.WATCHDOG_RESET)
+        if self._tells_reset and not before:
+            raise DeviceError(f"{self.name} was reset by its watchdog, and must be set up again.")
         status = _status(word, gauges)
         F_S = to_wrench @ (np.array(gauges) - self._bias) if status.startswith(OK) else np.full(6, np.nan)
         self._publish(ForceTorqueSample(self._answered_at, F_S, np.array(gauges, dtype=np.int64), status))

@@ -25,14 +25,15 @@ _BEST = {
     "tracked_hypotheses": "tracked",
 }
 
-# The time of a change, the group of columns, and its numbers or texts.
+# The time of a change, the group of columns, and its numbers or texts; none if the value is unknown.
 _Cells = tuple[float, str, Sequence[str]]
 
 
 def write_csv(run: RecordedRun, path: Path) -> None:
     """Writes a row for each time at which anything changed.
 
-    A cell is empty if its column has no new value at that time, and "nan" if there was no reading. Columns are named
+    A cell is empty if its column has no new value at that time, and "nan" if there was no reading, or a pose is no
+    longer known. Columns are named
     `<what>/<part>_<unit>`: `time_s`, `joint/<joint>_rad`, `wrench/<finger>/f_x_N`, `pressure/<pad>/<cell>_Pa`,
     `prior/p_x_m`, `true/p_x_m`, `object/p_x_m` of the best hypothesis, `status`, `sense_status` of a run on devices,
     and with tracking `tracked/p_x_m` and `tracked_status`.
@@ -56,13 +57,16 @@ def write_csv(run: RecordedRun, path: Path) -> None:
     with written_beside(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(["time_s", *header])
-        row, row_time = [""] * len(header), None
+        row, row_time, known = [""] * len(header), None, set[str]()
         for time, name, cells in _changes(run):
             if row_time is not None and time > row_time:
                 table.writerow([repr(row_time), *row])
                 row = [""] * len(header)
             row_time = time
-            row[start[name] : start[name] + len(cells)] = cells
+            # A value that becomes unknown must not look like one that stays as it was.
+            known |= {name} if cells else set()
+            values = cells or ["nan" if name in known else ""] * len(columns[name])
+            row[start[name] : start[name] + len(values)] = values
         if row_time is not None:
             table.writerow([repr(row_time), *row])
 
@@ -110,7 +114,10 @@ def _of_estimates(run: RecordedRun) -> Iterator[_Cells]:
         for text in texts:
             yield time, text, [str(line.get(text, ""))]
         for name in _BEST:
-            for best in (line.get(name) or ())[:1]:
+            hypotheses = line.get(name)
+            if name in line and not hypotheses:
+                yield time, name, []
+            for best in (hypotheses or ())[:1]:
                 sigmas = np.sqrt(np.diag(np.array(best["covariance"])))
                 numbers = [*best["translation"], *best["quaternion_wxyz"], *sigmas.tolist(), best["probability"]]
                 yield time, name, [repr(number) for number in numbers]

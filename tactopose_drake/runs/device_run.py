@@ -64,21 +64,33 @@ def run_devices(
         if recording is not None:
             recording.begin(origin, devices.biases)
         simulator = _start(station, signals.get(TRUE_POSE), recording)
+        late = [(0.0, 0.0)]  # by how much, and when, s; the largest so far
+
+        def watch_and_show(view: RunView) -> None:
+            observer(view)
+            late[0] = max(late[0], _lateness(simulator))
+
         tell("running")
         with contextlib.suppress(KeyboardInterrupt):
-            advance(simulator, devices, scenario.estimation.estimator.period, _end(scenario, duration), observer)
-        time = simulator.get_context().get_time()
-        slowness = slowness_of(time, time / max(simulator.get_actual_realtime_rate(), 1e-9))
+            advance(simulator, devices, scenario.estimation.estimator.period, _end(scenario, duration), watch_and_show)
+        slowness = slowness_of(*max(late[0], _lateness(simulator)))
         return RunView(station.diagram, simulator.get_context(), slowness=slowness)
 
 
-def slowness_of(time: float, taken: float) -> str:
-    """A warning if a run of `time` s has taken much longer, during which the devices continued; otherwise empty."""
-    if taken <= time + _MOST_LATE:
+def _lateness(simulator: Simulator) -> tuple[float, float]:
+    """By how much a run is behind the devices now, s, and its time, s."""
+    time = simulator.get_context().get_time()
+    return time / max(simulator.get_actual_realtime_rate(), 1e-9) - time, time
+
+
+def slowness_of(late: float, time: float) -> str:
+    """A warning if a run was at most `late` s behind its devices, at `time` s, and that is much; otherwise empty."""
+    if late <= _MOST_LATE:
         return ""
     return (
-        f"the run of {time:.2f} s took {taken:.2f} s: estimates take longer than their period, or the machine is busy. "
-        "The devices' readings are then newer than joints, palm and prior; a longer period helps."
+        f"at {time:.2f} s the run was {late:.2f} s behind its devices, its most: estimates take longer than their "
+        "period, or the machine is busy. The devices' readings are then newer than joints, palm and prior; a longer "
+        "period helps."
     )
 
 

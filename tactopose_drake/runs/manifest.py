@@ -135,10 +135,12 @@ def load_manifest(folder: Path) -> Manifest:
     with told_of(f"{folder / MANIFEST}: ", InvalidFileError):
         manifest.validate()
     for name, file in manifest.buses.items():
-        if Path(file).name != file or not os.path.isfile(folder / file):
+        if Path(file).name != file:
             raise InvalidFileError(
                 f"{folder / MANIFEST}: the log of the bus {name!r} must be in its folder, not {file!r}."
             )
+        if not os.path.isfile(folder / file):
+            raise InvalidFileError(f"{folder / file}, the log of the bus {name!r}, is missing.")
     return manifest
 
 

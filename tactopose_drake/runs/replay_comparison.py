@@ -44,14 +44,17 @@ class ReplayComparison:
         self._is_live, self._damage = is_live, ""
         self._replayed: list[_Instant] = []
         self._recorded: list[_Instant] = []
+        self._path = path
         try:
-            self._lines = path.read_text(encoding="utf-8").splitlines()
-        except (OSError, UnicodeDecodeError):
+            self._lines = path.read_text(encoding="utf-8", errors="surrogateescape").splitlines()
+        except OSError:
             self._lines = []
 
     def compare(self, view: RunView) -> None:
         """Compares the current estimate with the run's next one, if there is one."""
         count = len(self._recorded)
+        if not self._lines:
+            self._damage = f"{self._path} holds no estimates, so that the replay is not compared with the run."
         if self._damage or count >= len(self._lines):
             return
         recorded = read_estimate(self._lines[count])

@@ -20,7 +20,7 @@ class RunView:
         devices: the devices of a run on CAN devices or their logs; otherwise None.
         lost: sentences on what of a finished run could not be recorded, and why.
         cut: sentences on why a finished replay did not play the whole recording; empty if it did.
-        slowness: a sentence on how far a finished run fell behind its devices; empty if it kept up.
+        slowness: a sentence on how far a finished run was behind its devices at its slowest; empty if it kept up.
         outcome: the outcome of a finished run's grasp, if it was simulated.
         true_pose: true X_PO, if it is simulated.
         status: replaces the diagram's status for senses by messages: it adds remarks on the messages, or says that none

@@ -141,6 +141,19 @@ def test_status_bits_are_stated_and_critical_ones_reject_the_data(word: StatusBi
         assert is_right(sensor.read())
 
 
+def test_a_reset_between_two_polls_is_seen_by_its_status_bit_and_gives_no_wrong_number() -> None:
+    board = make_board()
+    with virtual_bus(board) as bus, NetCanOemForceTorque(bus, calibration_slot=SLOT) as sensor:
+        sensor.read()
+        board.active, board.status = 0, StatusBit.WATCHDOG_RESET
+        run(bus, 1.0)
+        assert board.active == SLOT
+        assert sensor.status == "ok (watchdog reset)"
+        samples = unread(sensor)
+        assert len(samples) > 100
+        assert all(is_right(sample) for sample in samples)
+
+
 @pytest.mark.parametrize("reading", [-32768, 32767])
 def test_a_gauge_at_its_end_rejects_the_data(reading: int) -> None:
     board = make_board()

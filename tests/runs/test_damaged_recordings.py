@@ -24,6 +24,7 @@ from tactopose_drake.runs.manifest import ESTIMATES, SIGNALS, load_manifest, sav
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.runs.stepping import RunView
+from tactopose_drake.station.can_devices import logged_buses
 from tactopose_drake.station.can_senses import CanBus, CanSenses, ForceTorqueBoard
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.senses import RecordedSenses
@@ -220,6 +221,12 @@ def test_a_recording_from_devices_names_all_of_them(tmp_path: Path) -> None:
         save_manifest(tmp_path, scenario, 1.7e9, buses, biases)
         with pytest.raises(InvalidFileError, match=fault):
             load_manifest(tmp_path)
+    save_manifest(tmp_path, scenario, 1.7e9, {"left": log}, {"first": np.zeros(6)})
+    with pytest.raises(InvalidFileError, match=r"left\.blf must be a log of CAN frames \(it is empty\)"):
+        logged_buses({"left": log})
+    log.unlink()
+    with pytest.raises(InvalidFileError, match=r"left\.blf, the log of the bus 'left', is missing"):
+        load_manifest(tmp_path)
 
 
 def test_a_log_whose_object_has_no_length_ends_there(tmp_path: Path) -> None:

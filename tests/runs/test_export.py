@@ -13,16 +13,18 @@ import pytest
 
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, retract
 from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.runs import mcap_export
+from tactopose_drake.runs.csv_export import write_csv
 from tactopose_drake.runs.manifest import load_manifest
 from tactopose_drake.runs.mcap_export import write_mcap
 from tactopose_drake.runs.recorded_senses import read_recording
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.station.scenario import load_scenario
-from tactopose_drake.systems.signals import read_signals
+from tactopose_drake.systems.signals import Signal, read_signals
 from tests import held_can, held_cube
 from tests.cli.test_cli import run as tactopose
 
@@ -245,6 +247,19 @@ def test_a_table_of_a_run_on_devices_has_its_wrenches(recording: Path, tmp_path:
         [[float(row[f"object/q_{part}"]) for part in "wxyz"] for row in found],
         [line["quaternion_wxyz"] for line in best],
     )
+
+
+def test_what_becomes_unknown_is_not_empty_in_a_table_as_if_it_stayed(recording: Path, tmp_path: Path) -> None:
+    run = read_recording(recording)
+    hypotheses = next(line["hypotheses"] for line in run.estimates if line["hypotheses"])
+    prior = Signal([0.0, 0.1, 0.2], [None, PosePrior(np.eye(3, 4)), None])
+    said = [{"time": time, "status": "ok", "hypotheses": each} for time, each in ((0.1, hypotheses), (0.2, None))]
+    write_csv(dataclasses.replace(run, signals={"prior": prior}, estimates=tuple(said)), tmp_path / "run.csv")
+    for column in ("prior/q_w", "object/p_x_m"):
+        cells = {float(row["time_s"]): row[column] for row in rows(tmp_path / "run.csv")}
+        assert cells[0.0] == ""
+        assert math.isfinite(float(cells[0.1]))
+        assert cells[0.2] == "nan"
 
 
 def test_what_cannot_be_exported_is_refused(

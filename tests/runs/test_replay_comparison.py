@@ -53,3 +53,23 @@ def test_what_was_not_recorded_well_is_not_taken_for_the_same(
     monkeypatch.setattr(replay_comparison, "estimates_now", lambda diagram, context: line([1.0, 0.0, 0.0, 0.0]))
     comparison.compare(SimpleNamespace(diagram=None, context=None))  # type: ignore[arg-type]
     assert comparison.difference == "The recorded estimates cannot be read from line 1 on."
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (None, "holds no estimates, so that the replay is not compared with the run."),
+        (b"", "holds no estimates, so that the replay is not compared with the run."),
+        (json.dumps(line([1.0, 0.0, 0.0, 0.0])).encode().replace(b"thumb", b"th\xffmb") + b"\n", "from line 1 on."),
+    ],
+)
+def test_estimates_that_are_missing_or_no_text_are_not_taken_for_the_same(
+    content: bytes | None, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "estimates.jsonl"
+    if content is not None:
+        path.write_bytes(content)
+    comparison = ReplayComparison(path, is_live=False)
+    monkeypatch.setattr(replay_comparison, "estimates_now", lambda diagram, context: line([1.0, 0.0, 0.0, 0.0]))
+    comparison.compare(SimpleNamespace(diagram=None, context=None))  # type: ignore[arg-type]
+    assert comparison.difference.endswith(said)

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -222,6 +223,20 @@ def test_a_scenario_may_name_a_recording(recording: Path, folder: Path, tmp_path
     assert np.linalg.norm(off) < 0.006
     with pytest.raises(InvalidInputError, match="record must be None if the scenario's senses are a recording"):
         run_scenario(load_scenario(scenario), record=tmp_path / "again")
+
+
+def test_a_run_that_was_late_says_so_although_it_has_caught_up(folder: Path) -> None:
+    times = []
+
+    def stop_once(view: RunView) -> None:
+        times.append(view.context.get_time())
+        if len(times) == 2:
+            time.sleep(0.4)
+
+    run_scenario(load_scenario(folder / "cube.scenario.yaml"), duration=0.1)  # first calls are slow
+    view = run_scenario(load_scenario(folder / "cube.scenario.yaml"), observer=stop_once)
+    assert view.slowness.startswith("at ")
+    assert "behind its devices, its most" in view.slowness
 
 
 def test_an_interrupt_ends_a_run_in_good_order(folder: Path, tmp_path: Path) -> None:
