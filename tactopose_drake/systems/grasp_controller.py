@@ -4,10 +4,9 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
+from pydrake.systems.framework import Context, DiscreteValues, EventStatus
 
 from tactopose_drake.core.grasping.grasp_law import (
     ClosingMotion,
@@ -126,10 +125,10 @@ class GraspController(CollectableSystem):
         state = self.discrete_state_ticket(self.DeclareDiscreteState(start))
         self.DeclarePeriodicDiscreteUpdateEvent(self._params.period, 0.0, self._update)
         needs = {state, self._state_port.ticket(), self._rest_positions.ticket()}
-        self.DeclareVectorOutputPort("actuation", len(joints.actuated), self._calc_actuation, needs)
-        self.DeclareVectorOutputPort("holding", 1, self._calc_holding, {state})
+        self.declare_output("actuation", len(joints.actuated), self._actuation, needs)
+        self.declare_output("holding", 1, lambda context: context.get_discrete_state_vector().value()[-2:-1], {state})
         needs = {state, *(port.ticket() for port in self._wrenches.values())}
-        self.DeclareAbstractOutputPort("status", lambda: AbstractValue.Make(""), self._calc_status, needs)
+        self.declare_output("status", "", self._status, needs)
 
     def commanded(self, pushes: FloatArray, q_rest: FloatArray | None = None) -> FloatArray:
         """Commanded positions of all joints of the hand, shape (nq,), rad.
@@ -167,24 +166,20 @@ class GraspController(CollectableSystem):
         discrete_state.set_value(np.append(pushes, [since, holding, began]))
         return EventStatus.Succeeded()
 
-    def _calc_actuation(self, context: Context, output: BasicVector) -> None:
+    def _actuation(self, context: Context) -> FloatArray:
         state = self._state_port.Eval(context)
         q, v = state[self._joint_of_actuator], state[self._nq + self._velocity_of_actuator]
         q_rest = self._rest_positions.Eval(context) if self._rest_positions.HasValue(context) else None
         pushes = context.get_discrete_state_vector().value()[:-3]
         q_commanded = self.commanded(pushes, q_rest)[self._joint_of_actuator]
-        output.SetFromVector(joint_torques(q, v, q_commanded, self._stiffness, self._damping))
+        return joint_torques(q, v, q_commanded, self._stiffness, self._damping)
 
-    def _calc_holding(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state_vector().value()[-2:-1])
-
-    def _calc_status(self, context: Context, output: AbstractValue) -> None:
+    def _status(self, context: Context) -> str:
         if not context.get_discrete_state_vector().value()[-2]:
-            output.set_value("closing")
-            return
+            return "closing"
         slack = [
             finger
             for finger, motion in self._motions.items()
             if not self._force(context, finger) >= self._law.slack_share * motion.set_force
         ]
-        output.set_value("holding" + (f"; not carrying: {', '.join(slack)}" if slack else ""))
+        return "holding" + (f"; not carrying: {', '.join(slack)}" if slack else "")

@@ -3,10 +3,9 @@
 import dataclasses
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint, PdControllerGains, PrismaticJoint
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
+from pydrake.systems.framework import Context, DiscreteValues, EventStatus
 
 from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.grasping.stall_law import close_until_stalled
@@ -124,14 +123,9 @@ class GripController(CollectableSystem):
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(self._params.period, self._params.period, self._update)
         ticket = self.discrete_state_ticket(state)
-        for name, size, calc in (
-            ("desired_state", 2 * len(names), self._calc_desired_state),
-            ("holding", 1, self._calc_holding),
-        ):
-            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={ticket})
-        self.DeclareAbstractOutputPort(
-            "status", lambda: AbstractValue.Make(""), self._calc_status, prerequisites_of_calc={ticket}
-        )
+        self.declare_output("desired_state", 2 * len(names), self._desired_state, {ticket})
+        self.declare_output("holding", 1, self._is_holding, {ticket})
+        self.declare_output("status", "", self._status, {ticket})
 
     def _measured(self, context: Context) -> FloatArray:
         q: FloatArray = self._state_port.Eval(context)[self._joints]
@@ -157,17 +151,17 @@ class GripController(CollectableSystem):
         state.get_mutable_vector().SetFromVector(np.concatenate([commanded, now_stalled]))
         return EventStatus.Succeeded()
 
-    def _calc_desired_state(self, context: Context, output: BasicVector) -> None:
+    def _desired_state(self, context: Context) -> FloatArray:
         commanded, stalled = np.split(context.get_discrete_state_vector().value(), 2)
         # With a desired velocity of 0, damping would hold a moving finger back as if it had stalled.
         velocity = np.where(stalled > 0, 0.0, self._signs * self._arms * self._params.closing_speed)
-        output.SetFromVector(np.concatenate([np.nan_to_num(commanded), velocity]))
+        return np.concatenate([np.nan_to_num(commanded), velocity])
 
-    def _calc_holding(self, context: Context, output: BasicVector) -> None:
+    def _is_holding(self, context: Context) -> list[float]:
         _, stalled = np.split(context.get_discrete_state_vector().value(), 2)
-        output.SetFromVector([float(stalled.all())])
+        return [float(stalled.all())]
 
-    def _calc_status(self, context: Context, output: AbstractValue) -> None:
+    def _status(self, context: Context) -> str:
         _, stalled = np.split(context.get_discrete_state_vector().value(), 2)
         waiting = [name for name, done in zip(self._names, stalled > 0, strict=True) if not done]
-        output.set_value(f"closing: {', '.join(waiting)}" if waiting else "holding")
+        return f"closing: {', '.join(waiting)}" if waiting else "holding"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, EventStatus, State
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.calibration.offset_refinement import JointOffsets, OffsetRefinementParams, refine_offsets
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -98,24 +98,18 @@ class JointOffsetRefiner(CollectableSystem):
         self._refined = self.DeclareAbstractState(AbstractValue.Make(_Refined(start, np.zeros(count))))
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
         ticket = self.abstract_state_ticket(self._refined)
-        self.DeclareVectorOutputPort(
-            "joint_positions", plant.num_positions(), self._calc_positions, {self._positions.ticket(), ticket}
-        )
-        for name, attribute in (("joint_offsets", "mean"), ("joint_offset_sigmas", "sigma")):
-            self._declare_output(name, attribute, {ticket})
-
-    def _declare_output(self, name: str, attribute: str, tickets: set[Any]) -> None:
-        def calc(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(getattr(self._state(context).offsets, attribute))
-
-        self.DeclareVectorOutputPort(name, len(self.joints), calc, tickets)
+        needs = {self._positions.ticket(), ticket}
+        self.declare_output("joint_positions", plant.num_positions(), self._refined_positions, needs)
+        self.declare_output("joint_offsets", count, lambda context: self._state(context).offsets.mean, {ticket})
+        self.declare_output("joint_offset_sigmas", count, lambda context: self._state(context).offsets.sigma, {ticket})
 
     def _state(self, context: Context) -> _Refined:
         refined: _Refined = context.get_abstract_state(self._refined).get_value()
         return refined
 
-    def _calc_positions(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._positions.Eval(context) - self._gains @ self._state(context).applied)
+    def _refined_positions(self, context: Context) -> FloatArray:
+        q: FloatArray = self._positions.Eval(context) - self._gains @ self._state(context).applied
+        return q
 
     def advance(self, context: Context) -> None:
         """Updates the offsets at once: for a loop without a simulator.

@@ -81,9 +81,9 @@ class LcmBelief(CollectableSystem):
         self._belief = self.DeclareAbstractInputPort("belief", AbstractValue.Make(None))
         self._remembered = self.DeclareAbstractState(AbstractValue.Make(_Remembered()))
         self.DeclarePerStepUnrestrictedUpdateEvent(self._hear)
-        self.DeclareAbstractOutputPort("message", lambda: AbstractValue.Make(ObjectBeliefMessage()), self._calc)
+        self.declare_output("message", ObjectBeliefMessage(), self._message, {self.all_sources_ticket()})
 
-    def _calc(self, context: Context, output: AbstractValue) -> None:
+    def _message(self, context: Context) -> ObjectBeliefMessage:
         message = belief_message(
             eval_optional_input(self._hypotheses, context, PoseEstimate),
             eval_input(self._status, context, str),
@@ -100,7 +100,7 @@ class LcmBelief(CollectableSystem):
         else:
             known = self._remembered_in(context).between(-np.inf, known_by)
             message.utime, message.sequence = known[-1][1:] if known else (0, -1)
-        output.set_value(message)
+        return message
 
     def _hear(self, context: Context, state: State) -> EventStatus:
         """Remembers the newest senses, which a later belief may be based on."""
