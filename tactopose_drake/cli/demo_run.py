@@ -33,6 +33,7 @@ from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.runs.disturbed_sensors import disturbed_sensors
 from tactopose_drake.runs.grasp_simulation import GraspResult, simulate_grasp
+from tactopose_drake.runs.stepping import RunView
 from tactopose_drake.runs.timeline_recorder import TimelineRecorder
 from tactopose_drake.station.grasp_planning import grip_advice
 from tactopose_drake.station.scenario import Scenario
@@ -111,35 +112,32 @@ def run_demo(
             f"no grasp of the {model.name.replace('_', ' ')} with seed {scenario.seed} held it, of {len(reasons)} that "
             f"were tried: {'; '.join(reasons)}. Try another seed.{grip_advice(scenario)}"
         )
-    diagram, context = grasp.station.diagram, grasp.context
-    contacts: Contacts = diagram.GetOutputPort("contacts").Eval(context)
-    names: list[str] = diagram.GetOutputPort("fingers_in_contact").Eval(context)
-    pads = _read_pads(grasp)
+    view = RunView(grasp.station.diagram, grasp.context)
+    contacts, names = view.value("contacts"), view.value("fingers_in_contact")
+    pads = _read_pads(grasp, view)
     patches = tuple(patch for patch, _ in pads.values())
     touch = touch_of(contacts, patches)
     touched_by = (*names, *(name for name, (patch, _) in pads.items() if patch.is_felt))
-    prior: PosePrior = diagram.GetOutputPort("prior").Eval(context)
-    estimate: PoseEstimate | None = diagram.GetOutputPort("hypotheses").Eval(context)
+    prior: PosePrior = view.value("prior")
+    estimate: PoseEstimate | None = view.value("hypotheses")
+    belief: PoseEstimate | None = view.value("tracked_hypotheses")
     if estimate is None:
-        status = diagram.GetOutputPort("status").Eval(context)
-        raise GraspFailedError(
-            f"the hand holds the {model.name.replace('_', ' ')} but feels too little of it: {status}."
-        )
+        name, status = model.name.replace("_", " "), view.value("status")
+        raise GraspFailedError(f"the hand holds the {name} but feels too little of it: {status}.")
 
     def report(name: str, X_PO: FloatArray, best: PoseHypothesis) -> PoseReport:
         return report_pose(name, X_PO, grasp.X_PO, grasp.station.model, touch, best.free_directions)
 
-    belief = _belief(grasp)
     truth = grasp.truth
     return DemoResult(
         grasp=grasp,
         fingers=tuple(report_finger(name, row, contacts, truth.tips.get(name)) for row, name in enumerate(names)),
-        disturbed=disturbed_sensors(grasp.station, context),
+        disturbed=disturbed_sensors(grasp.station, grasp.context),
         pads=tuple(report_pad(name, *pads[name], truth.pads.get(name)) for name in pads),
         vision=report("vision", prior.mean, estimate.best),
         touch=report("touch", estimate.best.X_PO.GetAsMatrix34(), estimate.best),
         tracked=None if belief is None else report("belief", belief.best.X_PO.GetAsMatrix34(), belief.best),
-        hidden_share=float(diagram.GetOutputPort("hidden_share").Eval(context)[0]),
+        hidden_share=float(view.value("hidden_share")[0]),
         estimate=estimate,
         scene=_scene(grasp, touch, touched_by, patches, prior, estimate),
         timeline=recorder.timeline(),
@@ -231,21 +229,10 @@ def _errors_table(result: DemoResult) -> PageTable:
     )
 
 
-def _belief(grasp: GraspResult) -> PoseEstimate | None:
-    """The belief over time at the end; None without a pose, or without tracking."""
-    diagram = grasp.station.diagram
-    if not diagram.HasOutputPort("tracked_hypotheses"):
-        return None
-    belief: PoseEstimate | None = diagram.GetOutputPort("tracked_hypotheses").Eval(grasp.context)
-    return belief
-
-
-def _read_pads(grasp: GraspResult) -> dict[str, tuple[Patch, FloatArray]]:
+def _read_pads(grasp: GraspResult, view: RunView) -> dict[str, tuple[Patch, FloatArray]]:
     """The patch of each tactile pad with a reading at the end, and the areas of its cells, m^2."""
     arrays = {pad.name: pad.array for pad in grasp.station.hand.config.pads}
-    if not arrays:
-        return {}
-    names, patches = (grasp.station.diagram.GetOutputPort(port).Eval(grasp.context) for port in ("pads", "patches"))
+    names, patches = view.value("pads", ()), view.value("patches", ())
     areas = (load_tactile_pad(arrays[name]).layout.areas for name in names)
     return dict(zip(names, zip(patches, areas, strict=True), strict=True))
 

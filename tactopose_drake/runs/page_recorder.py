@@ -1,7 +1,7 @@
 """Records a run as a page with a time slider that shows hand, touch and belief."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams, Rgba, SceneGraph
@@ -16,7 +16,7 @@ from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
 from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.resources import fixed_pose
-from tactopose_drake.runs.stepping import RunView, belief_port
+from tactopose_drake.runs.stepping import RunView
 from tactopose_drake.runs.timeline_recorder import TimelineRecorder
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.visualization.appearance import MOVING_ALTERNATIVES
@@ -80,18 +80,11 @@ class PageRecorder:
         time = view.context.get_time()
         if time < self._next:
             return
-
-        def now(name: str) -> Any:
-            return view.diagram.GetOutputPort(name).Eval(view.context)
-
         self._timeline.show(view)
-        patches = tuple(now("patches")) if view.diagram.HasOutputPort("patches") else ()
-        prior = now("prior") if view.diagram.HasOutputPort("prior") else None
-        estimate = now(belief_port(view, "hypotheses"))
-        contacts = touch_of(now("contacts"), patches)
+        prior, patches = view.value("prior"), tuple(view.value("patches", ()))
+        contacts, q = touch_of(view.value("contacts"), patches), view.value("joint_positions")
         X_PO = None if prior is None else prior.X_PO
-        q, truth = now("joint_positions"), view.true_pose
-        self._moments.append(Moment(time, q, contacts, patches, X_PO, estimate, truth))
+        self._moments.append(Moment(time, q, contacts, patches, X_PO, view.believed("hypotheses"), view.true_pose))
         if len(self._moments) > _MOST_MOMENTS:
             self._moments = self._moments[::2]
             self._timeline.thin()
