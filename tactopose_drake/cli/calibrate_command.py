@@ -19,10 +19,9 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.hand.calibration_file import HandCalibration
-from tactopose_drake.hand.grasp_files import GRASP_ENDINGS, load_grasps
 from tactopose_drake.hand.hand_calibration import USED, CalibrationParams, CalibrationResult, calibrate_hand
 from tactopose_drake.hand.hand_config import load_hand_config
-from tactopose_drake.hand.recorded_grasps import RecordedGrasp
+from tactopose_drake.hand.recorded_grasps import GRASP_ENDINGS, RecordedGrasp, load_grasps
 from tactopose_drake.runs.manifest import MANIFEST
 from tactopose_drake.runs.quiet_instant import read_quiet_grasp
 

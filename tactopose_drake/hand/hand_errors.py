@@ -18,7 +18,7 @@ from tactopose_drake.hand.encoder_offsets import SLIDE
 from tactopose_drake.hand.hand_config import HandUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
 from tactopose_drake.hand.joint_matrices import joint_matrix
-from tactopose_drake.hand.joint_paths import JointPaths
+from tactopose_drake.hand.kinematics import JointPaths
 
 _AXES = ("x", "y", "z")
 

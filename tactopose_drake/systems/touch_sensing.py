@@ -10,12 +10,11 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from tactopose_drake.core.parameter_checks import check_parts
 from tactopose_drake.core.validation import flag
 from tactopose_drake.hand.collision import HandCollision
-from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
+from tactopose_drake.hand.contact_uncertainty import ContactUncertainty, PadUncertainty
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.joint_matrices import reading_offsets
-from tactopose_drake.hand.pad_uncertainty import PadUncertainty
 from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams
 from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInPalmParams
 from tactopose_drake.systems.hand_volume import HandVolume
