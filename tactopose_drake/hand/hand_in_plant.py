@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
+from pydrake.geometry import SceneGraph, SceneGraphInspector
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -230,6 +231,27 @@ def make_hand_plant(config: HandConfig) -> tuple[MultibodyPlant, Hand]:
             hand = _calibrated(plant, hand, calibration)
     plant.Finalize()
     return plant, hand
+
+
+def make_hand_with_shapes(
+    config: HandConfig, X_WBase: RigidTransform | None = None
+) -> tuple[MultibodyPlant, SceneGraphInspector, Hand]:
+    """Makes a finalized plant of the hand alone, without its calibration, and an inspector of the hand's shapes.
+
+    The plant is not part of a diagram, so that its contexts know nothing of the shapes.
+
+    Args:
+        config: configuration of the hand.
+        X_WBase: pose of its base in the world; None: as `add_fixed_hand` fixes it.
+
+    Raises:
+        InvalidInputError: as in `add_hand`.
+    """
+    plant, scene_graph = MultibodyPlant(time_step=0.001), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    hand = add_fixed_hand(plant, config) if X_WBase is None else add_hand(plant, config, X_WBase)
+    plant.Finalize()
+    return plant, scene_graph.model_inspector(), hand
 
 
 def _calibrated(plant: MultibodyPlant, hand: Hand, calibration: HandCalibration) -> Hand:

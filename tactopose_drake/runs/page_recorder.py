@@ -4,16 +4,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.geometry import Meshcat, MeshcatParams, Rgba, SceneGraph
+from pydrake.geometry import Meshcat, MeshcatParams, Rgba
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.results import PoseEstimate
-from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
+from tactopose_drake.hand.hand_in_plant import make_hand_plant, make_hand_with_shapes
 from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.runs.stepping import RunView
@@ -64,13 +63,10 @@ class PageRecorder:
         config = scenario.hand_config()
         self._offsets = reading_offsets(*make_hand_plant(config))
         self._model, self._timeline = model, TimelineRecorder(config, model)
-        scene_graph = SceneGraph()
-        self._plant = MultibodyPlant(time_step=0.001)
-        self._plant.RegisterAsSourceForSceneGraph(scene_graph)
-        self._hand = add_hand(self._plant, config, fixed_pose("Scenario.X_WBase", scenario.X_WBase))
-        self._plant.Finalize()
+        X_WBase = fixed_pose("Scenario.X_WBase", scenario.X_WBase)
+        self._plant, inspector, self._hand = make_hand_with_shapes(config, X_WBase)
         self._context = self._plant.CreateDefaultContext()
-        self._meshes = BodyMeshes.from_inspector(self._plant, scene_graph.model_inspector(), self._hand.model_instance)
+        self._meshes = BodyMeshes.from_inspector(self._plant, inspector, self._hand.model_instance)
         self._most_contacts = len(config.fingers) + len(config.pads)
         self._moments: list[Moment] = []
         self._period, self._next = _PERIOD, -np.inf
