@@ -147,8 +147,8 @@ class PageRecorder:
         add_patches(meshcat, f"{_PATH}/patches", pads, cells)
         add_frames(meshcat, _PATH)
         for row, mesh in enumerate(self._meshes.meshes):
-            vertices, faces = np.asfortranarray(mesh.vertices.T), np.asfortranarray(mesh.faces.T)
-            meshcat.SetTriangleMesh(f"{_PATH}/hand/{row}", vertices, faces, Rgba(*mesh.colour.mean(axis=0)))
+            colour = Rgba(*mesh.colour.mean(axis=0))
+            meshcat.SetTriangleMesh(f"{_PATH}/hand/{row}", mesh.vertices.T, mesh.faces.T, colour)
 
     def _draw(self, meshcat: Meshcat, moment: Moment) -> None:
         time, hypotheses = moment.time, _shown(moment)
