@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.poses import skew
@@ -27,7 +26,7 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.contact_gains import contact_gains, wrench_of
 from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas
 from tactopose_drake.hand.hand_config import HandUncertainty
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, sliding_joints
 from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.hand.kinematics import HandKinematics
 
@@ -63,9 +62,9 @@ class ContactUncertainty:
         self._tip_variance = {finger: moved + of_turn * arm for finger, arm in turned.items()}
         if hand.calibration is not None:
             self._noise, by_joint = hand.calibration.noise, joint_matrix(plant, hand, joints)
+            sliding = sliding_joints(plant, hand)
             for finger, found in hand.calibration.fingers.items():
-                moving = [plant.GetJointByName(name, hand.model_instance) for name in found.joints]
-                units = [1.0 if isinstance(joint, PrismaticJoint) else math.radians(1.0) for joint in moving]
+                units = [1.0 if joint in sliding else math.radians(1.0) for joint in found.joints]
                 of_joints = [hand.calibration.joint_offsets[joint].sigma for joint in found.joints]
                 sigma = np.concatenate([np.array(units) * of_joints, found.sigma])
                 correlation = np.array(found.correlation) if found.correlation else np.eye(len(sigma))

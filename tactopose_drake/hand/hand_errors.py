@@ -11,12 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.encoder_offsets import SLIDE
 from tactopose_drake.hand.hand_config import HandUncertainty
-from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
+from tactopose_drake.hand.hand_in_plant import Hand, measured_joints, sliding_joints
 from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.hand.kinematics import JointPaths
 
@@ -77,7 +76,8 @@ class HandErrors:
         moved_by = {name: _moved_sensors(plant, hand, name) for name in measured_joints(plant, hand)}
         joints = tuple(name for name, fingers in moved_by.items() if fingers)
         joints_of = {f: tuple(name for name in joints if f in moved_by[name]) for f in hand.sensor_frames}
-        slides = tuple(isinstance(plant.GetJointByName(name, hand.model_instance), PrismaticJoint) for name in joints)
+        sliding = sliding_joints(plant, hand)
+        slides = tuple(name in sliding for name in joints)
         offset = math.radians(uncertainty.encoder_offset_deg)
         sigma = [np.where(slides, SLIDE * offset, offset)]
         names = [f"{joint} offset" for joint in joints]

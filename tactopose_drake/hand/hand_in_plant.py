@@ -155,17 +155,25 @@ def _check_base(plant: MultibodyPlant, hand: Hand) -> None:
         )
 
 
+def joints_of(plant: MultibodyPlant, hand: Hand) -> list[Joint]:
+    """All joints of the hand, also those that do not move, in the plant's order."""
+    return [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+
+
+def sliding_joints(plant: MultibodyPlant, hand: Hand) -> frozenset[str]:
+    """Names of the hand's prismatic joints, whose positions are in m."""
+    return frozenset(joint.name() for joint in joints_of(plant, hand) if isinstance(joint, PrismaticJoint))
+
+
 def joints_by_child(plant: MultibodyPlant, hand: Hand) -> dict[BodyIndex, Joint]:
     """The hand's joints by the index of their child bodies."""
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    return {joint.child_body().index(): joint for joint in joints}
+    return {joint.child_body().index(): joint for joint in joints_of(plant, hand)}
 
 
 def measured_joints(plant: MultibodyPlant, hand: Hand) -> tuple[str, ...]:
     """Names of the joints that have an encoder: those that move and are not coupled to another."""
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    followers = hand.config.couplings
-    return tuple(joint.name() for joint in joints if joint.num_positions() == 1 and joint.name() not in followers)
+    moving = (joint.name() for joint in joints_of(plant, hand) if joint.num_positions() == 1)
+    return tuple(name for name in moving if name not in hand.config.couplings)
 
 
 def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelInstanceIndex) -> Hand:
@@ -262,9 +270,9 @@ def _calibrated(plant: MultibodyPlant, hand: Hand, calibration: HandCalibration)
             out of its range.
     """
     calibration.check_names(measured_joints(plant, hand), hand.sensor_frames)
+    sliding = sliding_joints(plant, hand)
     for name, offset in calibration.joint_offsets.items():
-        slides = isinstance(plant.GetJointByName(name, hand.model_instance), PrismaticJoint)
-        if slides and abs(offset.value) > _LARGEST_SLIDE:
+        if name in sliding and abs(offset.value) > _LARGEST_SLIDE:
             raise InvalidInputError(
                 f"joint_offsets.{name}.value must be from {-_LARGEST_SLIDE:g} to {_LARGEST_SLIDE:g} m for a prismatic "
                 f"joint, not {offset.value:g} m."

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PrismaticJoint
 from pydrake.systems.framework import Context, DiscreteValues, EventStatus
 
 from tactopose_drake.core.grasping.grasp_law import (
@@ -18,7 +17,7 @@ from tactopose_drake.core.grasping.grasp_law import (
 from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.parameter_checks import check_numbers, params_of
 from tactopose_drake.core.validation import FloatArray, known_name
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, sliding_joints
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.systems.collectable_system import CollectableSystem
 
@@ -106,10 +105,8 @@ class GraspController(CollectableSystem):
         self._joints_of_finger = {finger.name: joints.positions(finger.joints) for finger in hand.config.fingers}
         of_fingers = {name for finger in hand.config.fingers for name in finger.joints}
         on_finger = np.array([name in of_fingers for name in joints.actuated])
-        slides = [
-            isinstance(plant.GetJointByName(name, hand.model_instance), PrismaticJoint) for name in joints.actuated
-        ]
-        arms = np.where(slides, SLIDING_ARM, 1.0)
+        sliding = sliding_joints(plant, hand)
+        arms = np.array([SLIDING_ARM if name in sliding else 1.0 for name in joints.actuated])
         stiffness = np.where(on_finger, self._params.finger_stiffness, self._params.other_stiffness)
         damping = np.where(on_finger, self._params.finger_damping, self._params.other_damping)
         self._stiffness, self._damping = stiffness / arms**2, damping / arms**2

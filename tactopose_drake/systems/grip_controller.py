@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Joint, PdControllerGains, PrismaticJoint
+from pydrake.multibody.tree import PdControllerGains
 from pydrake.systems.framework import Context, DiscreteValues, EventStatus
 
 from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
@@ -12,7 +12,7 @@ from tactopose_drake.core.grasping.stall_law import close_until_stalled
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.validation import FloatArray, finite_array, known_name, positive_number
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, sliding_joints
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.systems.collectable_system import CollectableSystem
 
@@ -50,17 +50,13 @@ def set_motor_gains(plant: MultibodyPlant, hand: Hand, params: GripControllerPar
         params: stiffness and damping.
     """
     params.validate()
+    arms = dict.fromkeys(sliding_joints(plant, hand), SLIDING_ARM)
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_mutable_joint_actuator(index)
         if actuator.model_instance() == hand.model_instance:
-            per_radian = _arm(actuator.joint()) ** 2
+            per_radian = arms.get(actuator.joint().name(), 1.0) ** 2
             gains = PdControllerGains(p=params.stiffness / per_radian, d=params.damping / per_radian)
             actuator.set_controller_gains(gains)
-
-
-def _arm(joint: Joint) -> float:
-    """The motion of a joint that counts as a radian."""
-    return SLIDING_ARM if isinstance(joint, PrismaticJoint) else 1.0
 
 
 class GripController(CollectableSystem):
@@ -108,7 +104,8 @@ class GripController(CollectableSystem):
             for name in getattr(self._params, key):
                 known_name(f"each name in GripControllerParams.{key}", name, names)
         self._joints = joints.positions(names)
-        self._arms = np.array([_arm(plant.GetJointByName(name, hand.model_instance)) for name in names])
+        sliding = sliding_joints(plant, hand)
+        self._arms = np.array([SLIDING_ARM if name in sliding else 1.0 for name in names])
         self._signs = np.array([-1.0 if name in self._params.falling else 1.0 for name in names])
         self._names = names
         start = np.array([self._params.fixed.get(name, np.nan) for name in names])
