@@ -84,8 +84,7 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
     # GetJointActuatorIndices(model_instance) returns nothing before the plant is finalized.
     actuators = (plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices())
     actuated = {actuator.joint().name() for actuator in actuators if actuator.model_instance() == model_instance}
-    driven = dict.fromkeys(name for finger in config.fingers for name in finger.joints)  # fingers may share one
-    for name in (name for name in driven if name not in actuated):
+    for name in (name for name in config.driven if name not in actuated):
         plant.AddJointActuator(name, plant.GetJointByName(name, model_instance))
     if X_WBase is not None:
         _fix_base(plant, hand, X_WBase)
@@ -185,7 +184,7 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
     """
     frames = {plant.get_frame(index).name(): plant.get_frame(index) for index in plant.GetFrameIndices(model_instance)}
     joints = {plant.get_joint(index).name(): plant.get_joint(index) for index in plant.GetJointIndices(model_instance)}
-    sensing = [finger for finger in config.fingers if finger.sensor_frame]
+    sensing = [config.finger(name) for name in config.sensing]
     for finger in config.fingers:
         needed = [*finger.joints, *(coupling.joint for coupling in finger.couplings)]
         needed += [finger.weld] if finger in sensing else []

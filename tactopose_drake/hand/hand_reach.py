@@ -52,7 +52,7 @@ def make_hand_reach(config: HandConfig, params: ReachParams) -> HandReach:
             their joints has no limits; or if no place is in reach of two fingers.
     """
     params.validate()
-    sensing = [finger.name for finger in config.fingers if finger.sensor_frame]
+    sensing = config.sensing
     if len(sensing) < 2:
         raise InvalidInputError(
             f"HandConfig.fingers must have a force-torque sensor on 2 or more fingers, not on {len(sensing)}: planned "

@@ -73,7 +73,7 @@ def _order(plant: MultibodyPlant, hand: Hand, finger: FingerConfig) -> tuple[str
 
 def _rest(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
     said = hand.config.rest_positions
-    for name in dict.fromkeys(name for finger in hand.config.fingers for name in finger.joints):
+    for name in hand.config.driven:
         joint, position = plant.GetJointByName(name, hand.model_instance), said.get(name, 0.0)
         low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
         if low - REST_ROUNDING <= position <= high + REST_ROUNDING:

@@ -74,8 +74,9 @@ def _dynamics(plant: MultibodyPlant, hand: Hand, context: Context) -> Iterator[F
         yield Finding(
             "dynamics", f"all links have masses, {plant.CalcTotalMass(context, [hand.model_instance]):.3g} kg in all"
         )
-    driven = {name for finger in hand.config.fingers for name in finger.joints}
-    damping = max((float(np.max(j.default_damping_vector())) for j in joints if j.name() in driven), default=0.0)
+    damping = max(
+        (float(np.max(j.default_damping_vector())) for j in joints if j.name() in hand.config.driven), default=0.0
+    )
     if damping > _SLOWEST * _STIFFNESS:
         stiffness = f"{damping / 0.1:g}"
         text = (

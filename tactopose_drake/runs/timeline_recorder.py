@@ -38,7 +38,7 @@ class TimelineRecorder:
 
     def __init__(self, config: HandConfig, model: ObjectModel) -> None:
         """Takes the names of fingers and pads from the hand, and keeps the object."""
-        self._fingers = [finger.name for finger in config.fingers if finger.sensor_frame]
+        self._fingers = config.sensing
         self._pads = [pad.name for pad in config.pads]
         self._model = model
         self._rows: list[_Noted] = []

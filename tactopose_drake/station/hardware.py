@@ -131,7 +131,7 @@ def make_hardware_station(
 
 def check_signals(config: HandConfig, plant: MultibodyPlant, signals: Mapping[str, Signal]) -> None:
     """Raises InvalidInputError if a signal's name is not one of the hand's, or its vectors have another length."""
-    sizes = {f"wrench_{finger.name}": 6 for finger in config.fingers if finger.sensor_frame}
+    sizes = {f"wrench_{finger}": 6 for finger in config.sensing}
     sizes |= {f"pressures_{pad.name}": len(load_tactile_pad(pad.array).layout) for pad in config.pads}
     sizes["joint_positions"] = plant.num_positions()
     for name, signal in signals.items():

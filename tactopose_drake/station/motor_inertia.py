@@ -33,7 +33,7 @@ def add_motor_inertia(plant: MultibodyPlant, hand: Hand, params: GraspController
         The added inertia, kg m^2 or kg, by the joint's name.
     """
     alone, parts = make_hand_plant(hand.config)
-    names = list(dict.fromkeys(name for finger in hand.config.fingers for name in finger.joints))
+    names = hand.config.driven
     joints = [alone.GetJointByName(name, parts.model_instance) for name in names]
     sliding = sliding_joints(alone, parts)
     arm = np.array([SLIDING_ARM if name in sliding else 1.0 for name in names])

@@ -103,8 +103,7 @@ class GraspController(CollectableSystem):
         self._joint_of_actuator = joints.positions(joints.actuated)
         self._velocity_of_actuator = joints.velocities(joints.actuated)
         self._joints_of_finger = {finger.name: joints.positions(finger.joints) for finger in hand.config.fingers}
-        of_fingers = {name for finger in hand.config.fingers for name in finger.joints}
-        on_finger = np.array([name in of_fingers for name in joints.actuated])
+        on_finger = np.array([name in hand.config.driven for name in joints.actuated])
         sliding = sliding_joints(plant, hand)
         arms = np.array([SLIDING_ARM if name in sliding else 1.0 for name in joints.actuated])
         stiffness = np.where(on_finger, self._params.finger_stiffness, self._params.other_stiffness)

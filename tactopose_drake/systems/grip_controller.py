@@ -109,7 +109,7 @@ class GripController(CollectableSystem):
         self._signs = np.array([-1.0 if name in self._params.falling else 1.0 for name in names])
         self._names = names
         start = np.array([self._params.fixed.get(name, np.nan) for name in names])
-        of_fingers = {name for finger in hand.config.fingers for name in finger.joints} or set(names)
+        of_fingers = hand.config.driven or names
         stays = [name in self._params.fixed or name not in of_fingers for name in names]
 
         nx = plant.num_multibody_states(hand.model_instance)
