@@ -1,9 +1,9 @@
 """Type-checked reading of input ports, export of output ports, and checks of systems' names."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
-from pydrake.systems.framework import Context, DiagramBuilder, InputPort, System
+from pydrake.systems.framework import Context, DiagramBuilder, InputPort, OutputPort, System
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.plain_values import counted
@@ -18,6 +18,13 @@ def export_outputs(builder: DiagramBuilder, system: System, prefix: str = "") ->
     """Exports all output ports of a system, by their names after a prefix."""
     for port in map(system.get_output_port, range(system.num_output_ports())):
         builder.ExportOutput(port, f"{prefix}{port.get_name()}")
+
+
+def connect_known(builder: DiagramBuilder, ports: Mapping[str, OutputPort], system: System) -> None:
+    """Connects ports to those inputs of a system that have their names."""
+    for name, port in ports.items():
+        if system.HasInputPort(name):
+            builder.Connect(port, system.GetInputPort(name))
 
 
 def check_name_is_free(builder: DiagramBuilder, name: str, others: Iterable[str] = ()) -> None:

@@ -20,7 +20,7 @@ from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInP
 from tactopose_drake.systems.hand_volume import HandVolume
 from tactopose_drake.systems.measured_joints import MeasuredJoints
 from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
-from tactopose_drake.systems.ports import export_outputs
+from tactopose_drake.systems.ports import connect_known, export_outputs
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -97,10 +97,7 @@ def add_touch(
         posed.append(volume)
         builder.Connect(contacts.GetOutputPort("fingers_untouched"), volume.GetInputPort("fingers_untouched"))
         known |= {name: volume.GetOutputPort(name) for name in ("hand", "untouched")}
-    for name, port in known.items():
-        if estimator.HasInputPort(name):
-            builder.Connect(port, estimator.GetInputPort(name))
-
+    connect_known(builder, known, estimator)
     takers = [system for system in (*posed, *others, estimator) if system.HasInputPort("joint_positions")]
     if refiner is not None:
         takers = _refined(builder, refiner, solver, takers)
