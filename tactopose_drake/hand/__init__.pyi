@@ -1,7 +1,6 @@
 from .calibration_file import HandCalibration as HandCalibration
 from .calibration_file import load_calibration as load_calibration
 from .calibration_file import save_calibration as save_calibration
-from .calibration_from_errors import calibration_of as calibration_of
 from .closed_grasps import ClosedGrasp as ClosedGrasp
 from .closed_grasps import ClosedGraspParams as ClosedGraspParams
 from .closed_grasps import GraspCloser as GraspCloser
@@ -40,6 +39,7 @@ from .hand_config import PadConfig as PadConfig
 from .hand_config import load_hand_config as load_hand_config
 from .hand_errors import FingertipErrors as FingertipErrors
 from .hand_errors import HandErrors as HandErrors
+from .hand_errors import calibration_of as calibration_of
 from .hand_in_plant import Hand as Hand
 from .hand_in_plant import add_hand as add_hand
 from .hand_in_plant import find_hand as find_hand
