@@ -179,9 +179,7 @@ def _make(folder: Path) -> None:
         raise InvalidFileError(f"{folder} must be a folder, which may be new, {given}.") from None
 
 
-def save_demo(
-    result: DemoResult, folder: Path, meshcat: Meshcat | None = None, others: Iterable[Path] = ()
-) -> tuple[Path, ...]:
+def save_demo(result: DemoResult, folder: Path, meshcat: Meshcat, others: Iterable[Path]) -> tuple[Path, ...]:
     """Writes result.json, picture.png and, with Meshcat's recording, scene.html, and copies other files.
 
     Returns:
@@ -191,24 +189,22 @@ def save_demo(
     for other in others:
         with written_beside(folder / other.name) as beside:
             shutil.copyfile(other, beside)
-    paths = [folder / name for name in _FILES[:2]]
+    paths = [folder / name for name in _FILES]
     save_result(paths[0], result.estimate)
     save_picture(paths[1], result.scene, captions=("before: vision", "after: touch"))
-    if meshcat is not None:
-        paths.append(folder / _FILES[2])
-        # Only hypotheses that the station's display shows.
-        hypotheses = result.scene.hypotheses[: 1 + PoseDisplayParams().max_alternatives]
-        shown = dataclasses.replace(result.scene, hypotheses=hypotheses)
-        add_frames(meshcat, PoseDisplayParams().path)
-        page = page_of(
-            shown,
-            result.estimate,
-            title=grasp_title(result.grasp.station.scenario, "simulated"),
-            X_WP=_palm_pose(result.grasp),
-            tables=(_errors_table(result),),
-            timeline=result.timeline,
-        )
-        save_html(paths[2], meshcat, page)
+    # Only hypotheses that the station's display shows.
+    hypotheses = result.scene.hypotheses[: 1 + PoseDisplayParams().max_alternatives]
+    shown = dataclasses.replace(result.scene, hypotheses=hypotheses)
+    add_frames(meshcat, PoseDisplayParams().path)
+    page = page_of(
+        shown,
+        result.estimate,
+        title=grasp_title(result.grasp.station.scenario, "simulated"),
+        X_WP=_palm_pose(result.grasp),
+        tables=(_errors_table(result),),
+        timeline=result.timeline,
+    )
+    save_html(paths[2], meshcat, page)
     return tuple(paths)
 
 
