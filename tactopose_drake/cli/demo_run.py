@@ -38,7 +38,7 @@ from tactopose_drake.runs.timeline_recorder import TimelineRecorder
 from tactopose_drake.station.grasp_planning import grip_advice
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.pose_display import PoseDisplayParams
-from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
+from tactopose_drake.visualization.body_meshes import BodyMeshes
 from tactopose_drake.visualization.estimate_page import page_of
 from tactopose_drake.visualization.frame_marks import add_frames
 from tactopose_drake.visualization.page import save_html
@@ -241,23 +241,19 @@ def _scene(
     prior: PosePrior,
     estimate: PoseEstimate,
 ) -> Scene:
+    station = grasp.station
+    context = station.plant.GetMyContextFromRoot(grasp.context)
     return Scene(
-        model=grasp.station.model,
+        model=station.model,
         contacts=touch,
         touched_by=touched_by,
         patches=patches,
         prior=prior.X_PO,
         hypotheses=tuple(ShownHypothesis.of(hypothesis) for hypothesis in estimate.hypotheses),
         truth=grasp.X_PO,
-        hand=_hand_surface(grasp),
+        hand=BodyMeshes.in_palm(station.plant, context, station.hand.palm_frame),
         up_P=_palm_pose(grasp).rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
     )
-
-
-def _hand_surface(grasp: GraspResult) -> Triangles:
-    station = grasp.station
-    context = station.plant.GetMyContextFromRoot(grasp.context)
-    return BodyMeshes.in_palm(station.plant, context, station.hand.palm_frame)
 
 
 def _palm_pose(grasp: GraspResult) -> RigidTransform:

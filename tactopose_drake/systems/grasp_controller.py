@@ -141,9 +141,6 @@ class GraspController(CollectableSystem):
     def _force(self, context: Context, finger: str) -> float:
         return float(np.linalg.norm(self._wrenches[finger].Eval(context)[3:]))
 
-    def _carries(self, force: float, motion: ClosingMotion) -> bool:
-        return force > (1.0 - self._law.carry_share) * motion.set_force
-
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         time, value = context.get_time(), context.get_discrete_state_vector().value()
         pushes, since, holding, began = value[:-3].copy(), value[-3], bool(value[-2]), value[-1]
@@ -156,7 +153,8 @@ class GraspController(CollectableSystem):
         forces = [self._force(context, finger) for finger in self._motions]
         for i, (motion, force) in enumerate(zip(self._motions.values(), forces, strict=True)):
             pushes[i] = update_push(pushes[i], force, motion.set_force, holding, self._params.period, self._law)
-        carried = all(self._carries(f, motion) for f, motion in zip(forces, self._motions.values(), strict=True))
+        share = 1.0 - self._law.carry_share
+        carried = all(f > share * motion.set_force for f, motion in zip(forces, self._motions.values(), strict=True))
         since = (since if since <= time else time) if carried else np.nan
         holding = holding or time - since >= self._params.settle_time or time - began >= self._params.closing_time
         discrete_state.set_value(np.append(pushes, [since, holding, began]))

@@ -110,7 +110,7 @@ class LcmHandSenses(CollectableSystem):
         message = copy.deepcopy(message) if is_new else before.message
         came = now if is_new and message.sequence >= 0 else before.time
         age = now - came
-        status = self._fit(message)
+        status = "; ".join(misfits(message, self._joints.names, self._fingers, self._cells)) or "ok"
         if not np.isfinite(came):
             status = _NO_MESSAGE
         elif abs(age) > self._max_age:  # A message from the future, after the clock went back, is stale, too.
@@ -119,10 +119,6 @@ class LcmHandSenses(CollectableSystem):
         state.get_mutable_abstract_state(self._received).set_value(received)
         state.get_mutable_discrete_state(self._age).SetFromVector([age])
         return EventStatus.Succeeded()
-
-    def _fit(self, message: HandSensesMessage) -> str:
-        """What in a message does not fit the hand; "ok" if everything fits."""
-        return "; ".join(misfits(message, self._joints.names, self._fingers, self._cells)) or "ok"
 
     def _joint_positions(self, context: Context) -> FloatArray:
         received = self._last(context)
