@@ -8,7 +8,7 @@ C++ reaches them through a weak reference.
 
 import weakref
 from collections.abc import Callable, Collection
-from typing import Any
+from typing import Any, Self
 
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, DependencyTicket, LeafSystem, OutputPort, ValueProducer
@@ -87,6 +87,13 @@ class CollectableSystem(LeafSystem, metaclass=_OneDictionary):
             lambda context, cached: cached.set_value(value(context)),
             set(needs),
         )
+
+
+class SharedState:
+    """Base of immutable values of abstract state: Drake copies all state with each event, and a copy is the value."""
+
+    def __deepcopy__(self, memo: Any) -> Self:
+        return self
 
 
 class CachedValue:

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -15,7 +14,7 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.fingertip_weights import fingertip_mass
 from tactopose_drake.hand.hand_in_plant import Hand
-from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.collectable_system import CollectableSystem, SharedState
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 
 # An acceleration is the change of velocity over at least this, s: in less, noise of the encoders would be all of it.
@@ -44,7 +43,7 @@ class FingertipInertiaParams:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Motion:
+class _Motion(SharedState):
     """How the fingertips moved at one time.
 
     Attributes:
@@ -64,9 +63,6 @@ class _Motion:
         same_p = np.array_equal(p_PTip, self.p_PTip, equal_nan=True)
         same_v = bool(np.all(np.isnan(v_PTip) | (v_PTip == self.v_PTip)))
         return same_p and same_v and bool(np.any(self.v_PTip))
-
-    def __deepcopy__(self, memo: Any) -> "_Motion":
-        return self
 
 
 class FingertipInertia(CollectableSystem):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -24,21 +23,18 @@ from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas, r
 from tactopose_drake.hand.hand_config import HandUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics
-from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.collectable_system import CollectableSystem, SharedState
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 from tactopose_drake.systems.ports import eval_input, eval_named
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Refined:
+class _Refined(SharedState):
     """The offsets' estimate, the offsets that are subtracted, and the joint positions at the last update."""
 
     offsets: JointOffsets
     applied: FloatArray
     q_told: FloatArray | None = None
-
-    def __deepcopy__(self, memo: Any) -> _Refined:
-        return self
 
 
 class JointOffsetRefiner(CollectableSystem):

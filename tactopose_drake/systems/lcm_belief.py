@@ -3,7 +3,7 @@
 import bisect
 import dataclasses
 import time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -13,7 +13,7 @@ from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.validation import whole_number
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectBeliefMessage
 from tactopose_drake.estimation.results import PoseEstimate
-from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.collectable_system import CollectableSystem, SharedState
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
 _REMEMBERED = 10.0  # s; a belief that is this late is lost
@@ -28,13 +28,10 @@ class _Heard(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Remembered:
+class _Remembered(SharedState):
     """The senses that were heard, oldest first."""
 
     heard: tuple[_Heard, ...] = ()
-
-    def __deepcopy__(self, memo: Any) -> "_Remembered":
-        return self
 
     def between(self, after: float, until: float) -> tuple[_Heard, ...]:
         """The senses of the times above `after` and up to `until`, s."""

@@ -3,7 +3,6 @@
 import copy
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -15,23 +14,20 @@ from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
-from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.collectable_system import CollectableSystem, SharedState
 from tactopose_drake.systems.ports import eval_input
 
 _NO_MESSAGE = "no message yet"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Received:
+class _Received(SharedState):
     """The last message, the diagram's time at which it arrived, s, and its current status."""
 
     message: HandSensesMessage
     time: float
     status: str
     is_used: bool = False
-
-    def __deepcopy__(self, memo: Any) -> "_Received":
-        return self
 
 
 class LcmHandSenses(CollectableSystem):

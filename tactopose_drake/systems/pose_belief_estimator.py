@@ -2,7 +2,6 @@
 
 import dataclasses
 import time
-from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -24,7 +23,7 @@ from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.systems.belief_hypotheses import estimate_of
 from tactopose_drake.systems.belief_inputs import BeliefInputs, Reading, Remembered
-from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.collectable_system import CollectableSystem, SharedState
 from tactopose_drake.systems.collision_input import CollisionInput
 from tactopose_drake.systems.ports import eval_optional_input
 
@@ -45,14 +44,11 @@ class PoseBeliefParams:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class TimedBelief:
+class TimedBelief(SharedState):
     """A belief and how long its update took, s of real time."""
 
     belief: PoseBelief
     duration: float = 0.0
-
-    def __deepcopy__(self, memo: Any) -> "TimedBelief":
-        return self
 
 
 class PoseBeliefEstimator(CollectableSystem):
