@@ -12,20 +12,16 @@ from rich.table import Table
 
 from tactopose_drake.cli.calibration_page import save_calibration_page
 from tactopose_drake.cli.calibration_reports import HEADINGS, calibration_rows, remaining_line
-from tactopose_drake.cli.consoles import ERRORS, print_written, then_printed
-from tactopose_drake.cli.hand_name import HAND, HAND_HELP
-from tactopose_drake.cli.object_name import OBJECT, OBJECT_HELP, object_file
-from tactopose_drake.cli.path_type import PATH
-from tactopose_drake.cli.progress_bar import progress_bar
+from tactopose_drake.cli.consoles import ERRORS, progress_bar, reporting
+from tactopose_drake.cli.option_types import HAND, HAND_HELP, OBJECT, OBJECT_HELP, PATH, object_file
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.hand.calibration_file import HandCalibration
-from tactopose_drake.hand.grasp_files import GRASP_ENDINGS, load_grasps
 from tactopose_drake.hand.hand_calibration import USED, CalibrationParams, CalibrationResult, calibrate_hand
 from tactopose_drake.hand.hand_config import load_hand_config
-from tactopose_drake.hand.recorded_grasps import RecordedGrasp
+from tactopose_drake.hand.recorded_grasps import GRASP_ENDINGS, RecordedGrasp, load_grasps
 from tactopose_drake.runs.manifest import MANIFEST
 from tactopose_drake.runs.quiet_instant import read_quiet_grasp
 
@@ -69,15 +65,12 @@ def calibrate(hand: str, name: str, scale: float, folder: Path, out: Path, html:
             CalibrationParams(seed=seed),
             on_progress=lambda share, doing: progress.update(task, completed=share, description=doing),
         )
-    written = [path for path in (out, html) if path is not None]
-    earlier = [path for path in written if path.is_file()]
     names = [grasp.name for grasp in grasps]
     table = calibration_table(result.calibration, result.sliding)
-    with then_printed(table, *calibration_lines(result, names)):
+    with reporting((out, html), table, *calibration_lines(result, names)):
         result.save(out)
         if html is not None:
             save_calibration_page(html, hand, result, names)
-    print_written(written, earlier)
 
 
 def _grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:

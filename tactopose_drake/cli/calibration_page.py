@@ -1,6 +1,7 @@
 """A page that shows the residuals of each finger's contacts before and after a calibration."""
 
 import html
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from tactopose_drake.cli.calibration_reports import HEADINGS, calibration_rows, 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.hand.hand_calibration import CalibrationResult
+from tactopose_drake.visualization.page_tables import PageTable, Row, table_html
 
 _WIDTH, _ROW = 560, 22  # of a plot and of a finger's row in it, px
 _LEFT = 90
@@ -28,8 +30,8 @@ def save_calibration_page(path: Path, hand: str, result: CalibrationResult, name
     """
     distances = _plot("Distance from the surface, mm", result, "distance", 1e3)
     angles = _plot("Angle between the normals, deg", result, "angle", 180.0 / np.pi)
-    rows = [
-        f"<tr><td>{html.escape(name)}</td><td>{_cell(weight)}</td><td>{_cell(probability)}</td></tr>"
+    grasps = [
+        (name, _cell(weight), _cell(probability))
         for name, weight, probability in zip(names, result.grasp_weights, result.pose_probability, strict=True)
     ]
     title = html.escape(Path(hand).name)
@@ -39,12 +41,12 @@ def save_calibration_page(path: Path, hand: str, result: CalibrationResult, name
         f"<style>{_STYLE}</style></head><body><h1>Calibration of {title}</h1>"
         "<p>Each dot is a contact: above, red, of the uncalibrated hand, at the best pose of the object for it in each "
         "grasp; below, blue, of the calibrated hand.</p>"
-        f"{distances}{angles}{_table(result)}"
+        f"{distances}{angles}{_residuals(result)}"
         f"<p>{html.escape(remaining_line(result))} The residuals are smaller, because the fit absorbs a part.</p>"
-        f"<h2>What was found</h2>{_found(result)}<h2>Grasps</h2>"
+        f"{_table('What was found', HEADINGS, calibration_rows(result.calibration, result.sliding))}<h2>Grasps</h2>"
         "<p>A grasp with weight 1 fits the others; one with 0 was ignored. If its pose is not "
         "certain, another one explains the grasp, too, and increases the standard deviations.</p>"
-        f"<table><tr><th>grasp</th><th>weight</th><th>probability of its pose</th></tr>{''.join(rows)}</table>"
+        f"{_table('', ('grasp', 'weight', 'probability of its pose'), grasps)}"
         "<h2>What these grasps do not determine</h2>"
         "<p>Common changes of all errors in a line: \u201cwith\u201d in the same direction, "
         f"\u201cagainst\u201d in the opposite one.</p><ul>{untold or '<li>nothing</li>'}</ul></body></html>\n"
@@ -53,21 +55,19 @@ def save_calibration_page(path: Path, hand: str, result: CalibrationResult, name
         beside.write_text(text, encoding="utf-8")
 
 
-def _table(result: CalibrationResult) -> str:
+def _table(title: str, headings: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    return table_html(PageTable(title, headings, tuple(map(Row, rows))))
+
+
+def _residuals(result: CalibrationResult) -> str:
+    """A table of the residuals by finger, before and after the calibration."""
     rows = []
     for finger in result.before:
-        cells = []
+        cells = [finger]
         for residuals in (result.before[finger], result.after[finger]):
             cells += [f"{1e3 * _rms(residuals.distance):.2f}", f"{np.degrees(_rms(residuals.angle)):.1f}"]
-        rows.append(f"<tr><td>{html.escape(finger)}</td>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
-    heads = ("finger", "before, mm rms", "before, deg rms", "after, mm rms", "after, deg rms")
-    return f"<table><tr>{''.join(f'<th>{head}</th>' for head in heads)}</tr>{''.join(rows)}</table>"
-
-
-def _found(result: CalibrationResult) -> str:
-    rows = calibration_rows(result.calibration, result.sliding)
-    cells = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
-    return f"<table><tr>{''.join(f'<th>{heading}</th>' for heading in HEADINGS)}</tr>{cells}</table>"
+        rows.append(tuple(cells))
+    return _table("", ("finger", "before, mm rms", "before, deg rms", "after, mm rms", "after, deg rms"), rows)
 
 
 def _cell(value: float) -> str:

@@ -6,10 +6,9 @@ import click
 from rich import box
 from rich.table import Table
 
-from tactopose_drake.cli.consoles import ERRORS, OUT, print_written, then_printed
-from tactopose_drake.cli.hand_name import HAND
+from tactopose_drake.cli.consoles import ERRORS, OUT, reporting
 from tactopose_drake.cli.hand_page import save_hand_page
-from tactopose_drake.cli.path_type import PATH
+from tactopose_drake.cli.option_types import HAND, PATH
 from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.hand.findings import Finding, fingers_yaml
 from tactopose_drake.hand.hand_check import check_hand
@@ -37,14 +36,12 @@ def check_hand_command(hand: str, html: Path | None, cells: Path | None) -> None
     if cells is not None and not pads:
         unwritten[cells] = "the hand cannot be read" if check.parts is None else "the hand has no tactile pads"
     written = [path for path in (html, cells) if path is not None and path not in unwritten]
-    earlier = [path for path in written if path.is_file()]
     suggested = [_SUGGESTED, fingers_yaml(check.entries)] if check.entries else []
-    with then_printed(findings_table(hand, check.findings), *suggested):
+    with reporting(written, findings_table(hand, check.findings), *suggested):
         if html in written:
             save_hand_page(html, hand, check)
         if cells in written:
             _save_cells(cells, pads)
-    print_written(written, earlier)
     for path, reason in unwritten.items():
         OUT.print(f"{path} is not written, since {reason}.", style="yellow", soft_wrap=True)
     for fault in check.faults:

@@ -2,11 +2,12 @@
 
 import contextlib
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.progress import Progress, ProgressColumn
 from rich.status import Status
 from rich.table import Table
 from rich.text import Text
@@ -70,13 +71,19 @@ ERRORS = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
 
 
 @contextlib.contextmanager
-def then_printed(*found: Table | str) -> Iterator[None]:
-    """Prints what was found, after its files are written, or could not be: a reader that goes away ends the command."""
+def reporting(files: Iterable[Path | None], *found: Table | str) -> Iterator[None]:
+    """Prints what was found, after its files are written, or could not be, and which files were written and replaced.
+
+    It is printed last because a reader that goes away ends the command.
+    """
+    written = [path for path in files if path is not None]
+    earlier = [path for path in written if path.is_file()]
     try:
         yield
     finally:
         for part in found:
             OUT.print(part, soft_wrap=isinstance(part, str))
+    print_written(written, earlier)
 
 
 def print_written(paths: Sequence[Path], earlier: Sequence[Path]) -> None:
@@ -85,3 +92,8 @@ def print_written(paths: Sequence[Path], earlier: Sequence[Path]) -> None:
     for done, which in zip(("Written", "Replaced"), written, strict=True):
         if which:
             OUT.print(f"{done}: {', '.join(map(str, which))}", soft_wrap=True)
+
+
+def progress_bar(*columns: ProgressColumn) -> Progress:
+    """A progress bar that is removed at the end; without a terminal, nothing is printed."""
+    return Progress(*columns, console=ERRORS, transient=True, disable=not ERRORS.is_interactive)

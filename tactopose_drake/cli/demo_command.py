@@ -14,18 +14,24 @@ from pydrake.math import RigidTransform
 
 from tactopose_drake.cli.consoles import ERRORS, OUT
 from tactopose_drake.cli.demo_run import DemoResult, earlier_results, prepare_demo, run_demo, save_demo
-from tactopose_drake.cli.demo_scenario import demo_scenario
 from tactopose_drake.cli.estimate_tables import fingers_table, pads_table, poses_table
-from tactopose_drake.cli.hand_name import HAND, HAND_HELP
-from tactopose_drake.cli.object_name import OBJECT, OBJECT_HELP
-from tactopose_drake.cli.path_type import PATH
+from tactopose_drake.cli.option_types import HAND, HAND_HELP, OBJECT, OBJECT_HELP, PATH
+from tactopose_drake.core.validation import either
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.descriptions import free_line, sigma_line, status_line
+from tactopose_drake.estimation.object_files import load_object
+from tactopose_drake.resources import shipped_objects
 from tactopose_drake.runs.grasp_simulation import GraspResult
+from tactopose_drake.station.own_hand import scenario_for
+from tactopose_drake.station.own_object import write_simulated_object
+from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.simulated import check_bodies
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tactopose_drake.visualization.presentation import open_page
 
 _FOLDER = "tactopose_demo"
+_WITH_SCENARIO = ("shadow_like", "barrett_like")  # hands that have a scenario with their name
+_OBJECT = "cube"  # default object for other hands
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -66,7 +72,7 @@ def demo(**given: Any) -> None:
     with ERRORS.status("reading the hand"):
         # Files of the user's object stay in a temporary folder until there is a result.
         scratch = Path(click.get_current_context().with_resource(tempfile.TemporaryDirectory(prefix="tactopose_")))
-        scenario = demo_scenario(options.hand, options.name, options.seed, scratch, options.scale, options.mass)
+        scenario = _scenario(options, scratch)
         own = sorted(scratch.iterdir())
         inputs = (Path(text) for text in (options.hand, options.name) if text and os.path.isfile(text))
         prepare_demo(out, (path.name for path in own), inputs)
@@ -107,6 +113,28 @@ def demo(**given: Any) -> None:
         open_page(paths[-1])
     if options.keep:
         click.pause("Press Enter to end.")
+
+
+def _scenario(options: _Options, folder: Path) -> Scenario:
+    """The scenario of the package for a hand and object, or one made for the user's own.
+
+    The folder is empty, and receives the SDF and OBJ of an object that is given by path.
+    """
+    hand, name = options.hand, options.name
+    scenario = load_scenario(hand) if hand in _WITH_SCENARIO else None
+    if scenario is not None and scenario.grip is not None and name is not None and name not in scenario.grip.X_PO:
+        raise InvalidInputError(
+            f"--object must be one that the hand {hand!r} can hold, which closes without a plan: "
+            f"{either(sorted(scenario.grip.X_PO))}, not {name!r}. Other hands plan grasps of any object."
+        )
+    if name is not None and name not in shipped_objects():
+        name = str(write_simulated_object(load_object(name, scale=options.scale, mass=options.mass), folder))
+    elif options.scale != 1.0 or options.mass is not None:
+        raise InvalidInputError("--scale and --mass must be left out unless --object is a file's path.")
+    if scenario is None:
+        return scenario_for(hand, name or _OBJECT, options.seed)
+    scenario.object, scenario.seed = name or scenario.object, options.seed
+    return scenario
 
 
 def _belief_line(grasp: GraspResult) -> str:

@@ -33,11 +33,12 @@ from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.runs.disturbed_sensors import disturbed_sensors
 from tactopose_drake.runs.grasp_simulation import GraspResult, simulate_grasp
+from tactopose_drake.runs.stepping import RunView
 from tactopose_drake.runs.timeline_recorder import TimelineRecorder
 from tactopose_drake.station.grasp_planning import grip_advice
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.systems.pose_display import PoseDisplayParams
-from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
+from tactopose_drake.visualization.body_meshes import BodyMeshes
 from tactopose_drake.visualization.estimate_page import page_of
 from tactopose_drake.visualization.frame_marks import add_frames
 from tactopose_drake.visualization.page import save_html
@@ -111,35 +112,32 @@ def run_demo(
             f"no grasp of the {model.name.replace('_', ' ')} with seed {scenario.seed} held it, of {len(reasons)} that "
             f"were tried: {'; '.join(reasons)}. Try another seed.{grip_advice(scenario)}"
         )
-    diagram, context = grasp.station.diagram, grasp.context
-    contacts: Contacts = diagram.GetOutputPort("contacts").Eval(context)
-    names: list[str] = diagram.GetOutputPort("fingers_in_contact").Eval(context)
-    pads = _read_pads(grasp)
+    view = RunView(grasp.station.diagram, grasp.context)
+    contacts, names = view.value("contacts"), view.value("fingers_in_contact")
+    pads = _read_pads(grasp, view)
     patches = tuple(patch for patch, _ in pads.values())
     touch = touch_of(contacts, patches)
     touched_by = (*names, *(name for name, (patch, _) in pads.items() if patch.is_felt))
-    prior: PosePrior = diagram.GetOutputPort("prior").Eval(context)
-    estimate: PoseEstimate | None = diagram.GetOutputPort("hypotheses").Eval(context)
+    prior: PosePrior = view.value("prior")
+    estimate: PoseEstimate | None = view.value("hypotheses")
+    belief: PoseEstimate | None = view.value("tracked_hypotheses")
     if estimate is None:
-        status = diagram.GetOutputPort("status").Eval(context)
-        raise GraspFailedError(
-            f"the hand holds the {model.name.replace('_', ' ')} but feels too little of it: {status}."
-        )
+        name, status = model.name.replace("_", " "), view.value("status")
+        raise GraspFailedError(f"the hand holds the {name} but feels too little of it: {status}.")
 
     def report(name: str, X_PO: FloatArray, best: PoseHypothesis) -> PoseReport:
         return report_pose(name, X_PO, grasp.X_PO, grasp.station.model, touch, best.free_directions)
 
-    belief = _belief(grasp)
     truth = grasp.truth
     return DemoResult(
         grasp=grasp,
         fingers=tuple(report_finger(name, row, contacts, truth.tips.get(name)) for row, name in enumerate(names)),
-        disturbed=disturbed_sensors(grasp.station, context),
+        disturbed=disturbed_sensors(grasp.station, grasp.context),
         pads=tuple(report_pad(name, *pads[name], truth.pads.get(name)) for name in pads),
         vision=report("vision", prior.mean, estimate.best),
         touch=report("touch", estimate.best.X_PO.GetAsMatrix34(), estimate.best),
         tracked=None if belief is None else report("belief", belief.best.X_PO.GetAsMatrix34(), belief.best),
-        hidden_share=float(diagram.GetOutputPort("hidden_share").Eval(context)[0]),
+        hidden_share=float(view.value("hidden_share")[0]),
         estimate=estimate,
         scene=_scene(grasp, touch, touched_by, patches, prior, estimate),
         timeline=recorder.timeline(),
@@ -181,9 +179,7 @@ def _make(folder: Path) -> None:
         raise InvalidFileError(f"{folder} must be a folder, which may be new, {given}.") from None
 
 
-def save_demo(
-    result: DemoResult, folder: Path, meshcat: Meshcat | None = None, others: Iterable[Path] = ()
-) -> tuple[Path, ...]:
+def save_demo(result: DemoResult, folder: Path, meshcat: Meshcat, others: Iterable[Path]) -> tuple[Path, ...]:
     """Writes result.json, picture.png and, with Meshcat's recording, scene.html, and copies other files.
 
     Returns:
@@ -193,24 +189,22 @@ def save_demo(
     for other in others:
         with written_beside(folder / other.name) as beside:
             shutil.copyfile(other, beside)
-    paths = [folder / name for name in _FILES[:2]]
+    paths = [folder / name for name in _FILES]
     save_result(paths[0], result.estimate)
     save_picture(paths[1], result.scene, captions=("before: vision", "after: touch"))
-    if meshcat is not None:
-        paths.append(folder / _FILES[2])
-        # Only hypotheses that the station's display shows.
-        hypotheses = result.scene.hypotheses[: 1 + PoseDisplayParams().max_alternatives]
-        shown = dataclasses.replace(result.scene, hypotheses=hypotheses)
-        add_frames(meshcat, PoseDisplayParams().path)
-        page = page_of(
-            shown,
-            result.estimate,
-            title=grasp_title(result.grasp.station.scenario, "simulated"),
-            X_WP=_palm_pose(result.grasp),
-            tables=(_errors_table(result),),
-            timeline=result.timeline,
-        )
-        save_html(paths[2], meshcat, page)
+    # Only hypotheses that the station's display shows.
+    hypotheses = result.scene.hypotheses[: 1 + PoseDisplayParams().max_alternatives]
+    shown = dataclasses.replace(result.scene, hypotheses=hypotheses)
+    add_frames(meshcat, PoseDisplayParams().path)
+    page = page_of(
+        shown,
+        result.estimate,
+        title=grasp_title(result.grasp.station.scenario, "simulated"),
+        X_WP=_palm_pose(result.grasp),
+        tables=(_errors_table(result),),
+        timeline=result.timeline,
+    )
+    save_html(paths[2], meshcat, page)
     return tuple(paths)
 
 
@@ -231,21 +225,10 @@ def _errors_table(result: DemoResult) -> PageTable:
     )
 
 
-def _belief(grasp: GraspResult) -> PoseEstimate | None:
-    """The belief over time at the end; None without a pose, or without tracking."""
-    diagram = grasp.station.diagram
-    if not diagram.HasOutputPort("tracked_hypotheses"):
-        return None
-    belief: PoseEstimate | None = diagram.GetOutputPort("tracked_hypotheses").Eval(grasp.context)
-    return belief
-
-
-def _read_pads(grasp: GraspResult) -> dict[str, tuple[Patch, FloatArray]]:
+def _read_pads(grasp: GraspResult, view: RunView) -> dict[str, tuple[Patch, FloatArray]]:
     """The patch of each tactile pad with a reading at the end, and the areas of its cells, m^2."""
     arrays = {pad.name: pad.array for pad in grasp.station.hand.config.pads}
-    if not arrays:
-        return {}
-    names, patches = (grasp.station.diagram.GetOutputPort(port).Eval(grasp.context) for port in ("pads", "patches"))
+    names, patches = view.value("pads", ()), view.value("patches", ())
     areas = (load_tactile_pad(arrays[name]).layout.areas for name in names)
     return dict(zip(names, zip(patches, areas, strict=True), strict=True))
 
@@ -258,23 +241,19 @@ def _scene(
     prior: PosePrior,
     estimate: PoseEstimate,
 ) -> Scene:
+    station = grasp.station
+    context = station.plant.GetMyContextFromRoot(grasp.context)
     return Scene(
-        model=grasp.station.model,
+        model=station.model,
         contacts=touch,
         touched_by=touched_by,
         patches=patches,
         prior=prior.X_PO,
         hypotheses=tuple(ShownHypothesis.of(hypothesis) for hypothesis in estimate.hypotheses),
         truth=grasp.X_PO,
-        hand=_hand_surface(grasp),
+        hand=BodyMeshes.in_palm(station.plant, context, station.hand.palm_frame),
         up_P=_palm_pose(grasp).rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
     )
-
-
-def _hand_surface(grasp: GraspResult) -> Triangles:
-    station = grasp.station
-    context = station.plant.GetMyContextFromRoot(grasp.context)
-    return BodyMeshes.in_palm(station.plant, context, station.hand.palm_frame)
 
 
 def _palm_pose(grasp: GraspResult) -> RigidTransform:

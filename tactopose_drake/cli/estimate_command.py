@@ -9,11 +9,9 @@ import click
 import numpy as np
 
 from tactopose_drake import hand, visualization
-from tactopose_drake.cli.consoles import ERRORS, OUT, print_written, then_printed
+from tactopose_drake.cli.consoles import ERRORS, OUT, reporting
 from tactopose_drake.cli.estimate_tables import hypotheses_table
-from tactopose_drake.cli.hand_name import HAND, HAND_HELP
-from tactopose_drake.cli.object_name import OBJECT, OBJECT_HELP, object_file
-from tactopose_drake.cli.path_type import PATH
+from tactopose_drake.cli.option_types import HAND, HAND_HELP, OBJECT, OBJECT_HELP, PATH, object_file
 from tactopose_drake.cli.symmetry_option import SYMMETRY_HELP, parse_symmetries
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
@@ -116,14 +114,11 @@ def estimate(
             seed=seed,
             outlier_probability=outlier_probability,
         )
-    written = [path for path in (out, html) if path is not None]
-    earlier = [path for path in written if path.is_file()]
-    with then_printed(hypotheses_table(found, model), *_lines(found, model, touch)):
+    with reporting((out, html), hypotheses_table(found, model), *_lines(found, model, touch)):
         if out is not None:
             save_result(out, found)
         if html is not None:
             found.save_html(html)
-    print_written(written, earlier)
     if remote is not None:
         visualization.draw_scene(remote, visualization.scene_of(found))
         OUT.print(f"Drawn into the meshcat-server whose page is {remote.web_url()}", soft_wrap=True)

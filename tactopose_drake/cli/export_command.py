@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from tactopose_drake.cli.consoles import ERRORS, OUT
-from tactopose_drake.cli.path_type import PATH
+from tactopose_drake.cli.consoles import ERRORS, reporting
+from tactopose_drake.cli.option_types import PATH
 from tactopose_drake.estimation.output_files import check_outputs
 from tactopose_drake.runs.csv_export import write_csv
 from tactopose_drake.runs.manifest import load_manifest
@@ -26,11 +26,10 @@ def export(log: Path, kind: str, out: Path | None) -> None:
         # `.` and `..` are resolved to the folder's name.
         out = log.resolve().parent / f"{log.resolve().name}.{kind}"
     check_outputs((out,), inputs=(log,))
-    done = "Replaced" if out.is_file() else "Written"
-    with ERRORS.status("reading the recording") as status:
-        run = read_recording(log)
-        status.update("writing")
-        _WRITERS[kind](run, out)
-    for problem in run.problems:
-        ERRORS.print(problem, style="yellow")
-    OUT.print(f"{done}: {out}", soft_wrap=True)
+    with reporting((out,)):
+        with ERRORS.status("reading the recording") as status:
+            run = read_recording(log)
+            status.update("writing")
+            _WRITERS[kind](run, out)
+        for problem in run.problems:
+            ERRORS.print(problem, style="yellow")

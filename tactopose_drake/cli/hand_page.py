@@ -56,8 +56,7 @@ def draw_hand(meshcat: Meshcat, name: str, checked: CheckedHand, findings: tuple
     plant, hand = checked.plant, checked.hand
     context = plant.GetMyContextFromRoot(checked.diagram.CreateDefaultContext())
     surface = BodyMeshes.in_palm(plant, context, hand.palm_frame, colliding=True)
-    vertices, faces = np.asfortranarray(surface.vertices.T), np.asfortranarray(surface.faces.T)
-    meshcat.SetTriangleMesh("/tactopose/hand", vertices, faces, Rgba(*HAND.colour))
+    meshcat.SetTriangleMesh("/tactopose/hand", surface.vertices.T, surface.faces.T, Rgba(*HAND.colour))
     frames = _frames(meshcat, checked, context)
     kinds = list(dict.fromkeys(kind for kind, _, _ in frames))
     for kind, text, X in frames:

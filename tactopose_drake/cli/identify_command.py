@@ -12,9 +12,8 @@ from rich import box
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from tactopose_drake.cli.consoles import ERRORS, print_written, then_printed
-from tactopose_drake.cli.path_type import PATH
-from tactopose_drake.cli.progress_bar import progress_bar
+from tactopose_drake.cli.consoles import ERRORS, progress_bar, reporting
+from tactopose_drake.cli.option_types import PATH
 from tactopose_drake.cli.workers import processes
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.errors import InvalidFileError
@@ -72,12 +71,9 @@ def identify_command(
     comparing = ERRORS.status(f"comparing {len(library)} objects (the first run on a machine compiles its kernels)")
     with comparing, naming_contacts_of(contacts_file):
         found = identify(library, contacts, patches=patches, likelihood=likelihood, unknown_prior=unknown_prior)
-    written = [] if out is None else [out]
-    earlier = [path for path in written if path.is_file()]
-    with then_printed(_table(found), identification_line(found)):
-        for path in written:
-            save_identification(path, found)
-    print_written(written, earlier)
+    with reporting((out,), _table(found), identification_line(found)):
+        if out is not None:
+            save_identification(out, found)
 
 
 def _open(folder: Path, executor: Executor | None) -> ObjectLibrary:

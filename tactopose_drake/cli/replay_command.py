@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from tactopose_drake.cli.consoles import OUT, print_written
-from tactopose_drake.cli.path_type import PATH
+from tactopose_drake.cli.option_types import PATH
 from tactopose_drake.cli.run_command import print_end, showing
 from tactopose_drake.cli.titles import grasp_title
 from tactopose_drake.estimation.output_files import check_outputs, written_beside

@@ -7,8 +7,7 @@ from pathlib import Path
 import click
 
 from tactopose_drake.cli.consoles import ERRORS, OUT, print_written
-from tactopose_drake.cli.hand_name import HAND, HAND_HELP
-from tactopose_drake.cli.path_type import PATH
+from tactopose_drake.cli.option_types import HAND, HAND_HELP, PATH
 from tactopose_drake.cli.titles import grasp_title
 from tactopose_drake.core.validation import told_of
 from tactopose_drake.errors import InvalidInputError

@@ -6,8 +6,7 @@ import time
 import click
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from tactopose_drake.cli.consoles import OUT
-from tactopose_drake.cli.progress_bar import progress_bar
+from tactopose_drake.cli.consoles import OUT, progress_bar
 from tactopose_drake.cli.workers import processes
 from tactopose_drake.core.kernel_library import compile_kernels, missing_kernels
 

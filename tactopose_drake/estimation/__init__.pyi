@@ -1,5 +1,4 @@
 from .descriptions import direction_names as direction_names
-from .direct_search import Direct as Direct
 from .drake_contacts import Contacts as Contacts
 from .estimate import estimate_pose as estimate_pose
 from .files import hypotheses_data as hypotheses_data
@@ -10,6 +9,7 @@ from .files import save_result as save_result
 from .identification import identify as identify
 from .identities import Identification as Identification
 from .many import estimate_poses as estimate_poses
+from .mathematical_program import Direct as Direct
 from .object_files import load_object as load_object
 from .object_library import LibraryWarning as LibraryWarning
 from .object_library import ObjectLibrary as ObjectLibrary

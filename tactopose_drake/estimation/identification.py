@@ -119,14 +119,10 @@ def identify(
     unknown = unknown_probability(evidence_of_shapes(estimates, groups), shapes, evidence.touch, unknown_prior)
     several_names, weights = [known.name for known in several], likelihood_weights(estimates, likelihood)
     identities = rank_objects(chosen, several_names, estimates, groups, weights, 1.0 - unknown)
-    ruled_out = [_ruled_out(objects[i].name, i, rank) for rank, i in enumerate(rest, start=len(chosen) + 1)]
+    ranks = enumerate(rest, start=len(chosen) + 1)
+    ruled_out = [Identity(objects[i].name, i, rank, 0.0, 0.0, -math.inf, None) for rank, i in ranks]
     status = status_of_ranking(identities, len(evidence.touch), unknown)
     return Identification((*identities, *ruled_out), status, time.perf_counter() - started, unknown)
-
-
-def _ruled_out(name: str, index: int, rank: int) -> Identity:
-    """The identity of a library's object that was not estimated."""
-    return Identity(name, index, rank, 0.0, 0.0, -math.inf, None)
 
 
 def _by_likelihood(

@@ -1,4 +1,7 @@
-"""Pose search as a MathematicalProgram: any objective with gradients, minimised by the solvers in Drake."""
+"""Pose searches as MathematicalPrograms, by the solvers in Drake: from one pose by gradients, and by DIRECT.
+
+Source: [G01] J. Gablonsky and C. Kelley, A locally-biased form of the DIRECT algorithm, J. Global Optim., 2001.
+"""
 
 import dataclasses
 from collections.abc import Callable
@@ -17,6 +20,7 @@ from pydrake.solvers import (
 
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.poses import retract, right_jacobian
+from tactopose_drake.core.searches.box_search import BoxSearch
 from tactopose_drake.core.searches.candidates import CandidatePoses
 from tactopose_drake.core.searches.search import PoseSpace, Search, SearchResult, StopSignal, never
 from tactopose_drake.core.validation import FloatArray, known_name, positive_number
@@ -133,3 +137,29 @@ def cost_and_gradient(
     # exp(w + dw) = exp(w) exp(J_r dw); the objective's gradient is with respect to the right-hand factor.
     gradient[:3] = right_jacobian(increment[:3]).T @ gradient[:3]
     return float(equations.cost[0]), gradient
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Direct(BoxSearch):
+    """Divides the box of the search space, promising parts first; the best evaluated poses are then refined ([G01]).
+
+    It uses no random numbers: the same problem gives the same poses.
+    """
+
+    def try_poses(self, candidates: CandidatePoses, generator: np.random.Generator, should_stop: StopSignal) -> None:
+        """Evaluates poses by dividing the box."""
+
+        def cost(y: np.ndarray[Any, Any]) -> AutoDiffXd:
+            if len(candidates) and should_stop():
+                raise StoppedError  # It stops NLopt; Drake does not pass it on.
+            # Drake requires a gradient even though the algorithm uses none.
+            return AutoDiffXd(candidates.try_pose(ExtractValue(y).ravel()))
+
+        program = MathematicalProgram()
+        y = program.NewContinuousVariables(6, "y")
+        program.AddBoundingBoxConstraint(-1.0, 1.0, y)
+        program.AddCost(cost, vars=y)
+        solver, options = NloptSolver(), SolverOptions()
+        options.SetOption(solver.solver_id(), NloptSolver.AlgorithmName(), "GN_DIRECT_L")
+        options.SetOption(solver.solver_id(), NloptSolver.MaxEvalName(), self.max_evaluations)
+        solver.Solve(program, np.zeros(6), options)

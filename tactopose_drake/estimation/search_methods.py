@@ -15,8 +15,7 @@ from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.patch_searches import patch_search
 from tactopose_drake.core.searches.search import Search
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.estimation.direct_search import Direct
-from tactopose_drake.estimation.mathematical_program import PoseProgram
+from tactopose_drake.estimation.mathematical_program import Direct, PoseProgram
 
 # Particles that Monte Carlo evaluates at once if there is evidence beside contacts; up to 100 reach the same costs.
 _PARTICLES_AT_ONCE = 20

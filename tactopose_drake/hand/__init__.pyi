@@ -1,7 +1,6 @@
 from .calibration_file import HandCalibration as HandCalibration
 from .calibration_file import load_calibration as load_calibration
 from .calibration_file import save_calibration as save_calibration
-from .calibration_from_errors import calibration_of as calibration_of
 from .closed_grasps import ClosedGrasp as ClosedGrasp
 from .closed_grasps import ClosedGraspParams as ClosedGraspParams
 from .closed_grasps import GraspCloser as GraspCloser
@@ -13,6 +12,7 @@ from .contact_pressure import pressure_field as pressure_field
 from .contact_properties import let_overlap as let_overlap
 from .contact_properties import make_compliant as make_compliant
 from .contact_uncertainty import ContactUncertainty as ContactUncertainty
+from .contact_uncertainty import PadUncertainty as PadUncertainty
 from .encoder_offsets import EncoderGains as EncoderGains
 from .encoder_offsets import encoder_gains as encoder_gains
 from .felt_grasps import FeltGrasps as FeltGrasps
@@ -25,9 +25,6 @@ from .fingertip_surfaces import SuperquadricSurface as SuperquadricSurface
 from .fingertip_weights import FingertipWeights as FingertipWeights
 from .geometry import BodySpheres as BodySpheres
 from .geometry import HandGeometry as HandGeometry
-from .grasp_files import GraspFile as GraspFile
-from .grasp_files import load_grasp as load_grasp
-from .grasp_files import load_grasps as load_grasps
 from .hand_calibration import CalibrationParams as CalibrationParams
 from .hand_calibration import CalibrationResult as CalibrationResult
 from .hand_calibration import calibrate_hand as calibrate_hand
@@ -42,6 +39,7 @@ from .hand_config import PadConfig as PadConfig
 from .hand_config import load_hand_config as load_hand_config
 from .hand_errors import FingertipErrors as FingertipErrors
 from .hand_errors import HandErrors as HandErrors
+from .hand_errors import calibration_of as calibration_of
 from .hand_in_plant import Hand as Hand
 from .hand_in_plant import add_hand as add_hand
 from .hand_in_plant import find_hand as find_hand
@@ -65,8 +63,10 @@ from .pad_calibration import fit_alpha as fit_alpha
 from .pad_calibration import patch_of as patch_of
 from .pad_calibration import simulate_presses as simulate_presses
 from .pad_calibration import tilt_errors as tilt_errors
-from .pad_uncertainty import PadUncertainty as PadUncertainty
+from .recorded_grasps import GraspFile as GraspFile
 from .recorded_grasps import RecordedGrasp as RecordedGrasp
+from .recorded_grasps import load_grasp as load_grasp
+from .recorded_grasps import load_grasps as load_grasps
 from .tactile_pads import TactilePad as TactilePad
 from .tactile_pads import load_tactile_pad as load_tactile_pad
 from .touch_file import LoadedTouch as LoadedTouch

@@ -13,7 +13,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.geometry import Role
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import Context
 
 from tactopose_drake.core.poses import compose, inverse
@@ -24,10 +23,9 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig
-from tactopose_drake.hand.hand_in_plant import add_fixed_hand
+from tactopose_drake.hand.hand_in_plant import make_hand_with_shapes
 from tactopose_drake.hand.reading_ranges import ReadingRanges
 from tactopose_drake.hand.shape_depth import convex_shape
-from tactopose_drake.resources import passing_builder
 
 _TOLERANCE = 2e-5  # m, by which depths may be too small
 
@@ -58,12 +56,8 @@ class HandCollision:
         Raises:
             InvalidInputError: if the hand has no collision geometry.
         """
-        with passing_builder() as builder:
-            self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
-            self._hand = add_fixed_hand(self._plant, hand)
-            self._plant.Finalize()
-        self._ranges = ReadingRanges.of(self._plant)
-        self._inspector = inspector = scene_graph.model_inspector()
+        self._plant, self._inspector, self._hand = make_hand_with_shapes(hand)
+        self._ranges, inspector = ReadingRanges.of(self._plant), self._inspector
         shapes: list[ConvexShape] = []
         bodies, X_BG = [], []
         for index in self._plant.GetBodyIndices(self._hand.model_instance):

@@ -1,9 +1,9 @@
-"""Covariance of a hand's contacts that results from the hand's own errors.
+"""Covariances of a hand's contacts, and of its tactile arrays' poses, that result from the hand's own errors.
 
 To first order, a contact is moved by the joints' offsets through the finger's Jacobian, by the mounting error of the
 sensor with its fingertip, by the error of the fingertip's radius, and by the sensor's errors (see
 `core.sensing.contact_noise`). These errors are independent of each other and between fingers; an offset moves a
-contact's point and turns its normal jointly.
+contact's point and turns its normal jointly. An array is moved by the joints' offsets and its mounting error alone.
 
 For a calibrated finger, the errors are those that remain after the calibration, with their correlations, and the noise
 of a single contact that it found. Joints that its calibration does not list have the declared uncertainty.
@@ -15,18 +15,18 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.poses import skew
 from tactopose_drake.core.sensing.contact_noise import contact_covariance
 from tactopose_drake.core.sensing.contact_noise_kernels import HandVariances, SensedContact, fill_hand_covariance
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
+from tactopose_drake.core.sensing.tactile_layout import TactileLayout
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.contact_gains import contact_gains, wrench_of
 from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas
 from tactopose_drake.hand.hand_config import HandUncertainty
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, sliding_joints
 from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.hand.kinematics import HandKinematics
 
@@ -62,9 +62,9 @@ class ContactUncertainty:
         self._tip_variance = {finger: moved + of_turn * arm for finger, arm in turned.items()}
         if hand.calibration is not None:
             self._noise, by_joint = hand.calibration.noise, joint_matrix(plant, hand, joints)
+            sliding = sliding_joints(plant, hand)
             for finger, found in hand.calibration.fingers.items():
-                moving = [plant.GetJointByName(name, hand.model_instance) for name in found.joints]
-                units = [1.0 if isinstance(joint, PrismaticJoint) else math.radians(1.0) for joint in moving]
+                units = [1.0 if joint in sliding else math.radians(1.0) for joint in found.joints]
                 of_joints = [hand.calibration.joint_offsets[joint].sigma for joint in found.joints]
                 sigma = np.concatenate([np.array(units) * of_joints, found.sigma])
                 correlation = np.array(found.correlation) if found.correlation else np.eye(len(sigma))
@@ -150,3 +150,38 @@ class _Calibrated(NamedTuple):
     gains: FloatArray
     others: FloatArray
     covariance: FloatArray
+
+
+class PadUncertainty:
+    """Computes the covariance of the poses of a hand's tactile arrays from its declared errors.
+
+    All cells of an array share one shift and one rotation. The effects of a joint on arrays of two fingers that share
+    it are treated as independent.
+    """
+
+    def __init__(self, plant: MultibodyPlant, hand: Hand, uncertainty: HandUncertainty) -> None:
+        """Keeps no reference to the plant.
+
+        Args:
+            plant: finalized plant of the hand alone.
+            hand: the hand in it.
+            uncertainty: its errors.
+        """
+        uncertainty.validate()
+        self._offsets = encoder_gains(plant, hand).gains * offset_sigmas(plant, hand, uncertainty)
+        self._frames = hand.pad_frames
+        mounted = np.repeat([uncertainty.mounting, math.radians(uncertainty.mounting_deg)], 3)
+        self._mounted = np.diag(mounted**2)
+
+    def covariance(self, pad: str, layout: TactileLayout, kinematics: HandKinematics) -> FloatArray:
+        """Covariance of an array's shift and small rotation about the mean of its cells, in P, (6, 6), m and rad.
+
+        Args:
+            pad: name of the pad.
+            layout: its cells.
+            kinematics: the hand's kinematics at the current joint positions.
+        """
+        J = kinematics.jacobian(self._frames[pad], layout.p_TC.mean(axis=0)) @ self._offsets
+        by_joints = np.concatenate([J[3:], J[:3]])
+        covariance: FloatArray = by_joints @ by_joints.T + self._mounted
+        return covariance

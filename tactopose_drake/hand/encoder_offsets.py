@@ -9,7 +9,7 @@ from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.hand_config import HandUncertainty
-from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
+from tactopose_drake.hand.hand_in_plant import Hand, measured_joints, sliding_joints
 from tactopose_drake.hand.joint_matrices import joint_matrix
 
 SLIDE = 0.001 / math.radians(1.0)  # m of a prismatic joint that count as a radian, so that 1 mm counts as 1 degree
@@ -44,9 +44,8 @@ def encoder_gains(plant: MultibodyPlant, hand: Hand) -> EncoderGains:
         plant: finalized plant of the hand alone.
         hand: the hand in it.
     """
-    names = measured_joints(plant, hand)
-    joints = [plant.GetJointByName(name, hand.model_instance) for name in names]
-    units = np.array([SLIDE if isinstance(joint, PrismaticJoint) else 1.0 for joint in joints])
+    names, sliding = measured_joints(plant, hand), sliding_joints(plant, hand)
+    units = np.array([SLIDE if name in sliding else 1.0 for name in names])
     return EncoderGains(names, joint_matrix(plant, hand, names) * units)
 
 
@@ -60,11 +59,10 @@ def offset_sigmas(plant: MultibodyPlant, hand: Hand, uncertainty: HandUncertaint
         hand: the hand in it.
         uncertainty: the declared uncertainty.
     """
-    names = measured_joints(plant, hand)
+    names, sliding = measured_joints(plant, hand), sliding_joints(plant, hand)
     sigma = np.full(len(names), math.radians(uncertainty.encoder_offset_deg))
     found = {} if hand.calibration is None else hand.calibration.joint_offsets
     for k, name in enumerate(names):
         if name in found:
-            slides = isinstance(plant.GetJointByName(name, hand.model_instance), PrismaticJoint)
-            sigma[k] = found[name].sigma / SLIDE if slides else math.radians(found[name].sigma)
+            sigma[k] = found[name].sigma / SLIDE if name in sliding else math.radians(found[name].sigma)
     return sigma

@@ -1,19 +1,37 @@
 """Check that the fingertip surfaces in a hand's file agree with the shapes in its model."""
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
-from pydrake.geometry import Role, SceneGraph
+import numpy as np
+from pydrake.geometry import Role, SceneGraph, SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.hand.findings import Entry, Finding, Verdict
 from tactopose_drake.hand.finger_chain import welded_bodies
-from tactopose_drake.hand.fingertip_fit import fingertip_fit
 from tactopose_drake.hand.fingertip_outline import fit_fingertip
 from tactopose_drake.hand.hand_in_plant import Hand, joints_by_child
+from tactopose_drake.hand.shape_depth import body_depths
 
 _LIES_ON_IT = 0.95  # share of a surface within 1 mm of the shapes from which on no better one is searched for
 _FAR_BETTER, _GOOD_ENOUGH = 1.5, 5e-4  # a better surface is suggested beyond this ratio of residuals and residual, m
+_POINTS = 400  # of a surface that are compared
+_NEAR = 1e-3  # m; within this distance a point lies on the shapes
 _TOO_FAR, _TIMES = 3e-3, 4.0  # a surface is wrong beyond this residual, m, and this ratio to the fitted surface's
+
+
+class _Fit(NamedTuple):
+    """The fit of a fingertip's surface to the collision shapes of its link.
+
+    Attributes:
+        share: share of the surface within 1 mm of the shapes' surface, 0 to 1.
+        above: largest distance of the surface outside all shapes, m.
+        below: largest depth of the surface inside them, m.
+    """
+
+    share: float
+    above: float
+    below: float
 
 
 def check_fingertips(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand) -> Iterator[Finding]:
@@ -25,7 +43,7 @@ def check_fingertips(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand)
             yield _elsewhere(plant, hand, finger)
             continue
         yield Finding(part, f"sensor frame {frame.name()!r} at joint {weld.name()!r}, before link {tip!r}")
-        fit = fingertip_fit(plant, scene_graph.model_inspector(), hand, finger)
+        fit = _fit(plant, scene_graph.model_inspector(), hand, finger)
         if fit is None:
             yield _bare(plant, scene_graph, hand, finger)
             continue
@@ -37,6 +55,19 @@ def check_fingertips(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand)
         yield Finding(part, text, verdict)
         if fit.share < _LIES_ON_IT:
             yield from _better_surface(plant, scene_graph, hand, finger, can_be_wrong=verdict == "note")
+
+
+def _fit(plant: MultibodyPlant, inspector: SceneGraphInspector, hand: Hand, finger: str) -> _Fit | None:
+    """Compares a fingertip's surface with the collision shapes of its link; None if the link has none."""
+    tip, surface = hand.welds[finger].child_body(), hand.surfaces[finger]
+    context = plant.CreateDefaultContext()
+    X_TipS = plant.CalcRelativeTransform(context, tip.body_frame(), hand.sensor_frames[finger])
+    p_TipQ = X_TipS.multiply(surface.sample(np.random.default_rng(0), _POINTS).T).T
+    deepest = body_depths(plant, inspector, tip, p_TipQ)
+    if deepest is None:
+        return None
+    share = float(np.mean(np.abs(deepest) < _NEAR))
+    return _Fit(share, float(max(0.0, -deepest.min())), float(max(0.0, deepest.max())))
 
 
 def _elsewhere(plant: MultibodyPlant, hand: Hand, finger: str) -> Finding:

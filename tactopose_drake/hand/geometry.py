@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Role, SceneGraphInspector, Shape, Sphere
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, ModelInstanceIndex
 from pydrake.systems.framework import Context
 
@@ -21,8 +21,7 @@ from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.hull_vertices import hull_vertices
 from tactopose_drake.hand.hand_config import HandConfig
-from tactopose_drake.hand.hand_in_plant import add_fixed_hand
-from tactopose_drake.resources import passing_builder
+from tactopose_drake.hand.hand_in_plant import make_hand_with_shapes
 
 # Points of the unit circle and latitudes of the unit sphere that approximate a cylinder and an ellipsoid.
 _CIRCLE = np.stack([np.cos(np.arange(24) * np.pi / 12), np.sin(np.arange(24) * np.pi / 12)], axis=1)
@@ -123,11 +122,8 @@ class BodySpheres:
     @classmethod
     def of_hand(cls, config: HandConfig) -> Self:
         """Fills a hand; the body indices are those of any plant that holds this hand alone."""
-        with passing_builder() as builder:
-            plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
-            hand = add_fixed_hand(plant, config)
-            plant.Finalize()
-            return cls.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
+        plant, inspector, hand = make_hand_with_shapes(config)
+        return cls.from_inspector(plant, inspector, hand.model_instance)
 
     def of(self, bodies: Collection[int]) -> Self:
         """The spheres on the given bodies."""

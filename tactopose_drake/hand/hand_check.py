@@ -105,7 +105,7 @@ def _check(config: HandConfig, complaints: list[str]) -> HandCheck:
         _uncertainty(config),
         *_calibration(config),
     )
-    unlimited = any(has_unlimited_joints(plant, hand, finger) for finger in config.fingers if finger.sensor_frame)
+    unlimited = any(has_unlimited_joints(plant, hand, config.finger(name)) for name in config.sensing)
     if not unlimited and not any(finding.verdict == "fault" and finding.part != "contact" for finding in findings):
         findings += tuple(_reach(config))
     return HandCheck(findings, CheckedHand(diagram, plant, hand))
@@ -140,7 +140,7 @@ def _reach(config: HandConfig) -> Iterator[Finding]:
     try:
         reach = make_hand_reach(config, ReachParams())
     except InvalidInputError as error:
-        can_plan = sum(bool(finger.sensor_frame) for finger in config.fingers) > 1
+        can_plan = len(config.sensing) > 1
         yield Finding("reach", fault("", error).text, "fault" if can_plan else "note")
         return
     for name, finger in reach.fingers.items():

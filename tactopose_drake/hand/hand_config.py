@@ -163,10 +163,9 @@ class HandConfig:
             raise InvalidInputError(f"HandConfig.pads must have different names, none of them empty, not {pads}.")
         for pad in self.pads:
             positive_number(f"HandConfig.pads[{pad.name}].alpha", pad.alpha, most=MOST_ALPHA)
-        driven = list(dict.fromkeys(joint for finger in self.fingers for joint in finger.joints))
-        self._check_followers(driven)
+        self._check_followers()
         for joint, position in self.rest_positions.items():
-            known_name("each name in HandConfig.rest_positions", joint, driven)
+            known_name("each name in HandConfig.rest_positions", joint, self.driven)
             finite_array(f"HandConfig.rest_positions[{joint}]", [position], (1,))
         self._check_grip()
 
@@ -192,13 +191,13 @@ class HandConfig:
                     )
                 owners[name] = finger.name
 
-    def _check_followers(self, driven: list[str]) -> None:
+    def _check_followers(self) -> None:
         """Raises InvalidInputError if a coupled joint is also actuated, or has two different couplings."""
         for finger in self.fingers:
             for coupling in finger.couplings:
                 joint, leader = coupling.joint, coupling.follows
                 where = f"HandConfig.fingers[{finger.name}].couplings: the coupling of {joint!r}"
-                if joint in driven:
+                if joint in self.driven:
                     raise InvalidInputError(
                         f"{where} must be of a joint that is not among the joints of a finger, which follow none. "
                         f"Couple joints that follow {joint!r} to {leader!r} as well."
@@ -227,6 +226,16 @@ class HandConfig:
     def couplings(self) -> dict[str, Coupling]:
         """All fingers' couplings by the joint that follows; fingers that share the joint have the same coupling."""
         return {coupling.joint: coupling for finger in self.fingers for coupling in finger.couplings}
+
+    @property
+    def sensing(self) -> tuple[str, ...]:
+        """Names of the fingers that have a force-torque sensor."""
+        return tuple(finger.name for finger in self.fingers if finger.sensor_frame)
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """The joints that move the fingers, finger by finger, each only once: fingers may share one."""
+        return tuple(dict.fromkeys(joint for finger in self.fingers for joint in finger.joints))
 
     def finger(self, name: str) -> FingerConfig:
         """The finger of that name.

@@ -1,4 +1,4 @@
-"""The errors of a hand as one vector, with their standard deviations and names."""
+"""The errors of a hand as one vector, with their standard deviations and names, and as a calibration."""
 
 from __future__ import annotations
 
@@ -11,16 +11,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.hand.calibration_file import (
+    FingerCalibration,
+    HandCalibration,
+    MeasuredNumber,
+    MeasuredVector,
+    rounded,
+)
 from tactopose_drake.hand.encoder_offsets import SLIDE
 from tactopose_drake.hand.hand_config import HandUncertainty
-from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
+from tactopose_drake.hand.hand_in_plant import Hand, measured_joints, sliding_joints
 from tactopose_drake.hand.joint_matrices import joint_matrix
-from tactopose_drake.hand.joint_paths import JointPaths
+from tactopose_drake.hand.kinematics import JointPaths
 
 _AXES = ("x", "y", "z")
+_DIGITS = 4  # decimal digits of a correlation
 
 
 class FingertipErrors(NamedTuple):
@@ -77,7 +84,8 @@ class HandErrors:
         moved_by = {name: _moved_sensors(plant, hand, name) for name in measured_joints(plant, hand)}
         joints = tuple(name for name, fingers in moved_by.items() if fingers)
         joints_of = {f: tuple(name for name in joints if f in moved_by[name]) for f in hand.sensor_frames}
-        slides = tuple(isinstance(plant.GetJointByName(name, hand.model_instance), PrismaticJoint) for name in joints)
+        sliding = sliding_joints(plant, hand)
+        slides = tuple(name in sliding for name in joints)
         offset = math.radians(uncertainty.encoder_offset_deg)
         sigma = [np.where(slides, SLIDE * offset, offset)]
         names = [f"{joint} offset" for joint in joints]
@@ -137,3 +145,54 @@ def _moved_sensors(plant: MultibodyPlant, hand: Hand, joint: str) -> tuple[str, 
     by_joint = joint_matrix(plant, hand, measured)[:, measured.index(joint)]
     known = JointPaths(plant, hand.palm_frame).known(np.where(by_joint != 0.0, np.nan, 0.0))
     return tuple(finger for finger, frame in hand.sensor_frames.items() if not known[int(frame.body().index())])
+
+
+def calibration_of(errors: HandErrors, vector: FloatArray, covariance: FloatArray, time: float) -> HandCalibration:
+    """Converts estimated errors to a calibration, with the biases at a given time.
+
+    Args:
+        errors: the layout of the error vector.
+        vector: the estimated errors, shape (d,), SI units.
+        covariance: their covariance, shape (d, d); zero for errors that were not estimated.
+        time: the time, relative to that of `bias` without drift, s.
+    """
+    sigma = np.sqrt(np.diag(covariance))
+    units = [1.0 if slides else 180.0 / np.pi for slides in errors.slides]
+    offsets = {
+        joint: MeasuredNumber(value=rounded(units[k] * vector[k]), sigma=rounded(units[k] * sigma[k]))
+        for k, joint in enumerate(errors.joints)
+    }
+    fingers = {finger: _of_finger(errors, finger, vector, covariance, time) for finger in errors.fingers}
+    return HandCalibration(joint_offsets=offsets, fingers=fingers)
+
+
+def _of_finger(
+    errors: HandErrors, finger: str, vector: FloatArray, covariance: FloatArray, time: float
+) -> FingerCalibration:
+    joints = errors.joints_of[finger]
+    of_joints = np.array([errors.joints.index(joint) for joint in joints], dtype=np.intp)
+    chosen = np.r_[(of_joints, *(errors.place(finger, kind) for kind in ("bias", "radius", "mounting")))]
+    gather = np.zeros((len(chosen), len(vector)))
+    gather[np.arange(len(chosen)), chosen] = 1.0
+    biases = slice(len(joints), len(joints) + 6)
+    gather[biases, errors.place(finger, "drift")] += time * np.eye(6)
+    values, own = gather @ vector, gather @ covariance @ gather.T
+    sigma = np.sqrt(np.diag(own))
+    safe = np.where(sigma > 0.0, sigma, 1.0)
+    correlation = own / np.outer(safe, safe)
+    np.fill_diagonal(correlation, 1.0)
+    n = len(joints)
+
+    def three(start: int, unit: float = 1.0) -> MeasuredVector:
+        rows = slice(n + start, n + start + 3)
+        return MeasuredVector(value=rounded(unit * values[rows]), sigma=rounded(unit * sigma[rows]))
+
+    return FingerCalibration(
+        moment_bias=three(0),
+        force_bias=three(3),
+        radius=MeasuredNumber(value=rounded(values[n + 6]), sigma=rounded(sigma[n + 6])),
+        rotation_deg=three(7, 180.0 / np.pi),
+        translation=three(10),
+        joints=list(joints),
+        correlation=np.round(correlation, _DIGITS).tolist(),
+    )

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
+from pydrake.geometry import SceneGraph, SceneGraphInspector
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -88,8 +89,7 @@ def add_hand(plant: MultibodyPlant, config: HandConfig, X_WBase: RigidTransform 
     # GetJointActuatorIndices(model_instance) returns nothing before the plant is finalized.
     actuators = (plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices())
     actuated = {actuator.joint().name() for actuator in actuators if actuator.model_instance() == model_instance}
-    driven = dict.fromkeys(name for finger in config.fingers for name in finger.joints)  # fingers may share one
-    for name in (name for name in driven if name not in actuated):
+    for name in (name for name in config.driven if name not in actuated):
         plant.AddJointActuator(name, plant.GetJointByName(name, model_instance))
     if X_WBase is not None:
         _fix_base(plant, hand, X_WBase)
@@ -159,17 +159,25 @@ def _check_base(plant: MultibodyPlant, hand: Hand) -> None:
         )
 
 
+def joints_of(plant: MultibodyPlant, hand: Hand) -> list[Joint]:
+    """All joints of the hand, also those that do not move, in the plant's order."""
+    return [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+
+
+def sliding_joints(plant: MultibodyPlant, hand: Hand) -> frozenset[str]:
+    """Names of the hand's prismatic joints, whose positions are in m."""
+    return frozenset(joint.name() for joint in joints_of(plant, hand) if isinstance(joint, PrismaticJoint))
+
+
 def joints_by_child(plant: MultibodyPlant, hand: Hand) -> dict[BodyIndex, Joint]:
     """The hand's joints by the index of their child bodies."""
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    return {joint.child_body().index(): joint for joint in joints}
+    return {joint.child_body().index(): joint for joint in joints_of(plant, hand)}
 
 
 def measured_joints(plant: MultibodyPlant, hand: Hand) -> tuple[str, ...]:
     """Names of the joints that have an encoder: those that move and are not coupled to another."""
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    followers = hand.config.couplings
-    return tuple(joint.name() for joint in joints if joint.num_positions() == 1 and joint.name() not in followers)
+    moving = (joint.name() for joint in joints_of(plant, hand) if joint.num_positions() == 1)
+    return tuple(name for name in moving if name not in hand.config.couplings)
 
 
 def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelInstanceIndex) -> Hand:
@@ -181,7 +189,7 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
     """
     frames = {plant.get_frame(index).name(): plant.get_frame(index) for index in plant.GetFrameIndices(model_instance)}
     joints = {plant.get_joint(index).name(): plant.get_joint(index) for index in plant.GetJointIndices(model_instance)}
-    sensing = [finger for finger in config.fingers if finger.sensor_frame]
+    sensing = [config.finger(name) for name in config.sensing]
     for finger in config.fingers:
         needed = [*finger.joints, *(coupling.joint for coupling in finger.couplings)]
         needed += [finger.weld] if finger in sensing else []
@@ -237,6 +245,27 @@ def make_hand_plant(config: HandConfig) -> tuple[MultibodyPlant, Hand]:
     return plant, hand
 
 
+def make_hand_with_shapes(
+    config: HandConfig, X_WBase: RigidTransform | None = None
+) -> tuple[MultibodyPlant, SceneGraphInspector, Hand]:
+    """Makes a finalized plant of the hand alone, without its calibration, and an inspector of the hand's shapes.
+
+    The plant is not part of a diagram, so that its contexts know nothing of the shapes.
+
+    Args:
+        config: configuration of the hand.
+        X_WBase: pose of its base in the world; None: as `add_fixed_hand` fixes it.
+
+    Raises:
+        InvalidInputError: as in `add_hand`.
+    """
+    plant, scene_graph = MultibodyPlant(time_step=0.001), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    hand = add_fixed_hand(plant, config) if X_WBase is None else add_hand(plant, config, X_WBase)
+    plant.Finalize()
+    return plant, scene_graph.model_inspector(), hand
+
+
 def _calibrated(plant: MultibodyPlant, hand: Hand, calibration: HandCalibration) -> Hand:
     """The hand in a plant that is not finalized, with calibrated sensor frames and fingertips.
 
@@ -245,9 +274,9 @@ def _calibrated(plant: MultibodyPlant, hand: Hand, calibration: HandCalibration)
             out of its range.
     """
     calibration.check_names(measured_joints(plant, hand), hand.sensor_frames)
+    sliding = sliding_joints(plant, hand)
     for name, offset in calibration.joint_offsets.items():
-        slides = isinstance(plant.GetJointByName(name, hand.model_instance), PrismaticJoint)
-        if slides and abs(offset.value) > _LARGEST_SLIDE:
+        if name in sliding and abs(offset.value) > _LARGEST_SLIDE:
             raise InvalidInputError(
                 f"joint_offsets.{name}.value must be from {-_LARGEST_SLIDE:g} to {_LARGEST_SLIDE:g} m for a prismatic "
                 f"joint, not {offset.value:g} m."

@@ -11,7 +11,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.hand.hand_config import Coupling
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, joints_of
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class HandJoints:
     @classmethod
     def of(cls, plant: MultibodyPlant, hand: Hand) -> HandJoints:
         """The order in a finalized plant that holds the hand."""
-        joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+        joints = joints_of(plant, hand)
         moving = [joint for joint in joints if joint.num_positions() > 0]
         # Joints of bodies that are attached to a finger may be between the hand's joints in the plant.
         q = plant.GetPositionsFromArray(hand.model_instance, np.arange(float(plant.num_positions()))).tolist()

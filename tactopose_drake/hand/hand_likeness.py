@@ -9,7 +9,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, joints_of
 
 _NEAR, _NEAR_DEG = 1e-4, 0.1  # tolerance of a sensor's pose, m and deg, as files are rounded
 _FREE = 1.0  # limit that is assumed for a joint without limits, rad or m
@@ -45,7 +45,7 @@ def _move(
     plant: MultibodyPlant, hand: Hand, here: Context, alone: MultibodyPlant, there: Context, share: float | None
 ) -> None:
     """Moves the hand's joints in both plants to a share of the range between their limits; None: to zero."""
-    names = {plant.get_joint(index).name() for index in plant.GetJointIndices(hand.model_instance)}
+    names = {joint.name() for joint in joints_of(plant, hand)}
     q, q_alone = plant.GetPositions(here), alone.GetPositions(there)
     for index in alone.GetJointIndices():
         joint = alone.get_joint(index)

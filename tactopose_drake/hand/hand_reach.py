@@ -6,7 +6,7 @@ from types import MappingProxyType
 import numpy as np
 from pydrake.geometry import SceneGraphInspector
 from pydrake.math import RotationMatrix
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core import poses
 from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
@@ -21,11 +21,10 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.finger_chain import checked_limits, finger_chain
 from tactopose_drake.hand.geometry import BodySpheres, corner_spheres
 from tactopose_drake.hand.hand_config import HandConfig
-from tactopose_drake.hand.hand_in_plant import Hand, add_fixed_hand
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_with_shapes
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.hand.shared_joints import with_held_joints
-from tactopose_drake.resources import passing_builder
 
 # Samples of a finger's workspace for each of its joints.
 _SAMPLES_PER_JOINT = 1200
@@ -53,21 +52,16 @@ def make_hand_reach(config: HandConfig, params: ReachParams) -> HandReach:
             their joints has no limits; or if no place is in reach of two fingers.
     """
     params.validate()
-    sensing = [finger.name for finger in config.fingers if finger.sensor_frame]
+    sensing = config.sensing
     if len(sensing) < 2:
         raise InvalidInputError(
             f"HandConfig.fingers must have a force-torque sensor on 2 or more fingers, not on {len(sensing)}: planned "
             "grasps are closed by their wrenches. Close a hand with other sensors by Scenario.grip."
         )
-    with passing_builder() as builder:
-        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
-        hand = add_fixed_hand(plant, config)
-        plant.Finalize()
-    spheres = BodySpheres.from_inspector(plant, scene_graph.model_inspector(), hand.model_instance)
+    plant, inspector, hand = make_hand_with_shapes(config)
+    spheres = BodySpheres.from_inspector(plant, inspector, hand.model_instance)
     generator = np.random.default_rng(0)
-    geometries = {
-        finger: _finger_geometry(plant, scene_graph.model_inspector(), hand, finger, spheres) for finger in sensing
-    }
+    geometries = {finger: _finger_geometry(plant, inspector, hand, finger, spheres) for finger in sensing}
     fingers = {
         name: FingerReach(geometry, params, generator, _SAMPLES_PER_JOINT * len(geometry.chain.lower))
         for name, geometry in geometries.items()

@@ -10,14 +10,14 @@ from tactopose_drake.hand.coupling_check import lacking_couplings
 from tactopose_drake.hand.findings import Entry, Finding, Verdict, fault
 from tactopose_drake.hand.finger_chain import checked_limits, finger_chain, joints_towards
 from tactopose_drake.hand.hand_config import FingerConfig
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, joints_of
 from tactopose_drake.hand.hand_reach import REST_ROUNDING
 from tactopose_drake.hand.shared_joints import held_joints, shared_joints
 
 
 def check_joints(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
     """Compares the joints of a hand's file with those that move each finger's sensor in the model."""
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+    joints = joints_of(plant, hand)
     moving = sorted((joint.position_start(), joint.name()) for joint in joints if joint.num_positions())
     yield Finding("joints", f"order of joint_positions: {', '.join(name for _, name in moving)}")
     without_couplings = lacking_couplings(plant, hand)
@@ -73,7 +73,7 @@ def _order(plant: MultibodyPlant, hand: Hand, finger: FingerConfig) -> tuple[str
 
 def _rest(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
     said = hand.config.rest_positions
-    for name in dict.fromkeys(name for finger in hand.config.fingers for name in finger.joints):
+    for name in hand.config.driven:
         joint, position = plant.GetJointByName(name, hand.model_instance), said.get(name, 0.0)
         low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
         if low - REST_ROUNDING <= position <= high + REST_ROUNDING:

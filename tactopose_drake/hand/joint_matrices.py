@@ -5,11 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.validation import FloatArray, known_name
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, joints_of, sliding_joints
 
 
 def joint_matrix(plant: MultibodyPlant, hand: Hand, measured: Sequence[str]) -> FloatArray:
@@ -30,8 +29,7 @@ def joint_matrix(plant: MultibodyPlant, hand: Hand, measured: Sequence[str]) -> 
         UnknownNameError: if a measured joint does not exist in the hand.
         InvalidInputError: if a name is duplicate, or a joint is neither measured nor coupled to a measured one.
     """
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    start = {joint.name(): joint.position_start() for joint in joints if joint.num_positions() == 1}
+    start = _places(plant, hand)
     for name in measured:
         known_name("each name in measured", name, sorted(start))
     if len(set(measured)) < len(measured):
@@ -50,26 +48,26 @@ def joint_matrix(plant: MultibodyPlant, hand: Hand, measured: Sequence[str]) -> 
 def joint_offsets(plant: MultibodyPlant, hand: Hand, measured: Sequence[str]) -> FloatArray:
     """The couplings' offsets, which are added to `joint_matrix(...) @ measured`, shape (nq,), rad or m."""
     offsets = np.zeros(plant.num_positions())
-    for index in plant.GetJointIndices(hand.model_instance):
-        joint = plant.get_joint(index)
-        if joint.num_positions() == 1:
-            offsets[joint.position_start()] = _leader(hand, joint.name(), measured)[2]
+    for name, place in _places(plant, hand).items():
+        offsets[place] = _leader(hand, name, measured)[2]
     return offsets
 
 
 def reading_offsets(plant: MultibodyPlant, hand: Hand) -> FloatArray:
     """Offsets of the readings of the plant's positions by the hand's calibration, shape (nq,), rad or m."""
     found = {} if hand.calibration is None else hand.calibration.joint_offsets
-    offsets = np.zeros(plant.num_positions())
-    for index in plant.GetJointIndices(hand.model_instance):
-        joint = plant.get_joint(index)
-        if joint.num_positions() == 1:
-            leader, ratio, _ = _leader(hand, joint.name(), list(found))
-            if leader in found:
-                is_sliding = isinstance(plant.GetJointByName(leader, hand.model_instance), PrismaticJoint)
-                value = found[leader].value if is_sliding else math.radians(found[leader].value)
-                offsets[joint.position_start()] = ratio * value
+    offsets, sliding = np.zeros(plant.num_positions()), sliding_joints(plant, hand)
+    for name, place in _places(plant, hand).items():
+        leader, ratio, _ = _leader(hand, name, list(found))
+        if leader in found:
+            value = found[leader].value
+            offsets[place] = ratio * (value if leader in sliding else math.radians(value))
     return offsets
+
+
+def _places(plant: MultibodyPlant, hand: Hand) -> dict[str, int]:
+    """The index of each moving joint's position, by name."""
+    return {joint.name(): joint.position_start() for joint in joints_of(plant, hand) if joint.num_positions() == 1}
 
 
 def _leader(hand: Hand, joint: str, measured: Sequence[str]) -> tuple[str, float, float]:

@@ -5,11 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.core.validation import FloatArray, known_name, number_array
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, joints_of, sliding_joints
 from tactopose_drake.hand.reading_ranges import ReadingRange
 
 _GIVE_RAD, _GIVE_M = 0.05, 0.003  # tolerance of a coupled joint's reading, as couplings are compliant
@@ -29,12 +28,12 @@ class NamedJoints:
             plant: finalized plant of the hand alone.
             hand: the hand in it.
         """
-        joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-        moving = sorted((joint for joint in joints if joint.num_positions() == 1), key=lambda j: j.position_start())
+        moving = [joint for joint in joints_of(plant, hand) if joint.num_positions() == 1]
+        moving.sort(key=lambda joint: joint.position_start())
         self.names = tuple(joint.name() for joint in moving)
         self._size = plant.num_positions()
         self._place = {joint.name(): joint.position_start() for joint in moving}
-        self._sliding = frozenset(joint.name() for joint in moving if isinstance(joint, PrismaticJoint))
+        self._sliding = sliding_joints(plant, hand)
         self._couplings = hand.config.couplings
         self._carried = frozenset(
             joint

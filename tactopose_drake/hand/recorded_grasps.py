@@ -1,7 +1,8 @@
-"""Recorded readings of a hand during grasps, and checks of them."""
+"""Recorded readings of a hand during grasps, their files, and checks of them."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,17 +10,19 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import MOST_MEASURED_FORCE, finite_array, instance_of, known_name
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.validation import MOST_MEASURED_FORCE, either, finite_array, instance_of, known_name, told_of
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.hand.hand_errors import HandErrors
 from tactopose_drake.hand.hand_in_plant import Hand, measured_joints
 from tactopose_drake.hand.joint_matrices import joint_matrix
-from tactopose_drake.hand.joint_paths import JointPaths
+from tactopose_drake.hand.kinematics import JointPaths
 from tactopose_drake.hand.named_joints import NamedJoints, check_near_limits
+from tactopose_drake.resources import load_typed_yaml
 
 READING_NOISE = np.repeat([NANO17_SIGMA_MOMENT, NANO17_SIGMA_FORCE], 3)
 """Standard deviations of a reading, N m and N, shape (6,)."""
 _MOST_WRENCH = np.repeat([100.0, MOST_MEASURED_FORCE], 3)  # N m and N; larger values are in other units
+GRASP_ENDINGS = (".json", ".yaml", ".yml")
 _MOST_BIAS = 6.0  # largest bias, in standard deviations; larger readings are touches
 
 
@@ -127,3 +130,55 @@ def _check_different(grasps: Sequence[RecordedGrasp]) -> None:
                     "whose reading never changes is frozen."
                 )
             seen[touch] = where
+
+
+@dataclasses.dataclass(kw_only=True, slots=True)
+class GraspFile:
+    """One recorded grasp: the hand's readings at an instant at which it held the object still."""
+
+    # Readings by the joints' names in the model, rad; of prismatic joints, m. Coupled joints may be left out, and must
+    # not contradict their couplings.
+    joint_positions: dict[str, float] = dataclasses.field(default_factory=dict)
+    # [m_x, m_y, m_z, f_x, f_y, f_z] of only the fingers that touch the object: on the fingertip about its sensor's
+    # origin, in the sensor's frame, without the fingertip's weight, N m and N.
+    wrenches: dict[str, list[float]] = dataclasses.field(default_factory=dict)
+    # Likewise the readings of fingers that touched nothing at about that time, which show the sensors' biases.
+    out_of_touch: dict[str, list[float]] = dataclasses.field(default_factory=dict)
+    time: float | None = None  # time of the grasp by any clock, s; biases may drift if all grasps have one
+
+
+def load_grasp(path: Path, model: ObjectModel) -> RecordedGrasp:
+    """Reads one grasp.
+
+    Raises:
+        InvalidFileError: if the file cannot be read or does not fit the format; the message names file and key.
+    """
+    file = load_typed_yaml(GraspFile, path)
+    with told_of(f"{path}: ", InvalidFileError):
+        for key, wrenches in (("wrenches", file.wrenches), ("out_of_touch", file.out_of_touch)):
+            for finger, wrench in wrenches.items():
+                finite_array(f"{key}.{finger}", wrench, (6,))
+        if not file.joint_positions:
+            raise InvalidInputError("joint_positions must have a number for each joint, but has none.")
+        if not file.wrenches and not file.out_of_touch:
+            raise InvalidInputError("wrenches must have six numbers for each finger that touches, but has none.")
+        if both := file.wrenches.keys() & file.out_of_touch.keys():
+            raise InvalidInputError(
+                f"out_of_touch must not have {', '.join(sorted(both))}, as a finger must be in only one of it and "
+                "wrenches. Give a reading from before the touch as a grasp of its own, without wrenches."
+            )
+    return RecordedGrasp(model, file.joint_positions, file.wrenches, file.out_of_touch, time=file.time, name=str(path))
+
+
+def load_grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:
+    """Reads all grasps of a folder, in the order of their files' names.
+
+    Raises:
+        InvalidFileError: if there is no such folder or no grasp in it, or a file cannot be used.
+    """
+    if not folder.is_dir():
+        raise InvalidFileError(f"{folder} must hold a file for each grasp, but there is no such folder.")
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in GRASP_ENDINGS and path.is_file())
+    if not paths:
+        raise InvalidFileError(f"{folder} must hold grasps, files that end in {either(GRASP_ENDINGS)}, but has none.")
+    return tuple(load_grasp(path, model) for path in paths)

@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context
 from tactopose_drake.core.grasping.finger_reach import ReachParams
 from tactopose_drake.hand.contact_properties import rigid_shapes, self_collisions, unsaid_shapes
 from tactopose_drake.hand.findings import Finding
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, joints_of
 
 _SLOWEST = 0.5  # s that a joint's damping may take to let the default grasp controller's spring close it
 _STIFFNESS = ReachParams().stiffness  # N m/rad
@@ -51,7 +51,7 @@ def _contact(plant: MultibodyPlant, scene_graph: SceneGraph, hand: Hand, context
 
 
 def _dynamics(plant: MultibodyPlant, hand: Hand, context: Context) -> Iterator[Finding]:
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
+    joints = joints_of(plant, hand)
     light = [joint for joint in joints if joint.num_positions() and not joint.child_body().get_mass(context) > 0.0]
     bare = [joint.child_body().name() for joint in light if not _carried(plant, joint, context) > 0.0]
     carrying = [joint.child_body().name() for joint in light if joint.child_body().name() not in bare]
@@ -74,8 +74,9 @@ def _dynamics(plant: MultibodyPlant, hand: Hand, context: Context) -> Iterator[F
         yield Finding(
             "dynamics", f"all links have masses, {plant.CalcTotalMass(context, [hand.model_instance]):.3g} kg in all"
         )
-    driven = {name for finger in hand.config.fingers for name in finger.joints}
-    damping = max((float(np.max(j.default_damping_vector())) for j in joints if j.name() in driven), default=0.0)
+    damping = max(
+        (float(np.max(j.default_damping_vector())) for j in joints if j.name() in hand.config.driven), default=0.0
+    )
     if damping > _SLOWEST * _STIFFNESS:
         stiffness = f"{damping / 0.1:g}"
         text = (

@@ -16,13 +16,13 @@ from .quiet_instant import read_quiet_grasp as read_quiet_grasp
 from .recorded_senses import RecordedRun as RecordedRun
 from .recorded_senses import read_recording as read_recording
 from .recording import Recording as Recording
-from .rehearsal import rehearse as rehearse
 from .scenario_replay import Replay as Replay
 from .scenario_replay import replay as replay
 from .scenario_run import run_scenario as run_scenario
 from .simulated_devices import Loads as Loads
 from .simulated_devices import SimulatedRig as SimulatedRig
 from .simulated_devices import simulated_loads as simulated_loads
+from .simulation import rehearse as rehearse
 from .stepping import Observer as Observer
 from .stepping import Progress as Progress
 from .stepping import RunView as RunView

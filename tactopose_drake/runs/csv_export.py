@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.multibody.tree import PrismaticJoint
 
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
-from tactopose_drake.hand.hand_in_plant import make_hand_plant
+from tactopose_drake.hand.hand_in_plant import make_hand_plant, sliding_joints
 from tactopose_drake.runs.recorded_senses import RecordedRun
 from tactopose_drake.systems.signals import Signal, Value
 
@@ -92,8 +91,7 @@ def _columns(name: str, run: RecordedRun, values: Sequence[Value]) -> tuple[str,
 
 def _joint_units(run: RecordedRun) -> dict[str, str]:
     plant, hand = make_hand_plant(load_hand_config(run.manifest.scenario.hand))
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    return {joint.name(): "m" if isinstance(joint, PrismaticJoint) else "rad" for joint in joints}
+    return dict.fromkeys(run.joints, "rad") | dict.fromkeys(sliding_joints(plant, hand), "m")
 
 
 def _changes(run: RecordedRun) -> Iterator[_Cells]:

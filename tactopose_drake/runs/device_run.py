@@ -16,9 +16,8 @@ from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix
 from tactopose_drake.runs.known_signals import check_spans, known_signals
 from tactopose_drake.runs.recording import Recording
-from tactopose_drake.runs.rehearsal import rehearse
 from tactopose_drake.runs.simulated_devices import SimulatedRig, loads_of_files, simulated_loads
-from tactopose_drake.runs.simulation import BESIDE_DEVICES, TRUE_POSE, sense_ports
+from tactopose_drake.runs.simulation import BESIDE_DEVICES, TRUE_POSE, rehearse, sense_ports
 from tactopose_drake.runs.stepping import Observer, Progress, RunView, advance
 from tactopose_drake.station.can_devices import CanDevices, check_drivers, live_buses
 from tactopose_drake.station.can_senses import CanSenses, SimulatedDevices

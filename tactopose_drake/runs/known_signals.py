@@ -12,7 +12,7 @@ from tactopose_drake.drivers.simulation.csv_tables import read_csv_table
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.files import load_prior
 from tactopose_drake.hand.hand_config import load_hand_config
-from tactopose_drake.hand.hand_in_plant import make_hand_plant
+from tactopose_drake.hand.hand_in_plant import make_hand_plant, measured_joints
 from tactopose_drake.hand.joint_matrices import joint_matrix, joint_offsets
 from tactopose_drake.hand.named_joints import check_near_limits
 from tactopose_drake.station.can_senses import CanSenses, FixedJoints, JointFile
@@ -93,12 +93,7 @@ def check_spans(scenario: Scenario, signals: Mapping[str, Signal], end: float) -
 def _positions(scenario: Scenario, where: str, names: list[str], rows: FloatArray) -> FloatArray:
     """Positions of the whole hand, shape (n, nq), from those of k joints (n, k); others are coupled, or 0."""
     plant, hand = make_hand_plant(load_hand_config(scenario.hand))
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices(hand.model_instance)]
-    resting = [
-        joint.name()
-        for joint in joints
-        if joint.num_positions() == 1 and joint.name() not in names and joint.name() not in hand.config.couplings
-    ]
+    resting = [name for name in measured_joints(plant, hand) if name not in names]
     measured = [*names, *resting]
     values = np.column_stack([rows, np.zeros((len(rows), len(resting)))])
     with told_of(f"{where}: "):

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from mcap.writer import Writer
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion
 from tactopose_drake.core.validation import FloatArray
@@ -17,9 +16,9 @@ from tactopose_drake.drivers.ros2_messages import TRIANGLE_LIST, definition, enc
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.prior import PosePrior
-from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
+from tactopose_drake.hand.hand_in_plant import make_hand_plant, make_hand_with_shapes
 from tactopose_drake.hand.joint_matrices import reading_offsets
-from tactopose_drake.resources import fixed_pose, passing_builder
+from tactopose_drake.resources import fixed_pose
 from tactopose_drake.runs.recorded_senses import RecordedRun
 from tactopose_drake.runs.ros2_poses import ros_covariance, ros_pose, ros_xyz
 from tactopose_drake.systems.signals import Signal
@@ -185,11 +184,9 @@ class _Hand:
         config = scenario.hand_config()
         self._known_plant, known = make_hand_plant(config)
         self._offsets = reading_offsets(self._known_plant, known)
-        with passing_builder() as builder:
-            self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
-            hand = add_hand(self._plant, config, fixed_pose("Scenario.X_WBase", scenario.X_WBase))
-            self._plant.Finalize()
-            meshes = BodyMeshes.from_inspector(self._plant, scene_graph.model_inspector(), hand.model_instance)
+        X_WBase = fixed_pose("Scenario.X_WBase", scenario.X_WBase)
+        self._plant, inspector, hand = make_hand_with_shapes(config, X_WBase)
+        meshes = BodyMeshes.from_inspector(self._plant, inspector, hand.model_instance)
         self._context = self._plant.CreateDefaultContext()
         self._bodies = [self._plant.get_body(index) for index in self._plant.GetBodyIndices(hand.model_instance)]
         names = {int(body.index()): body.name() for body in self._bodies}

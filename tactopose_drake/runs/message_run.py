@@ -111,7 +111,7 @@ class _MessageRun:
     ) -> None:
         self.tracker, self.status = tracker, ""
         self._max_age, self._out, self._inbox = max_age, out, inbox
-        self._fingers = tuple(finger.name for finger in hand.fingers if finger.sensor_frame)
+        self._fingers = hand.sensing
         self._cells = {pad.name: len(load_tactile_pad(pad.array).layout) for pad in hand.pads}
         self._last, self._last_time, self._beat_time = ObjectBeliefMessage(), -math.inf, -math.inf
         self._is_silent = False

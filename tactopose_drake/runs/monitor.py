@@ -11,7 +11,7 @@ from rich.table import Table
 
 from tactopose_drake.drivers.device import Device
 from tactopose_drake.estimation.results import PoseEstimate
-from tactopose_drake.runs.stepping import RunView, belief_port
+from tactopose_drake.runs.stepping import RunView
 
 _RATE_WINDOW = 1.0  # s over which rates are counted
 _LINE_PERIOD = 1.0  # s of a run between two lines, without a terminal
@@ -78,7 +78,7 @@ def monitor_table(view: RunView, rates: dict[str, float]) -> Table:
             "" if rate is None else f"{rate:.0f}",
             _age(view, sense),
             measured,
-            str(_value(view, f"status_{sense}", "")),
+            str(view.value(f"status_{sense}", "")),
         )
     return table
 
@@ -129,11 +129,11 @@ def _senses(view: RunView) -> Iterator[tuple[str, str]]:
     names = [view.diagram.get_output_port(index).get_name() for index in range(view.diagram.num_output_ports())]
     for name in names:
         if name.startswith("wrench_"):
-            force = float(np.linalg.norm(_value(view, name)[3:]))
+            force = float(np.linalg.norm(view.value(name)[3:]))
             yield name.removeprefix("wrench_"), "no force" if np.isnan(force) else f"{force:.2f} N"
     pads = [name for name in names if name.startswith("pressures_")]
     if pads:
-        pressures = {name.removeprefix("pressures_"): _value(view, name) for name in pads}
+        pressures = {name.removeprefix("pressures_"): view.value(name) for name in pads}
         yield "hand", ", ".join(f"{pad} {_peak(cells)}" for pad, cells in pressures.items())
 
 
@@ -142,7 +142,7 @@ def _peak(pressures: Any) -> str:
 
 
 def _age(view: RunView, sense: str) -> str:
-    age = _value(view, f"age_{sense}", None)
+    age = view.value(f"age_{sense}")
     return "" if age is None or not np.isfinite(age[0]) else f"{1e3 * age[0]:.0f}"
 
 
@@ -152,15 +152,15 @@ def _title(view: RunView) -> str:
 
 def wrong_senses(view: RunView) -> str:
     """Each sense without readings, and why; "ok" if all have readings or are simulated."""
-    return str(_value(view, "sense_status", "ok"))
+    return str(view.value("sense_status", "ok"))
 
 
 def estimate_line(view: RunView) -> str:
     """Status and pose as text; with tracking, those of the belief over time."""
-    status, estimate = view.status or _value(view, belief_port(view, "status")), explained_estimate(view)
+    status, estimate = view.status or view.believed("status"), explained_estimate(view)
     if estimate is None:
         return str(status)
-    position = " ".join(f"{1e3 * x:z.1f}" for x in _value(view, belief_port(view, "object_pose")).translation())
+    position = " ".join(f"{1e3 * x:z.1f}" for x in view.believed("object_pose").translation())
     count = len(estimate.hypotheses)
     many = "1 hypothesis" if count == 1 else f"{count} hypotheses"
     return f"{status}; object at {position} mm; {many}, the best with {estimate.best.probability:.0%}"
@@ -168,13 +168,6 @@ def estimate_line(view: RunView) -> str:
 
 def explained_estimate(view: RunView) -> PoseEstimate | None:
     """The last estimate; None before the first, and if no pose explains the touch or the belief is lost."""
-    estimate: PoseEstimate | None = _value(view, belief_port(view, "hypotheses"), None)
+    estimate: PoseEstimate | None = view.believed("hypotheses")
     is_none = estimate is None or estimate.status == "no_solution" or view.status.startswith("lost")
     return None if is_none else estimate
-
-
-def _value(view: RunView, port: str, otherwise: Any = "") -> Any:
-    """The value of a port of the station; `otherwise` if there is no such port."""
-    if not view.diagram.HasOutputPort(port):
-        return otherwise
-    return view.diagram.GetOutputPort(port).Eval(view.context)

@@ -1,22 +1,21 @@
 """Records a run as a page with a time slider that shows hand, touch and belief."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from pydrake.geometry import Meshcat, MeshcatParams, Rgba, SceneGraph
+from pydrake.geometry import Meshcat, MeshcatParams, Rgba
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.results import PoseEstimate
-from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
+from tactopose_drake.hand.hand_in_plant import make_hand_plant, make_hand_with_shapes
 from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.resources import fixed_pose
-from tactopose_drake.runs.stepping import RunView, belief_port
+from tactopose_drake.runs.stepping import RunView
 from tactopose_drake.runs.timeline_recorder import TimelineRecorder
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.visualization.appearance import MOVING_ALTERNATIVES
@@ -64,13 +63,10 @@ class PageRecorder:
         config = scenario.hand_config()
         self._offsets = reading_offsets(*make_hand_plant(config))
         self._model, self._timeline = model, TimelineRecorder(config, model)
-        scene_graph = SceneGraph()
-        self._plant = MultibodyPlant(time_step=0.001)
-        self._plant.RegisterAsSourceForSceneGraph(scene_graph)
-        self._hand = add_hand(self._plant, config, fixed_pose("Scenario.X_WBase", scenario.X_WBase))
-        self._plant.Finalize()
+        X_WBase = fixed_pose("Scenario.X_WBase", scenario.X_WBase)
+        self._plant, inspector, self._hand = make_hand_with_shapes(config, X_WBase)
         self._context = self._plant.CreateDefaultContext()
-        self._meshes = BodyMeshes.from_inspector(self._plant, scene_graph.model_inspector(), self._hand.model_instance)
+        self._meshes = BodyMeshes.from_inspector(self._plant, inspector, self._hand.model_instance)
         self._most_contacts = len(config.fingers) + len(config.pads)
         self._moments: list[Moment] = []
         self._period, self._next = _PERIOD, -np.inf
@@ -80,18 +76,11 @@ class PageRecorder:
         time = view.context.get_time()
         if time < self._next:
             return
-
-        def now(name: str) -> Any:
-            return view.diagram.GetOutputPort(name).Eval(view.context)
-
         self._timeline.show(view)
-        patches = tuple(now("patches")) if view.diagram.HasOutputPort("patches") else ()
-        prior = now("prior") if view.diagram.HasOutputPort("prior") else None
-        estimate = now(belief_port(view, "hypotheses"))
-        contacts = touch_of(now("contacts"), patches)
+        prior, patches = view.value("prior"), tuple(view.value("patches", ()))
+        contacts, q = touch_of(view.value("contacts"), patches), view.value("joint_positions")
         X_PO = None if prior is None else prior.X_PO
-        q, truth = now("joint_positions"), view.true_pose
-        self._moments.append(Moment(time, q, contacts, patches, X_PO, estimate, truth))
+        self._moments.append(Moment(time, q, contacts, patches, X_PO, view.believed("hypotheses"), view.true_pose))
         if len(self._moments) > _MOST_MOMENTS:
             self._moments = self._moments[::2]
             self._timeline.thin()
@@ -158,8 +147,8 @@ class PageRecorder:
         add_patches(meshcat, f"{_PATH}/patches", pads, cells)
         add_frames(meshcat, _PATH)
         for row, mesh in enumerate(self._meshes.meshes):
-            vertices, faces = np.asfortranarray(mesh.vertices.T), np.asfortranarray(mesh.faces.T)
-            meshcat.SetTriangleMesh(f"{_PATH}/hand/{row}", vertices, faces, Rgba(*mesh.colour.mean(axis=0)))
+            colour = Rgba(*mesh.colour.mean(axis=0))
+            meshcat.SetTriangleMesh(f"{_PATH}/hand/{row}", mesh.vertices.T, mesh.faces.T, colour)
 
     def _draw(self, meshcat: Meshcat, moment: Moment) -> None:
         time, hypotheses = moment.time, _shown(moment)

@@ -62,17 +62,14 @@ def publishing(scenario: Scenario, observer: Observer) -> Observer:
     out = open_publisher(scenario)
     if out is None:
         return observer
-    prefix = "" if scenario.tracking is None else "tracked_"
     touched = 0.0
 
     def publish_and_show(view: RunView) -> None:
         nonlocal touched
-        estimate, status = (
-            view.diagram.GetOutputPort(prefix + name).Eval(view.context) for name in ("hypotheses", "status")
-        )
+        estimate, status = view.believed("hypotheses"), view.believed("status")
         message = belief_message(estimate, status, out.max_modes)
-        if prefix:  # The belief over time may be late.
-            touched = view.diagram.GetOutputPort("tracked_belief").Eval(view.context).time
+        if (belief := view.value("tracked_belief")) is not None:  # It may be late.
+            touched = belief.time
         elif estimate is None or not status.startswith("held"):
             touched = _last_update(view.context.get_time(), scenario.estimation.estimator.period)
         begun = 0.0 if view.devices is None else next(iter(view.devices.buses.values())).origin

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.runs.estimate_writer import read_estimates
 from tactopose_drake.runs.manifest import ESTIMATES, Manifest
-from tactopose_drake.runs.recorded_estimates import read_estimates
 from tactopose_drake.runs.sense_reader import SenseReader
 from tactopose_drake.systems.signals import Signal, append_change
 

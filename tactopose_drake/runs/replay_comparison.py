@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.runs.estimate_writer import estimates_now
-from tactopose_drake.runs.recorded_estimates import read_estimate
+from tactopose_drake.runs.estimate_writer import estimates_now, read_estimate
 from tactopose_drake.runs.stepping import RunView
 
 _SAME = 1e-6  # m, as another processor may round differently

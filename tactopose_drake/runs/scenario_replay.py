@@ -207,7 +207,7 @@ def missing_signals(signals: Mapping[str, Signal], scenario: Scenario) -> list[s
     senses, hand = scenario.senses, load_hand_config(scenario.hand)
     needed = []
     if not isinstance(senses, CanSenses):
-        needed = [f"wrench_{finger.name}" for finger in hand.fingers if finger.sensor_frame]
+        needed = [f"wrench_{finger}" for finger in hand.sensing]
         needed += [f"pressures_{pad.name}" for pad in hand.pads] + ["prior"]
     if not isinstance(senses, CanSenses) or senses.barrett_hand is None:
         needed.append("joint_positions")

@@ -2,17 +2,20 @@
 
 import contextlib
 import dataclasses
+from collections.abc import Collection
 from pathlib import Path
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import LATEST, positive_number
+from tactopose_drake.drivers.lcm_inbox import LcmInbox, open_lcm
+from tactopose_drake.drivers.ros2_link import Ros2Link
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.runs.device_run import check_devices, run_devices
 from tactopose_drake.runs.grasp_watch import GraspWatch
-from tactopose_drake.runs.lcm_run import run_lcm
-from tactopose_drake.runs.publishing import publishing
+from tactopose_drake.runs.message_run import run_messages
+from tactopose_drake.runs.publishing import open_publisher, publishing
 from tactopose_drake.runs.recording import Recording
-from tactopose_drake.runs.ros2_run import run_ros2
+from tactopose_drake.runs.ros2_inbox import Ros2Inbox
 from tactopose_drake.runs.scenario_replay import replay
 from tactopose_drake.runs.simulation import start_simulation
 from tactopose_drake.runs.stepping import Observer, Progress, RunView, advance
@@ -21,9 +24,6 @@ from tactopose_drake.station.message_channels import LcmSenses, Ros2Senses
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.senses import RecordedSenses
 from tactopose_drake.station.simulated import check_bodies, make_station
-
-# Senses that are messages: the function that runs them, the middleware, and its own recorder.
-_MESSAGES = ((LcmSenses, run_lcm, "LCM", "lcm-logger"), (Ros2Senses, run_ros2, "ROS 2", "ros2 bag record"))
 
 
 def run_scenario(
@@ -53,13 +53,13 @@ def run_scenario(
     """
     scenario.validate()
     duration = None if duration is None else positive_number("duration", duration, most=LATEST)
-    for kind, run_messages, bus, recorder in _MESSAGES:
+    for kind, run_of_kind, bus, recorder in _MESSAGES:
         if isinstance(scenario.senses, kind):
             if record is not None:
                 raise InvalidInputError(
                     f"record must be None if the senses come over {bus}. Record them by `{recorder}`."
                 )
-            return run_messages(scenario, duration, observer, tell)
+            return run_of_kind(scenario, duration, observer, tell)
     observer = publishing(scenario, observer)
     if isinstance(scenario.senses, RecordedSenses):
         if record is not None:
@@ -111,3 +111,32 @@ def _run_simulated(
 
     view = advance(simulator, None, scenario.estimation.estimator.period, until, watch_and_show)
     return dataclasses.replace(view, outcome=watch.outcome(view.context))
+
+
+def _run_lcm(scenario: Scenario, duration: float | None, observer: Observer, tell: Progress) -> RunView:
+    """Runs by messages `lcmt_hand_senses` and `lcmt_object_pose`; raises BusError if LCM cannot be opened."""
+    senses = scenario.senses
+    assert isinstance(senses, LcmSenses)
+    link = open_lcm(senses.url)
+    out = open_publisher(scenario, senses.url, link)
+
+    def inbox(_: Collection[str]) -> LcmInbox:
+        return LcmInbox(link, senses.channel, senses.vision)
+
+    return run_messages(scenario, senses.max_age, inbox, out, duration, observer, tell)
+
+
+def _run_ros2(scenario: Scenario, duration: float | None, observer: Observer, tell: Progress) -> RunView:
+    """Runs by messages of ROS 2; raises BusError if the domain cannot be joined."""
+    senses = scenario.senses
+    assert isinstance(senses, Ros2Senses)
+    link, out = Ros2Link(senses.domain, senses.config), open_publisher(scenario)
+
+    def inbox(joints: Collection[str]) -> Ros2Inbox:
+        return Ros2Inbox(link, senses, joints)
+
+    return run_messages(scenario, senses.max_age, inbox, out, duration, observer, tell)
+
+
+# Senses that are messages: the function that runs them, the middleware, and its own recorder.
+_MESSAGES = ((LcmSenses, _run_lcm, "LCM", "lcm-logger"), (Ros2Senses, _run_ros2, "ROS 2", "ros2 bag record"))

@@ -1,10 +1,15 @@
-"""The simulator of a scenario's grasp, and the recording of its senses."""
+"""The simulation of a scenario's grasp, and the recording of the hand's senses."""
+
+import dataclasses
 
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus, OutputPort
 
-from tactopose_drake.station.simulated import Station
-from tactopose_drake.systems.signals import Write
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.senses import SimulatedSenses
+from tactopose_drake.station.simulated import Station, make_station
+from tactopose_drake.systems.signals import Signal, SignalRecorder, Write
 
 TRUE_POSE = "true_pose"  # the signal of the true X_PO in the simulator
 BESIDE_DEVICES = ("joint_positions", "palm_pose", "prior")  # signals that do not come from devices on a bus
@@ -38,3 +43,22 @@ def sense_ports(diagram: Diagram) -> list[OutputPort]:
     ports = [diagram.get_output_port(index) for index in range(diagram.num_output_ports())]
     measured = ("wrench_", "pressures_")
     return [port for port in ports if port.get_name() in BESIDE_DEVICES or port.get_name().startswith(measured)]
+
+
+def rehearse(scenario: Scenario, model: ObjectModel) -> dict[str, Signal]:
+    """Simulates the scenario's best planned grasp for its duration, for a later real-time run on simulated devices.
+
+    Returns:
+        The signals of the simulated sensors by name: `joint_positions`, `prior`, `wrench_<finger>`, `pressures_<pad>`,
+        and `true_pose`, the true X_PO.
+
+    Raises:
+        InvalidInputError: if the scenario cannot be built.
+    """
+    # No estimates are needed.
+    estimator = dataclasses.replace(scenario.estimation.estimator, period=2 * scenario.duration)
+    estimation = dataclasses.replace(scenario.estimation, estimator=estimator)
+    scenario = dataclasses.replace(scenario, senses=SimulatedSenses(), estimation=estimation)
+    with SignalRecorder() as recorder:
+        start_simulation(make_station(scenario, model=model), recorder.write).AdvanceTo(scenario.duration)
+        return recorder.signals

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
@@ -44,11 +45,13 @@ class RunView:
         """Time since the start of the run, s."""
         return float(self.context.get_time()) - self.start
 
+    def value(self, port: str, otherwise: Any = None) -> Any:
+        """The current value of an output port of the station; `otherwise` if there is no such port."""
+        return self.diagram.GetOutputPort(port).Eval(self.context) if self.diagram.HasOutputPort(port) else otherwise
 
-def belief_port(view: RunView, name: str) -> str:
-    """The name of an output port of the tracking if there is one, otherwise of the estimation."""
-    tracked = f"tracked_{name}"
-    return tracked if view.diagram.HasOutputPort(tracked) else name
+    def believed(self, name: str) -> Any:
+        """The current value of an output port of the tracking if there is one, otherwise of the estimation."""
+        return self.value(f"tracked_{name}" if self.diagram.HasOutputPort(f"tracked_{name}") else name)
 
 
 Observer = Callable[[RunView], None]

@@ -1,7 +1,7 @@
 """Records a station's outputs over a run for the timeline of a page."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from tactopose_drake.estimation.descriptions import determined_sigmas
 from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import HandConfig
-from tactopose_drake.runs.stepping import RunView, belief_port
+from tactopose_drake.runs.stepping import RunView
 from tactopose_drake.visualization.appearance import MOST_FREE, MOVING_ALTERNATIVES
 from tactopose_drake.visualization.estimate_page import instant_of
 from tactopose_drake.visualization.page_tables import Instant
@@ -38,7 +38,7 @@ class TimelineRecorder:
 
     def __init__(self, config: HandConfig, model: ObjectModel) -> None:
         """Takes the names of fingers and pads from the hand, and keeps the object."""
-        self._fingers = [finger.name for finger in config.fingers if finger.sensor_frame]
+        self._fingers = config.sensing
         self._pads = [pad.name for pad in config.pads]
         self._model = model
         self._rows: list[_Noted] = []
@@ -48,7 +48,7 @@ class TimelineRecorder:
         time = view.context.get_time()
         if self._rows and time <= self._rows[-1].time:
             self._rows.clear()
-        estimate, status = _now(view, belief_port(view, "hypotheses")), _now(view, belief_port(view, "status"))
+        estimate, status = view.believed("hypotheses"), view.believed("status")
         values = self._forces(view) | self._pressures(view) | self._widths(estimate)
         self._rows.append(_Noted(time, status, values, instant_of(self._scene(view, estimate), estimate, status)))
 
@@ -74,29 +74,26 @@ class TimelineRecorder:
 
     def _scene(self, view: RunView, estimate: PoseEstimate | None) -> Scene:
         """The scene of the current moment, without the hand."""
-        has_pads = view.diagram.HasOutputPort("patches")
-        pads, patches = (_now(view, "pads"), _now(view, "patches")) if has_pads else ((), ())
+        pads, patches = view.value("pads", ()), view.value("patches", ())
         felt = [name for name, patch in zip(pads, patches, strict=True) if patch.is_felt]
         hypotheses = () if estimate is None else estimate.hypotheses[: 1 + MOVING_ALTERNATIVES]
         shown = tuple(map(ShownHypothesis.of, hypotheses))
         return Scene(
             model=self._model,
-            contacts=touch_of(_now(view, "contacts"), patches),
+            contacts=touch_of(view.value("contacts"), patches),
             patches=patches,
-            touched_by=(*_now(view, "fingers_in_contact"), *felt),
+            touched_by=(*view.value("fingers_in_contact"), *felt),
             hypotheses=shown,
         )
 
     def _forces(self, view: RunView) -> dict[str, float]:
-        solutions = _now(view, "contact_solutions")
+        solutions = view.value("contact_solutions")
         return {f"force_{name}": _force(solutions[name]) for name in self._fingers if name in solutions}
 
     def _pressures(self, view: RunView) -> dict[str, float]:
-        if not self._pads or not view.diagram.HasOutputPort("patches"):
-            return {}
         return {
             f"pressure_{name}": float(np.nanmax(patch.pressure, initial=0.0)) / 1e3
-            for name, patch in zip(_now(view, "pads"), _now(view, "patches"), strict=True)
+            for name, patch in zip(view.value("pads", ()), view.value("patches", ()), strict=True)
         }
 
     def _widths(self, estimate: PoseEstimate | None) -> dict[str, float]:
@@ -110,7 +107,3 @@ class TimelineRecorder:
 def _force(solution: ContactSolution) -> float:
     """Force of a contact, N; 0 without a touch; NaN if the wrench gives neither a contact nor the absence of one."""
     return 0.0 if solution.is_untouched else float(np.linalg.norm(solution.normal_force + solution.friction_force))
-
-
-def _now(view: RunView, port: str) -> Any:
-    return view.diagram.GetOutputPort(port).Eval(view.context)

@@ -110,9 +110,8 @@ class CanSenses:
             raise InvalidInputError("CanSenses must have fingers, barrett_hand or both, but has neither.")
         whole_number("CanSenses.tare_samples", self.tare_samples, least=0)
         self._check_buses()
-        sensing = [finger.name for finger in hand.fingers if finger.sensor_frame]
         for name, board in self.fingers.items():
-            known_name("each name in CanSenses.fingers", name, sensing)
+            known_name("each name in CanSenses.fingers", name, hand.sensing)
             self._check_device(f"CanSenses.fingers[{name}]", board)
         if self.barrett_hand is not None:
             self._check_device("CanSenses.barrett_hand", self.barrett_hand)

@@ -28,7 +28,7 @@ from tactopose_drake.systems.fingertip_weight import FingertipWeight
 from tactopose_drake.systems.measured_joints import MeasuredJoints
 from tactopose_drake.systems.palm_on_base import PalmOnBase
 from tactopose_drake.systems.played_signal import PlayedValue, PlayedVector
-from tactopose_drake.systems.ports import export_outputs
+from tactopose_drake.systems.ports import connect_known, export_outputs
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
 from tactopose_drake.systems.sense_status import SenseStatus
@@ -110,9 +110,8 @@ def make_hardware_station(
     _export_statuses(builder, senses)
 
     estimation = AddPoseEstimation(builder, config, model, scenario.estimation)
-    for name, port in {**known, **ages}.items():
-        if estimation.HasInputPort(name) and name != "palm_pose":
-            builder.Connect(port, estimation.GetInputPort(name))
+    felt = {name: port for name, port in known.items() if name != "palm_pose"}
+    connect_known(builder, felt | ages, estimation)
     if "prior" not in known:
         builder.ExportInput(estimation.GetInputPort("prior"), "prior")
     if scenario.estimation.estimator.balance:
@@ -131,7 +130,7 @@ def make_hardware_station(
 
 def check_signals(config: HandConfig, plant: MultibodyPlant, signals: Mapping[str, Signal]) -> None:
     """Raises InvalidInputError if a signal's name is not one of the hand's, or its vectors have another length."""
-    sizes = {f"wrench_{finger.name}": 6 for finger in config.fingers if finger.sensor_frame}
+    sizes = {f"wrench_{finger}": 6 for finger in config.sensing}
     sizes |= {f"pressures_{pad.name}": len(load_tactile_pad(pad.array).layout) for pad in config.pads}
     sizes["joint_positions"] = plant.num_positions()
     for name, signal in signals.items():

@@ -62,9 +62,8 @@ class Ros2Senses:
         """Raises InvalidInputError if a value is out of its range, or the hand lacks a finger or pad."""
         _check_domain("Ros2Senses.domain", self.domain)
         positive_number("Ros2Senses.max_age", self.max_age)
-        sensing = [finger.name for finger in hand.fingers if finger.sensor_frame]
         pads = [pad.name for pad in hand.pads]
-        for what, given, known in (("wrenches", self.wrenches, sensing), ("pressures", self.pressures, pads)):
+        for what, given, known in (("wrenches", self.wrenches, hand.sensing), ("pressures", self.pressures, pads)):
             for name in given:
                 known_name(f"each name in Ros2Senses.{what}", name, known)
         for key, topic in self.topics().items():

@@ -14,7 +14,7 @@ from pydrake.systems.framework import Context
 
 from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant, sliding_joints
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
 
 _SHARE = 0.5  # least ratio of a joint's inertia and damping to the effect of spring and damper in a step
@@ -33,9 +33,10 @@ def add_motor_inertia(plant: MultibodyPlant, hand: Hand, params: GraspController
         The added inertia, kg m^2 or kg, by the joint's name.
     """
     alone, parts = make_hand_plant(hand.config)
-    names = list(dict.fromkeys(name for finger in hand.config.fingers for name in finger.joints))
+    names = hand.config.driven
     joints = [alone.GetJointByName(name, parts.model_instance) for name in names]
-    arm = np.array([SLIDING_ARM if joint.type_name() == "prismatic" else 1.0 for joint in joints])
+    sliding = sliding_joints(alone, parts)
+    arm = np.array([SLIDING_ARM if name in sliding else 1.0 for name in names])
     step = plant.time_step()
     damping = step * np.array([joint.default_damping_vector()[0] for joint in joints])
     needed = _SHARE * step * (step * params.finger_stiffness + params.finger_damping) / arm**2

@@ -53,7 +53,7 @@ def scenario_for(hand: str, object_: str, seed: int = 0) -> Scenario:
     back = X_WP.rotation() @ _unit(_palm_middle(reach) - middle_P)
     view = _unit(back + 0.5 * np.array([0.0, 0.0, 1.0]))
     X_WC = RigidTransform(RotationMatrix.MakeFromOneVector(-view, 2), X_WP @ middle_P + _CAMERA_DISTANCE * view)
-    driven = [plant.GetJointByName(name, parts.model_instance) for finger in config.fingers for name in finger.joints]
+    driven = [plant.GetJointByName(name, parts.model_instance) for name in config.driven]
     damping = max(float(np.max(joint.default_damping_vector())) for joint in driven)
     scenario = Scenario(hand=hand, object=object_, seed=seed, X_WBase=_transform(X_WBase), X_WC=_transform(X_WC))
     scenario.planner.least_fingers = _LEAST_FINGERS

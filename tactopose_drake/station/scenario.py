@@ -69,10 +69,6 @@ class Grip:
     X_PO: dict[str, Transform] = dataclasses.field(default_factory=dict)
     controller: GripControllerParams = dataclasses.field(default_factory=GripControllerParams)
 
-    def validate(self) -> None:
-        """Raises InvalidInputError if a value is out of its range."""
-        self.controller.validate()
-
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class GraspCheck:
@@ -167,7 +163,7 @@ class Scenario:
             if part is not None:
                 part.validate()
         if self.grip is not None:
-            self.grip.validate()
+            self.grip.controller.validate()
             for name, X_PO in self.grip.X_PO.items():
                 drawn_pose(f"Scenario.grip.X_PO[{name}]", X_PO, self.seed)
         with told_of("Scenario.sensor: "):

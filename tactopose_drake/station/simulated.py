@@ -24,7 +24,6 @@ from tactopose_drake.hand.contact_properties import let_overlap, make_compliant,
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import add_model, fixed_pose, make_parser, passing_builder
-from tactopose_drake.station.exploration import add_exploration
 from tactopose_drake.station.grasp import GraspStart, add_grip, add_planned_grasp
 from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.motor_inertia import add_motor_inertia
@@ -36,10 +35,10 @@ from tactopose_drake.station.simulated_senses import (
     add_senses,
     simulate_errors,
 )
-from tactopose_drake.station.tracking import add_tracking
+from tactopose_drake.station.tracking import add_exploration, add_tracking
 from tactopose_drake.station.vision_source import add_vision
 from tactopose_drake.systems.grip_controller import set_motor_gains
-from tactopose_drake.systems.ports import export_outputs
+from tactopose_drake.systems.ports import connect_known, export_outputs
 from tactopose_drake.systems.pose_display import PoseDisplay, PoseDisplayParams
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.random_sources import seed_random_sources
@@ -236,13 +235,7 @@ def _add_estimation(
     """Adds the pose estimation, connected to the senses and vision."""
     estimation = AddPoseEstimation(builder, hand.config, model, scenario.estimation)
     prior = builder.GetSubsystemByName("vision").GetOutputPort("prior")
-    feed_estimation(builder, estimation, {**senses, "prior": prior})
-
-
-def feed_estimation(builder: DiagramBuilder, estimation: Diagram, inputs: Mapping[str, OutputPort]) -> None:
-    """Connects the inputs of an estimation or a tracking by their names, and exports its outputs."""
-    for name, port in inputs.items():
-        builder.Connect(port, estimation.GetInputPort(name))
+    connect_known(builder, {**senses, "prior": prior}, estimation)
     export_outputs(builder, estimation)
 
 

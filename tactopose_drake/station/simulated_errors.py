@@ -78,16 +78,14 @@ class SimulatedErrors:
             raise InvalidInputError(
                 f"{name}.drawn must be false, not true, as the hand's file declares no `uncertainty` to draw from."
             )
-        joints = {joint for finger in hand.fingers for joint in finger.joints}
         for joint, offset in self.joint_offsets_deg.items():
-            known_name(f"each name in {name}.joint_offsets_deg", joint, sorted(joints))
+            known_name(f"each name in {name}.joint_offsets_deg", joint, sorted(hand.driven))
             limited(f"{name}.joint_offsets_deg[{joint}]", offset, (), most=_MOST_OFFSET)
         for key in ("encoder_noise_deg", "encoder_step_deg"):
             positive_number(f"{name}.{key}", getattr(self, key), allow_zero=True, most=_MOST_OFFSET)
-        known = {finger.name: finger for finger in hand.fingers if finger.sensor_frame}
         for finger, errors in self.fingers.items():
-            known_name(f"each name in {name}.fingers", finger, sorted(known))
-            _check_finger(f"{name}.fingers[{finger}]", errors, known[finger].surface.make().half_width)
+            known_name(f"each name in {name}.fingers", finger, sorted(hand.sensing))
+            _check_finger(f"{name}.fingers[{finger}]", errors, hand.finger(finger).surface.make().half_width)
         for pad, of_pad in self.pads.items():
             known_name(f"each name in {name}.pads", pad, sorted(config.name for config in hand.pads))
             _check_vectors(f"{name}.pads[{pad}]", of_pad, ("mounting", "mounting_deg"))
@@ -152,12 +150,11 @@ def hand_errors(errors: SimulatedErrors, hand: HandConfig) -> DrawnErrors:
     sigma = hand.uncertainty if errors.drawn else None
     if sigma is None:
         sigma = HandUncertainty(**dict.fromkeys((field.name for field in dataclasses.fields(HandUncertainty)), 0.0))
-    joints = dict.fromkeys(joint for finger in hand.fingers for joint in finger.joints)  # fingers may share one
-    drawn_offsets = {joint: sigma.encoder_offset_deg * generator.normal() for joint in joints}
+    drawn_offsets = {joint: sigma.encoder_offset_deg * generator.normal() for joint in hand.driven}
     found = DrawnErrors({}, {}, {}, {}, {}, {})
     for joint, offset in (drawn_offsets | errors.joint_offsets_deg).items():
         found.offsets[joint] = math.radians(offset)
-    for finger in (finger.name for finger in hand.fingers if finger.sensor_frame):
+    for finger in hand.sensing:
         given = errors.fingers.get(finger, FingerErrors())
         radius = sigma.fingertip_radius * generator.normal()
         found.radius[finger] = radius if given.radius is None else given.radius

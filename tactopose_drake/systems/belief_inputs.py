@@ -24,6 +24,7 @@ from tactopose_drake.core.validation import FloatArray, kind_name
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.shape_errors import with_shape_errors
+from tactopose_drake.systems.collectable_system import SharedState
 from tactopose_drake.systems.collision_input import CollisionInput
 from tactopose_drake.systems.ports import eval_items, eval_optional_input, port_name
 
@@ -50,7 +51,7 @@ class PalmPlace(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Remembered:
+class Remembered(SharedState):
     """Earlier readings that carry no time of their own, with the times from which they hold, s.
 
     Attributes:
@@ -67,9 +68,6 @@ class Remembered:
     time: float = -math.inf
     palm: PalmPlace | None = None
     felt: Mapping[str, tuple[FloatArray, float]] = dataclasses.field(default_factory=dict)
-
-    def __deepcopy__(self, memo: Any) -> Remembered:
-        return self
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -7,10 +7,11 @@ C++ reaches them through a weak reference.
 """
 
 import weakref
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Collection
+from typing import Any, Self
 
-from pydrake.systems.framework import DependencyTicket, LeafSystem, ValueProducer
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import Context, DependencyTicket, LeafSystem, OutputPort, ValueProducer
 
 from tactopose_drake.core.kernel_library import make_kernels_ready
 
@@ -51,6 +52,48 @@ class CollectableSystem(LeafSystem, metaclass=_OneDictionary):
 
     DeclareVectorOutputPort = _keeping(LeafSystem.DeclareVectorOutputPort)
     DeclareAbstractOutputPort = _keeping(LeafSystem.DeclareAbstractOutputPort)
+
+    def declare_output(
+        self, name: str, model: Any, value: Callable[[Context], Any], needs: Collection[DependencyTicket]
+    ) -> OutputPort:
+        """Declares an output port whose value is a function of the context.
+
+        Args:
+            name: name of the port.
+            model: a value of the type that the port holds; of a vector port, its size.
+            value: computes the port's value, given a context of this system.
+            needs: tickets of what the value depends on; may be empty.
+        """
+        tickets = set(needs) or {self.nothing_ticket()}
+        if isinstance(model, int):
+            return self.DeclareVectorOutputPort(
+                name, model, lambda context, output: output.SetFromVector(value(context)), tickets
+            )
+        return self.DeclareAbstractOutputPort(
+            name, AbstractValue.Make(model).Clone, lambda context, output: output.set_value(value(context)), tickets
+        )
+
+    def declare_value(
+        self, description: str, value: Callable[[Context], Any], needs: Collection[DependencyTicket]
+    ) -> "CachedValue":
+        """Declares a cache entry whose value is a function of the context; the arguments are those of `declare_output`.
+
+        The description is the entry's name in messages.
+        """
+        return declare_cache(
+            self,
+            description,
+            lambda: AbstractValue.Make(None),
+            lambda context, cached: cached.set_value(value(context)),
+            set(needs),
+        )
+
+
+class SharedState:
+    """Base of immutable values of abstract state: Drake copies all state with each event, and a copy is the value."""
+
+    def __deepcopy__(self, memo: Any) -> Self:
+        return self
 
 
 class CachedValue:

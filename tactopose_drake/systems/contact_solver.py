@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, InputPort
 
 from tactopose_drake.core.parameter_checks import params_of
@@ -74,15 +73,11 @@ class ContactSolver(CollectableSystem):
         }
         self._biases = {} if biases is None else dict(biases)
         self._wrenches = {finger: self.DeclareVectorInputPort(f"wrench_{finger}", 6) for finger in self._solvers}
-        self.DeclareAbstractOutputPort(
-            "contact_solutions",
-            lambda: AbstractValue.Make({}),
-            self._calc_solutions,
-            prerequisites_of_calc={port.ticket() for port in self._wrenches.values()} or {self.nothing_ticket()},
-        )
+        needs = {port.ticket() for port in self._wrenches.values()}
+        self.declare_output("contact_solutions", {}, self._contact_solutions, needs)
 
-    def _calc_solutions(self, context: Context, output: AbstractValue) -> None:
-        output.set_value({finger: self._solve(context, finger, port) for finger, port in self._wrenches.items()})
+    def _contact_solutions(self, context: Context) -> dict[str, ContactSolution]:
+        return {finger: self._solve(context, finger, port) for finger, port in self._wrenches.items()}
 
     def _solve(self, context: Context, finger: str, port: InputPort) -> ContactSolution:
         if not port.HasValue(context):

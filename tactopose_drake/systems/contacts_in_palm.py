@@ -1,8 +1,10 @@
 """The transformation of contacts from the fingertips into the palm frame."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -16,7 +18,7 @@ from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.hand.contact_uncertainty import LEAST_COVARIANCE, ContactUncertainty
-from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 from tactopose_drake.systems.ports import eval_named
 
@@ -101,24 +103,16 @@ class ContactsInPalm(CollectableSystem):
         self._solutions = self.DeclareAbstractInputPort("contact_solutions", AbstractValue.Make({}))
         self._inertial = self.DeclareAbstractInputPort("inertial_forces", AbstractValue.Make({}))
         self._kinematics = declare_kinematics(self, plant, palm_frame, self._positions)
-        self._touch = declare_cache(
-            self,
-            "contacts in the palm",
-            lambda: AbstractValue.Make(None),
-            self._calc_touch,
-            {self._kinematics.ticket(), self._solutions.ticket(), self._inertial.ticket()},
-        )
-        empty = _Touch(Contacts.empty(), (), (), "")
+        needs = {self._kinematics.ticket(), self._solutions.ticket(), self._inertial.ticket()}
+        self._touch = self.declare_value("contacts in the palm", self._calc_touch, needs)
+        empty, touch = _Touch(Contacts.empty(), (), (), ""), {self._touch.ticket()}
         for name in (field.name for field in dataclasses.fields(_Touch)):
-            self._declare_output(name, AbstractValue.Make(getattr(empty, name)))
+            self.declare_output(name, getattr(empty, name), functools.partial(self._part, name), touch)
 
-    def _declare_output(self, name: str, model: AbstractValue) -> None:
-        def calc(context: Context, output: AbstractValue) -> None:
-            output.set_value(getattr(self._touch.Eval(context), name))
+    def _part(self, name: str, context: Context) -> Any:
+        return getattr(self._touch.Eval(context), name)
 
-        self.DeclareAbstractOutputPort(name, model.Clone, calc, prerequisites_of_calc={self._touch.ticket()})
-
-    def _calc_touch(self, context: Context, cached: AbstractValue) -> None:
+    def _calc_touch(self, context: Context) -> _Touch:
         kinematics = self._kinematics.Eval(context)
         X_PS = kinematics.poses(self._sensor_frames)
         solutions = self._read_solutions(context, X_PS)
@@ -142,7 +136,7 @@ class ContactsInPalm(CollectableSystem):
             for finger, frame in self._sensor_frames.items()
         }
         status = "; ".join(f"{finger}: {reason}" for finger, reason in reasons.items() if reason) or "ok"
-        cached.set_value(_Touch(contacts, fingers, untouched, status))
+        return _Touch(contacts, fingers, untouched, status)
 
     def _read_solutions(self, context: Context, X_PS: Mapping[str, RigidTransform]) -> dict[str, ContactSolution]:
         """The solutions; those whose force the finger's own acceleration explains are not valid."""

@@ -47,20 +47,15 @@ class DepthNoise(CollectableSystem):
         super().__init__()
         model.validate()
         self._model = model
-        image = AbstractValue.Make(ImageDepth32F())
-        self._exact = self.DeclareAbstractInputPort("exact_depth", image)
+        self._exact = self.DeclareAbstractInputPort("exact_depth", AbstractValue.Make(ImageDepth32F()))
         self._noise = self.DeclareVectorInputPort("noise", 8, RandomDistribution.kGaussian)
-        self.DeclareAbstractOutputPort(
-            "depth_image",
-            image.Clone,
-            self._calc,
-            prerequisites_of_calc={self._exact.ticket(), self._noise.ticket()},
-        )
+        needs = {self._exact.ticket(), self._noise.ticket()}
+        self.declare_output("depth_image", ImageDepth32F(), self._noisy, needs)
 
-    def _calc(self, context: Context, output: AbstractValue) -> None:
+    def _noisy(self, context: Context) -> ImageDepth32F:
         exact = depth_of(eval_input(self._exact, context, ImageDepth32F))
         generator = np.random.default_rng(np.abs(self._noise.Eval(context)).view(np.uint64))
-        output.set_value(image_of(noisy_depth(exact, self._model, generator)))
+        return image_of(noisy_depth(exact, self._model, generator))
 
 
 def AddDepthCamera(

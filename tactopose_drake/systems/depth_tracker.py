@@ -8,7 +8,7 @@ from pydrake.common import RandomDistribution
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import BasicVector, Context, EventStatus, State
+from pydrake.systems.framework import Context, EventStatus, State
 from pydrake.systems.sensors import ImageDepth32F
 
 from tactopose_drake.core.parameter_checks import params_of
@@ -130,13 +130,10 @@ class DepthTracker(CollectableSystem):
         offset = latency - period * math.floor(latency / period + 1e-6)
         if offset > 1e-6 * period:
             self.DeclarePeriodicUnrestrictedUpdateEvent(period, offset, self._deliver)
-        for name, calc in (
-            ("vision", self._calc_vision),
-            ("prior", self._calc_prior),
-            ("pose_in_world", self._calc_pose),
-        ):
-            self.DeclareAbstractOutputPort(name, lambda: AbstractValue.Make(None), calc, prerequisites_of_calc=ticket)
-        self.DeclareVectorOutputPort("hidden_share", 1, self._calc_hidden, prerequisites_of_calc=ticket)
+        self.declare_output("vision", None, lambda context: self._get(context).measurement, ticket)
+        self.declare_output("prior", None, self._prior, ticket)
+        self.declare_output("pose_in_world", None, self._pose_in_world, ticket)
+        self.declare_output("hidden_share", 1, lambda context: [self._get(context).hidden_share], ticket)
 
     def _take_picture(self, context: Context, state: State) -> EventStatus:
         params, before, time = self._params, self._get(context), context.get_time()
@@ -186,19 +183,13 @@ class DepthTracker(CollectableSystem):
         value: _TrackerState = context.get_abstract_state(self._state).get_value()
         return value
 
-    def _calc_vision(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self._get(context).measurement)
-
-    def _calc_prior(self, context: Context, output: AbstractValue) -> None:
+    def _prior(self, context: Context) -> PosePrior | None:
         measurement = self._get(context).measurement
-        output.set_value(None if measurement is None else PosePrior.of(measurement.as_prior()))
+        return None if measurement is None else PosePrior.of(measurement.as_prior())
 
-    def _calc_pose(self, context: Context, output: AbstractValue) -> None:
+    def _pose_in_world(self, context: Context) -> RigidTransform | None:
         tracked = self._get(context).tracked
-        output.set_value(None if tracked is None else self._X_WC @ RigidTransform(tracked.best.X_CO))
-
-    def _calc_hidden(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([self._get(context).hidden_share])
+        return None if tracked is None else self._X_WC @ RigidTransform(tracked.best.X_CO)
 
 
 def _delivered(state: _TrackerState, time: float) -> _TrackerState:

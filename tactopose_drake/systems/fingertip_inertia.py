@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -15,7 +14,7 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.fingertip_weights import fingertip_mass
 from tactopose_drake.hand.hand_in_plant import Hand
-from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
+from tactopose_drake.systems.collectable_system import CollectableSystem, SharedState
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 
 # An acceleration is the change of velocity over at least this, s: in less, noise of the encoders would be all of it.
@@ -44,7 +43,7 @@ class FingertipInertiaParams:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Motion:
+class _Motion(SharedState):
     """How the fingertips moved at one time.
 
     Attributes:
@@ -64,9 +63,6 @@ class _Motion:
         same_p = np.array_equal(p_PTip, self.p_PTip, equal_nan=True)
         same_v = bool(np.all(np.isnan(v_PTip) | (v_PTip == self.v_PTip)))
         return same_p and same_v and bool(np.any(self.v_PTip))
-
-    def __deepcopy__(self, memo: Any) -> "_Motion":
-        return self
 
 
 class FingertipInertia(CollectableSystem):
@@ -118,25 +114,11 @@ class FingertipInertia(CollectableSystem):
         self._velocities = self.DeclareVectorInputPort("joint_velocities", plant.num_velocities())
         self._kinematics = declare_kinematics(self, plant, hand.palm_frame, self._positions)
         self._history = self.DeclareAbstractState(AbstractValue.Make(()))  # of `_Motion`, oldest first
-        self._motion = declare_cache(
-            self,
-            "motion of the fingertips",
-            lambda: AbstractValue.Make(None),
-            lambda context, cached: cached.set_value(self._calc_motion(context)),
-            {
-                self._kinematics.ticket(),
-                self._velocities.ticket(),
-                self.abstract_state_ticket(self._history),
-                self.time_ticket(),
-            },
-        )
+        moving = (self._kinematics.ticket(), self._velocities.ticket(), self.time_ticket())
+        needs = {*moving, self.abstract_state_ticket(self._history)}
+        self._motion = self.declare_value("motion of the fingertips", self._calc_motion, needs)
         self.DeclarePeriodicUnrestrictedUpdateEvent(positive_number("period", period), 0.0, self._update)
-        self.DeclareAbstractOutputPort(
-            "inertial_forces",
-            lambda: AbstractValue.Make({}),
-            self._calc,
-            prerequisites_of_calc={self._motion.ticket()},
-        )
+        self.declare_output("inertial_forces", {}, self._inertial_forces, {self._motion.ticket()})
 
     def advance(self, context: Context) -> None:
         """Remembers the motion of now, as at a period's end: for a loop without a simulator.
@@ -159,13 +141,13 @@ class FingertipInertia(CollectableSystem):
         motion = self._motion.Eval(context)
         return (*(earlier for earlier in history if earlier.time < now and earlier is not motion), motion)
 
-    def _calc(self, context: Context, output: AbstractValue) -> None:
+    def _inertial_forces(self, context: Context) -> dict[str, FloatArray]:
         before = self._before(context)
         a = np.zeros((2, len(self._masses), 3))
         if before is not None:
             a[:] = before.a_PTip, self._motion.Eval(context).a_PTip
         forces = -self._params.margin * self._masses[:, None] * a
-        output.set_value({finger: forces[:, k] for k, finger in enumerate(self._frames)})
+        return {finger: forces[:, k] for k, finger in enumerate(self._frames)}
 
     def _earlier(self, context: Context) -> tuple[_Motion, ...]:
         """What is remembered and can be compared with now; nothing after a pause, or where the clock went back."""

@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 
@@ -43,20 +43,15 @@ class FingertipVelocities(CollectableSystem):
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
         self._velocities = self.DeclareVectorInputPort("joint_velocities", plant.num_velocities())
         self._kinematics = declare_kinematics(self, plant, palm_frame, self._positions)
-        self.DeclareAbstractOutputPort(
-            "tip_velocities",
-            lambda: AbstractValue.Make(None),
-            self._calc,
-            prerequisites_of_calc={self._kinematics.ticket(), self._velocities.ticket()},
-        )
+        needs = {self._kinematics.ticket(), self._velocities.ticket()}
+        self.declare_output("tip_velocities", None, self._tip_velocities, needs)
 
-    def _calc(self, context: Context, output: AbstractValue) -> None:
+    def _tip_velocities(self, context: Context) -> dict[str, FloatArray] | None:
         v = np.array([np.nan])
         if self._velocities.HasValue(context):
             v = self._velocities.Eval(context)
         kinematics = self._kinematics.Eval(context)
         if not (kinematics.knows_all and np.all(np.isfinite(v))):
-            output.set_value(None)
-            return
+            return None
         with np.errstate(over="ignore", invalid="ignore"):  # Readers of the port reject what is not finite.
-            output.set_value({finger: kinematics.velocity(frame, v) for finger, frame in self._tip_frames.items()})
+            return {finger: kinematics.velocity(frame, v) for finger, frame in self._tip_frames.items()}

@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
+from pydrake.systems.framework import Context, DiscreteValues, EventStatus
 
 from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
@@ -55,30 +55,25 @@ class FingertipWeight(CollectableSystem):
         self._weights = declare_cache(
             self, "a context's own weights", AbstractValue.Make(weights).Clone, lambda *_: None, {self.nothing_ticket()}
         )
-        self._turned = declare_cache(
-            self,
-            "what the weights have changed by since the tare, by finger",
-            lambda: AbstractValue.Make({}),
-            self._calc_turned,
-            {self._positions.ticket(), self._palm.ticket(), self.discrete_state_ticket(self._at_tare)},
-        )
+        needs = {self._positions.ticket(), self._palm.ticket(), self.discrete_state_ticket(self._at_tare)}
+        self._turned = self.declare_value("changes of the weights since the tare, by finger", self._calc_turned, needs)
         for finger in fingers:
             self._declare(finger)
 
     def _declare(self, finger: str) -> None:
-        measured = self.DeclareVectorInputPort(f"wrench_{finger}", 6)
+        name = f"wrench_{finger}"
+        measured = self.DeclareVectorInputPort(name, 6)
 
-        def calc(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(measured.Eval(context) - self._turned.Eval(context)[finger])
+        def left(context: Context) -> FloatArray:
+            wrench: FloatArray = measured.Eval(context) - self._turned.Eval(context)[finger]
+            return wrench
 
-        self.DeclareVectorOutputPort(
-            f"wrench_{finger}", 6, calc, prerequisites_of_calc={measured.ticket(), self._turned.ticket()}
-        )
+        self.declare_output(name, 6, left, {measured.ticket(), self._turned.ticket()})
 
-    def _calc_turned(self, context: Context, cached: AbstractValue) -> None:
+    def _calc_turned(self, context: Context) -> dict[str, FloatArray]:
         at_tare = context.get_discrete_state(self._at_tare).value().reshape(-1, 6)
         now = self._now(context)
-        cached.set_value({finger: now[finger] - at_tare[k] for k, finger in enumerate(self._fingers)})
+        return {finger: now[finger] - at_tare[k] for k, finger in enumerate(self._fingers)}
 
     def _now(self, context: Context) -> dict[str, FloatArray]:
         X_WP = eval_input(self._palm, context, RigidTransform) if self._palm.HasValue(context) else None

@@ -4,10 +4,8 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PrismaticJoint
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
+from pydrake.systems.framework import Context, DiscreteValues, EventStatus
 
 from tactopose_drake.core.grasping.grasp_law import (
     ClosingMotion,
@@ -19,7 +17,7 @@ from tactopose_drake.core.grasping.grasp_law import (
 from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.parameter_checks import check_numbers, params_of
 from tactopose_drake.core.validation import FloatArray, known_name
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, sliding_joints
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.systems.collectable_system import CollectableSystem
 
@@ -105,12 +103,9 @@ class GraspController(CollectableSystem):
         self._joint_of_actuator = joints.positions(joints.actuated)
         self._velocity_of_actuator = joints.velocities(joints.actuated)
         self._joints_of_finger = {finger.name: joints.positions(finger.joints) for finger in hand.config.fingers}
-        of_fingers = {name for finger in hand.config.fingers for name in finger.joints}
-        on_finger = np.array([name in of_fingers for name in joints.actuated])
-        slides = [
-            isinstance(plant.GetJointByName(name, hand.model_instance), PrismaticJoint) for name in joints.actuated
-        ]
-        arms = np.where(slides, SLIDING_ARM, 1.0)
+        on_finger = np.array([name in hand.config.driven for name in joints.actuated])
+        sliding = sliding_joints(plant, hand)
+        arms = np.array([SLIDING_ARM if name in sliding else 1.0 for name in joints.actuated])
         stiffness = np.where(on_finger, self._params.finger_stiffness, self._params.other_stiffness)
         damping = np.where(on_finger, self._params.finger_damping, self._params.other_damping)
         self._stiffness, self._damping = stiffness / arms**2, damping / arms**2
@@ -126,10 +121,10 @@ class GraspController(CollectableSystem):
         state = self.discrete_state_ticket(self.DeclareDiscreteState(start))
         self.DeclarePeriodicDiscreteUpdateEvent(self._params.period, 0.0, self._update)
         needs = {state, self._state_port.ticket(), self._rest_positions.ticket()}
-        self.DeclareVectorOutputPort("actuation", len(joints.actuated), self._calc_actuation, needs)
-        self.DeclareVectorOutputPort("holding", 1, self._calc_holding, {state})
+        self.declare_output("actuation", len(joints.actuated), self._actuation, needs)
+        self.declare_output("holding", 1, lambda context: context.get_discrete_state_vector().value()[-2:-1], {state})
         needs = {state, *(port.ticket() for port in self._wrenches.values())}
-        self.DeclareAbstractOutputPort("status", lambda: AbstractValue.Make(""), self._calc_status, needs)
+        self.declare_output("status", "", self._status, needs)
 
     def commanded(self, pushes: FloatArray, q_rest: FloatArray | None = None) -> FloatArray:
         """Commanded positions of all joints of the hand, shape (nq,), rad.
@@ -146,9 +141,6 @@ class GraspController(CollectableSystem):
     def _force(self, context: Context, finger: str) -> float:
         return float(np.linalg.norm(self._wrenches[finger].Eval(context)[3:]))
 
-    def _carries(self, force: float, motion: ClosingMotion) -> bool:
-        return force > (1.0 - self._law.carry_share) * motion.set_force
-
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         time, value = context.get_time(), context.get_discrete_state_vector().value()
         pushes, since, holding, began = value[:-3].copy(), value[-3], bool(value[-2]), value[-1]
@@ -161,30 +153,27 @@ class GraspController(CollectableSystem):
         forces = [self._force(context, finger) for finger in self._motions]
         for i, (motion, force) in enumerate(zip(self._motions.values(), forces, strict=True)):
             pushes[i] = update_push(pushes[i], force, motion.set_force, holding, self._params.period, self._law)
-        carried = all(self._carries(f, motion) for f, motion in zip(forces, self._motions.values(), strict=True))
+        share = 1.0 - self._law.carry_share
+        carried = all(f > share * motion.set_force for f, motion in zip(forces, self._motions.values(), strict=True))
         since = (since if since <= time else time) if carried else np.nan
         holding = holding or time - since >= self._params.settle_time or time - began >= self._params.closing_time
         discrete_state.set_value(np.append(pushes, [since, holding, began]))
         return EventStatus.Succeeded()
 
-    def _calc_actuation(self, context: Context, output: BasicVector) -> None:
+    def _actuation(self, context: Context) -> FloatArray:
         state = self._state_port.Eval(context)
         q, v = state[self._joint_of_actuator], state[self._nq + self._velocity_of_actuator]
         q_rest = self._rest_positions.Eval(context) if self._rest_positions.HasValue(context) else None
         pushes = context.get_discrete_state_vector().value()[:-3]
         q_commanded = self.commanded(pushes, q_rest)[self._joint_of_actuator]
-        output.SetFromVector(joint_torques(q, v, q_commanded, self._stiffness, self._damping))
+        return joint_torques(q, v, q_commanded, self._stiffness, self._damping)
 
-    def _calc_holding(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state_vector().value()[-2:-1])
-
-    def _calc_status(self, context: Context, output: AbstractValue) -> None:
+    def _status(self, context: Context) -> str:
         if not context.get_discrete_state_vector().value()[-2]:
-            output.set_value("closing")
-            return
+            return "closing"
         slack = [
             finger
             for finger, motion in self._motions.items()
             if not self._force(context, finger) >= self._law.slack_share * motion.set_force
         ]
-        output.set_value("holding" + (f"; not carrying: {', '.join(slack)}" if slack else ""))
+        return "holding" + (f"; not carrying: {', '.join(slack)}" if slack else "")

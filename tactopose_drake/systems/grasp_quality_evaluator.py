@@ -1,12 +1,13 @@
 """The quality of the current grasp, as a system."""
 
 import dataclasses
+import functools
 import math
 from typing import cast, get_args
 
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, EventStatus, State
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.grasping.quality import ClosureProbability, force_closure_probability, grasp_quality
@@ -84,13 +85,9 @@ class GraspQualityEvaluator(CollectableSystem):
         self._numbers = self.DeclareDiscreteState(_NOTHING_HELD)
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
         self.DeclareStateOutputPort("quality", self._quality)
+        numbers = {self.discrete_state_ticket(self._numbers)}
         for index, name in enumerate(("radius", "volume", "force_closure", "probability")):
-            self.DeclareVectorOutputPort(
-                name,
-                1,
-                lambda context, output, index=index: self._number(context, output, index),
-                prerequisites_of_calc={self.discrete_state_ticket(self._numbers)},
-            )
+            self.declare_output(name, 1, functools.partial(self._number, index), numbers)
 
     def _update(self, context: Context, state: State) -> EventStatus:
         contacts = eval_input(self._contacts, context, Contacts)
@@ -130,5 +127,5 @@ class GraspQualityEvaluator(CollectableSystem):
             seed=self._params.seed,
         )
 
-    def _number(self, context: Context, output: BasicVector, index: int) -> None:
-        output.SetAtIndex(0, context.get_discrete_state(self._numbers).GetAtIndex(index))
+    def _number(self, index: int, context: Context) -> list[float]:
+        return [context.get_discrete_state(self._numbers).GetAtIndex(index)]

@@ -3,17 +3,16 @@
 import dataclasses
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Joint, PdControllerGains, PrismaticJoint
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, EventStatus
+from pydrake.multibody.tree import PdControllerGains
+from pydrake.systems.framework import Context, DiscreteValues, EventStatus
 
 from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.grasping.stall_law import close_until_stalled
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.validation import FloatArray, finite_array, known_name, positive_number
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_in_plant import Hand, sliding_joints
 from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.systems.collectable_system import CollectableSystem
 
@@ -51,17 +50,13 @@ def set_motor_gains(plant: MultibodyPlant, hand: Hand, params: GripControllerPar
         params: stiffness and damping.
     """
     params.validate()
+    arms = dict.fromkeys(sliding_joints(plant, hand), SLIDING_ARM)
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_mutable_joint_actuator(index)
         if actuator.model_instance() == hand.model_instance:
-            per_radian = _arm(actuator.joint()) ** 2
+            per_radian = arms.get(actuator.joint().name(), 1.0) ** 2
             gains = PdControllerGains(p=params.stiffness / per_radian, d=params.damping / per_radian)
             actuator.set_controller_gains(gains)
-
-
-def _arm(joint: Joint) -> float:
-    """The motion of a joint that counts as a radian."""
-    return SLIDING_ARM if isinstance(joint, PrismaticJoint) else 1.0
 
 
 class GripController(CollectableSystem):
@@ -109,11 +104,12 @@ class GripController(CollectableSystem):
             for name in getattr(self._params, key):
                 known_name(f"each name in GripControllerParams.{key}", name, names)
         self._joints = joints.positions(names)
-        self._arms = np.array([_arm(plant.GetJointByName(name, hand.model_instance)) for name in names])
+        sliding = sliding_joints(plant, hand)
+        self._arms = np.array([SLIDING_ARM if name in sliding else 1.0 for name in names])
         self._signs = np.array([-1.0 if name in self._params.falling else 1.0 for name in names])
         self._names = names
         start = np.array([self._params.fixed.get(name, np.nan) for name in names])
-        of_fingers = {name for finger in hand.config.fingers for name in finger.joints} or set(names)
+        of_fingers = hand.config.driven or names
         stays = [name in self._params.fixed or name not in of_fingers for name in names]
 
         nx = plant.num_multibody_states(hand.model_instance)
@@ -124,14 +120,9 @@ class GripController(CollectableSystem):
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(self._params.period, self._params.period, self._update)
         ticket = self.discrete_state_ticket(state)
-        for name, size, calc in (
-            ("desired_state", 2 * len(names), self._calc_desired_state),
-            ("holding", 1, self._calc_holding),
-        ):
-            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={ticket})
-        self.DeclareAbstractOutputPort(
-            "status", lambda: AbstractValue.Make(""), self._calc_status, prerequisites_of_calc={ticket}
-        )
+        self.declare_output("desired_state", 2 * len(names), self._desired_state, {ticket})
+        self.declare_output("holding", 1, self._is_holding, {ticket})
+        self.declare_output("status", "", self._status, {ticket})
 
     def _measured(self, context: Context) -> FloatArray:
         q: FloatArray = self._state_port.Eval(context)[self._joints]
@@ -157,17 +148,17 @@ class GripController(CollectableSystem):
         state.get_mutable_vector().SetFromVector(np.concatenate([commanded, now_stalled]))
         return EventStatus.Succeeded()
 
-    def _calc_desired_state(self, context: Context, output: BasicVector) -> None:
+    def _desired_state(self, context: Context) -> FloatArray:
         commanded, stalled = np.split(context.get_discrete_state_vector().value(), 2)
         # With a desired velocity of 0, damping would hold a moving finger back as if it had stalled.
         velocity = np.where(stalled > 0, 0.0, self._signs * self._arms * self._params.closing_speed)
-        output.SetFromVector(np.concatenate([np.nan_to_num(commanded), velocity]))
+        return np.concatenate([np.nan_to_num(commanded), velocity])
 
-    def _calc_holding(self, context: Context, output: BasicVector) -> None:
+    def _is_holding(self, context: Context) -> list[float]:
         _, stalled = np.split(context.get_discrete_state_vector().value(), 2)
-        output.SetFromVector([float(stalled.all())])
+        return [float(stalled.all())]
 
-    def _calc_status(self, context: Context, output: AbstractValue) -> None:
+    def _status(self, context: Context) -> str:
         _, stalled = np.split(context.get_discrete_state_vector().value(), 2)
         waiting = [name for name, done in zip(self._names, stalled > 0, strict=True) if not done]
-        output.set_value(f"closing: {', '.join(waiting)}" if waiting else "holding")
+        return f"closing: {', '.join(waiting)}" if waiting else "holding"

@@ -13,7 +13,7 @@ from tactopose_drake.errors import PortTypeError
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.geometry import BodySpheres, HandGeometry
 from tactopose_drake.hand.hand_in_plant import Hand
-from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 from tactopose_drake.systems.ports import eval_items, port_name
 
@@ -74,24 +74,12 @@ class HandVolume(CollectableSystem):
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
         self._fingers_untouched = self.DeclareAbstractInputPort("fingers_untouched", AbstractValue.Make(()))
         self._kinematics = declare_kinematics(self, plant, hand.palm_frame, self._positions)
-        self._placed = declare_cache(
-            self,
-            "the spheres in the palm",
-            lambda: AbstractValue.Make(None),
-            self._place,
-            {self._kinematics.ticket()},
-        )
-        self.DeclareAbstractOutputPort(
-            "hand", lambda: AbstractValue.Make(None), self._calc_hand, {self._placed.ticket()}
-        )
-        self.DeclareAbstractOutputPort(
-            "untouched",
-            lambda: AbstractValue.Make(None),
-            self._calc_untouched,
-            {self._placed.ticket(), self._fingers_untouched.ticket()},
-        )
+        self._placed = self.declare_value("the spheres in the palm", self._place, {self._kinematics.ticket()})
+        placed = {self._placed.ticket()}
+        self.declare_output("hand", None, lambda context: self._placed.Eval(context).hand, placed)
+        self.declare_output("untouched", None, self._untouched, placed | {self._fingers_untouched.ticket()})
 
-    def _place(self, context: Context, cached: AbstractValue) -> None:
+    def _place(self, context: Context) -> _Placed:
         kinematics = self._kinematics.Eval(context)
         sigma = HandGeometry.sigma
         if self._uncertainty is not None:
@@ -100,12 +88,9 @@ class HandVolume(CollectableSystem):
         if self._filled is not None and known.any():
             filled = self._filled if known.all() else self._filled.chosen(known)
             hand = filled.placed(kinematics.positions(self._spheres)[known], sigma)
-        cached.set_value(_Placed(hand, known))
+        return _Placed(hand, known)
 
-    def _calc_hand(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self._placed.Eval(context).hand)
-
-    def _calc_untouched(self, context: Context, output: AbstractValue) -> None:
+    def _untouched(self, context: Context) -> HandGeometry | None:
         fingers = eval_items(self._fingers_untouched, context, str)
         chosen = np.zeros(len(self._spheres.radius), dtype=np.bool_)
         for finger in fingers:
@@ -117,4 +102,4 @@ class HandVolume(CollectableSystem):
             chosen |= self._on_tip[finger]
         placed = self._placed.Eval(context)
         of_known = chosen[placed.known]
-        output.set_value(placed.hand.chosen(of_known) if of_known.any() else None)
+        return placed.hand.chosen(of_known) if of_known.any() else None

@@ -2,7 +2,7 @@
 
 import numpy as np
 from pydrake.common import RandomDistribution
-from pydrake.systems.framework import BasicVector, Context
+from pydrake.systems.framework import Context
 
 from tactopose_drake.core.validation import FloatArray, limited, positive_number
 from tactopose_drake.systems.collectable_system import CollectableSystem
@@ -52,12 +52,12 @@ class JointEncoders(CollectableSystem):
         if self._sigma > 0.0:
             self._noise = self.DeclareVectorInputPort("noise", gains.shape[1], RandomDistribution.kGaussian)
             tickets |= {self._noise.ticket()}
-        self.DeclareVectorOutputPort("measured", len(gains), self._calc, prerequisites_of_calc=tickets)
+        self.declare_output("measured", len(gains), self._measure, tickets)
 
-    def _calc(self, context: Context, output: BasicVector) -> None:
+    def _measure(self, context: Context) -> FloatArray:
         q = self._positions.Eval(context) + self._offsets
         if self._noise is not None:
             q = q + self._gains @ (self._sigma * self._noise.Eval(context))
         is_stepped = self._steps > 0.0
         steps = np.where(is_stepped, self._steps, 1.0)
-        output.SetFromVector(np.where(is_stepped, steps * np.round(q / steps), q))
+        return np.where(is_stepped, steps * np.round(q / steps), q)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import BasicVector, Context, EventStatus, State
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.calibration.offset_refinement import JointOffsets, OffsetRefinementParams, refine_offsets
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -24,21 +23,18 @@ from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas, r
 from tactopose_drake.hand.hand_config import HandUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics
-from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.collectable_system import CollectableSystem, SharedState
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 from tactopose_drake.systems.ports import eval_input, eval_named
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Refined:
+class _Refined(SharedState):
     """The offsets' estimate, the offsets that are subtracted, and the joint positions at the last update."""
 
     offsets: JointOffsets
     applied: FloatArray
     q_told: FloatArray | None = None
-
-    def __deepcopy__(self, memo: Any) -> _Refined:
-        return self
 
 
 class JointOffsetRefiner(CollectableSystem):
@@ -98,24 +94,18 @@ class JointOffsetRefiner(CollectableSystem):
         self._refined = self.DeclareAbstractState(AbstractValue.Make(_Refined(start, np.zeros(count))))
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
         ticket = self.abstract_state_ticket(self._refined)
-        self.DeclareVectorOutputPort(
-            "joint_positions", plant.num_positions(), self._calc_positions, {self._positions.ticket(), ticket}
-        )
-        for name, attribute in (("joint_offsets", "mean"), ("joint_offset_sigmas", "sigma")):
-            self._declare_output(name, attribute, {ticket})
-
-    def _declare_output(self, name: str, attribute: str, tickets: set[Any]) -> None:
-        def calc(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(getattr(self._state(context).offsets, attribute))
-
-        self.DeclareVectorOutputPort(name, len(self.joints), calc, tickets)
+        needs = {self._positions.ticket(), ticket}
+        self.declare_output("joint_positions", plant.num_positions(), self._refined_positions, needs)
+        self.declare_output("joint_offsets", count, lambda context: self._state(context).offsets.mean, {ticket})
+        self.declare_output("joint_offset_sigmas", count, lambda context: self._state(context).offsets.sigma, {ticket})
 
     def _state(self, context: Context) -> _Refined:
         refined: _Refined = context.get_abstract_state(self._refined).get_value()
         return refined
 
-    def _calc_positions(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._positions.Eval(context) - self._gains @ self._state(context).applied)
+    def _refined_positions(self, context: Context) -> FloatArray:
+        q: FloatArray = self._positions.Eval(context) - self._gains @ self._state(context).applied
+        return q
 
     def advance(self, context: Context) -> None:
         """Updates the offsets at once: for a loop without a simulator.

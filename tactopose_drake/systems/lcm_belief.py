@@ -3,7 +3,7 @@
 import bisect
 import dataclasses
 import time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -13,7 +13,7 @@ from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.validation import whole_number
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectBeliefMessage
 from tactopose_drake.estimation.results import PoseEstimate
-from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.collectable_system import CollectableSystem, SharedState
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
 
 _REMEMBERED = 10.0  # s; a belief that is this late is lost
@@ -28,13 +28,10 @@ class _Heard(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Remembered:
+class _Remembered(SharedState):
     """The senses that were heard, oldest first."""
 
     heard: tuple[_Heard, ...] = ()
-
-    def __deepcopy__(self, memo: Any) -> "_Remembered":
-        return self
 
     def between(self, after: float, until: float) -> tuple[_Heard, ...]:
         """The senses of the times above `after` and up to `until`, s."""
@@ -81,9 +78,9 @@ class LcmBelief(CollectableSystem):
         self._belief = self.DeclareAbstractInputPort("belief", AbstractValue.Make(None))
         self._remembered = self.DeclareAbstractState(AbstractValue.Make(_Remembered()))
         self.DeclarePerStepUnrestrictedUpdateEvent(self._hear)
-        self.DeclareAbstractOutputPort("message", lambda: AbstractValue.Make(ObjectBeliefMessage()), self._calc)
+        self.declare_output("message", ObjectBeliefMessage(), self._message, {self.all_sources_ticket()})
 
-    def _calc(self, context: Context, output: AbstractValue) -> None:
+    def _message(self, context: Context) -> ObjectBeliefMessage:
         message = belief_message(
             eval_optional_input(self._hypotheses, context, PoseEstimate),
             eval_input(self._status, context, str),
@@ -100,7 +97,7 @@ class LcmBelief(CollectableSystem):
         else:
             known = self._remembered_in(context).between(-np.inf, known_by)
             message.utime, message.sequence = known[-1][1:] if known else (0, -1)
-        output.set_value(message)
+        return message
 
     def _hear(self, context: Context, state: State) -> EventStatus:
         """Remembers the newest senses, which a later belief may be based on."""

@@ -3,11 +3,10 @@
 import copy
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, EventStatus, State
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage
@@ -15,23 +14,20 @@ from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.named_joints import NamedJoints
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
-from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.collectable_system import CollectableSystem, SharedState
 from tactopose_drake.systems.ports import eval_input
 
 _NO_MESSAGE = "no message yet"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Received:
+class _Received(SharedState):
     """The last message, the diagram's time at which it arrived, s, and its current status."""
 
     message: HandSensesMessage
     time: float
     status: str
     is_used: bool = False
-
-    def __deepcopy__(self, memo: Any) -> "_Received":
-        return self
 
 
 class LcmHandSenses(CollectableSystem):
@@ -85,28 +81,32 @@ class LcmHandSenses(CollectableSystem):
             self._declare(f"pressures_{pad}", count, "pressures", pad)
         self._fingers = tuple(parts.sensor_frames)
         ticket = {self.abstract_state_ticket(self._received)}
-        self.DeclareVectorOutputPort("joint_positions", plant.num_positions(), self._calc_joints, ticket)
+        self.declare_output("joint_positions", plant.num_positions(), self._joint_positions, ticket)
         self.DeclareStateOutputPort("age", self._age)
-        self.DeclareAbstractOutputPort("status", lambda: AbstractValue.Make(""), self._calc_status, ticket)
+        self.declare_output("status", "", lambda context: self._last(context).status, ticket)
 
     def _declare(self, name: str, size: int, kind: str, part: str) -> None:
-        def calc(context: Context, output: BasicVector) -> None:
-            received = context.get_abstract_state(self._received).get_value()
+        def reading(context: Context) -> FloatArray:
+            received = self._last(context)
             values: Mapping[str, FloatArray] = getattr(received.message, kind) if received.is_used else {}
-            reading = values.get(part)
-            output.SetFromVector(np.full(size, np.nan) if reading is None or len(reading) != size else reading)
+            told = values.get(part)
+            return np.full(size, np.nan) if told is None or len(told) != size else told
 
-        self.DeclareVectorOutputPort(name, size, calc, {self.abstract_state_ticket(self._received)})
+        self.declare_output(name, size, reading, {self.abstract_state_ticket(self._received)})
+
+    def _last(self, context: Context) -> _Received:
+        received: _Received = context.get_abstract_state(self._received).get_value()
+        return received
 
     def _look(self, context: Context, state: State) -> EventStatus:
         message = eval_input(self._message, context, HandSensesMessage)
-        before, now = context.get_abstract_state(self._received).get_value(), context.get_time()
+        before, now = self._last(context), context.get_time()
         is_new = (message.utime, message.sequence) != (before.message.utime, before.message.sequence)
         # Copied, because a sender may reuse one message object, which would then be compared with itself.
         message = copy.deepcopy(message) if is_new else before.message
         came = now if is_new and message.sequence >= 0 else before.time
         age = now - came
-        status = self._fit(message)
+        status = "; ".join(misfits(message, self._joints.names, self._fingers, self._cells)) or "ok"
         if not np.isfinite(came):
             status = _NO_MESSAGE
         elif abs(age) > self._max_age:  # A message from the future, after the clock went back, is stale, too.
@@ -116,18 +116,11 @@ class LcmHandSenses(CollectableSystem):
         state.get_mutable_discrete_state(self._age).SetFromVector([age])
         return EventStatus.Succeeded()
 
-    def _fit(self, message: HandSensesMessage) -> str:
-        """What in a message does not fit the hand; "ok" if everything fits."""
-        return "; ".join(misfits(message, self._joints.names, self._fingers, self._cells)) or "ok"
-
-    def _calc_joints(self, context: Context, output: BasicVector) -> None:
-        received = context.get_abstract_state(self._received).get_value()
+    def _joint_positions(self, context: Context) -> FloatArray:
+        received = self._last(context)
         joints = received.message.joints if received.is_used else {}
         known = {name: value for name, value in joints.items() if name in self._joints.names}
-        output.SetFromVector(self._joints.positions("joints", known))
-
-    def _calc_status(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(context.get_abstract_state(self._received).get_value().status)
+        return self._joints.positions("joints", known)
 
 
 def misfits(

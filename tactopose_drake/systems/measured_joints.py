@@ -1,7 +1,7 @@
 """The conversion of a hand's measured joints to the positions of its plant, as a system."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context
+from pydrake.systems.framework import Context
 
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.systems.collectable_system import CollectableSystem
@@ -37,9 +37,8 @@ class MeasuredJoints(CollectableSystem):
         self._ratio = matrix[np.arange(len(matrix)), self._column]
         self._offsets = offsets
         self._measured = self.DeclareVectorInputPort("measured", matrix.shape[1])
-        self.DeclareVectorOutputPort(
-            "joint_positions", len(matrix), self._calc, prerequisites_of_calc={self._measured.ticket()}
-        )
+        self.declare_output("joint_positions", len(matrix), self._joint_positions, {self._measured.ticket()})
 
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._ratio * self._measured.Eval(context)[self._column] + self._offsets)
+    def _joint_positions(self, context: Context) -> FloatArray:
+        q: FloatArray = self._ratio * self._measured.Eval(context)[self._column] + self._offsets
+        return q

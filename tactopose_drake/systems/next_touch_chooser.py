@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, EventStatus, State
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
@@ -149,9 +149,7 @@ class NextTouchChooser(CollectableSystem):
         self._share = self.DeclareDiscreteState([0.0])
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
         self.DeclareStateOutputPort("next_touch", self._touch)
-        self.DeclareVectorOutputPort(
-            "resolved", 1, self._calc_resolved, prerequisites_of_calc={self.discrete_state_ticket(self._share)}
-        )
+        self.DeclareStateOutputPort("resolved", self._share)
         self.DeclareStateOutputPort("status", self._status)
 
     def _update(self, context: Context, state: State) -> EventStatus:
@@ -208,6 +206,3 @@ class NextTouchChooser(CollectableSystem):
         """The last two links and the tips of the other fingers, at joint positions q."""
         others = [sides(other, q[name][None]) for name, other in self._fingers.items() if name != finger]
         return HandGeometry(np.concatenate([p[0] for p, _ in others]), np.concatenate([r for _, r in others]))
-
-    def _calc_resolved(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(context.get_discrete_state(self._share).value())

@@ -16,7 +16,7 @@ from tactopose_drake.estimation.identification import check_objects, check_prior
 from tactopose_drake.estimation.object_library import ObjectLibrary
 from tactopose_drake.estimation.ranking import Likelihood, check_likelihood
 from tactopose_drake.systems.collectable_system import CollectableSystem
-from tactopose_drake.systems.touch_input import eval_touch, too_few
+from tactopose_drake.systems.ports import eval_touch, too_few
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)

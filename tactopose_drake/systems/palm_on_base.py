@@ -44,17 +44,12 @@ class PalmOnBase(CollectableSystem):
         positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
         self._known = self.DeclareAbstractInputPort("palm_pose", AbstractValue.Make(RigidTransform()))
         self._kinematics = declare_kinematics(self, plant, base, positions)
-        self.DeclareAbstractOutputPort(
-            "palm_pose",
-            lambda: AbstractValue.Make(RigidTransform()),
-            self._calc,
-            {self._kinematics.ticket(), self._known.ticket()},
-        )
+        needs = {self._kinematics.ticket(), self._known.ticket()}
+        self.declare_output("palm_pose", RigidTransform(), self._palm_pose, needs)
 
-    def _calc(self, context: Context, output: AbstractValue) -> None:
+    def _palm_pose(self, context: Context) -> RigidTransform:
         known = eval_optional_input(self._known, context, RigidTransform)
         if known is not None:
-            output.set_value(known)
-            return
+            return known
         poses = self._kinematics.Eval(context).poses(self._palm)
-        output.set_value(self._X_WBase @ poses["palm"] if poses else RigidTransform(np.full(3, np.nan)))
+        return self._X_WBase @ poses["palm"] if poses else RigidTransform(np.full(3, np.nan))

@@ -31,12 +31,7 @@ class PalmPose(CollectableSystem):
         instance_of("palm_frame", palm_frame, Frame)
         self._body, self._X_BP = int(palm_frame.body().index()), palm_frame.GetFixedPoseInBodyFrame()
         self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
-        self.DeclareAbstractOutputPort(
-            "palm_pose",
-            lambda: AbstractValue.Make(RigidTransform()),
-            self._calc,
-            prerequisites_of_calc={self._body_poses.ticket()},
-        )
+        self.declare_output("palm_pose", RigidTransform(), self._palm_pose, {self._body_poses.ticket()})
 
-    def _calc(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(eval_input(self._body_poses, context, list)[self._body] @ self._X_BP)
+    def _palm_pose(self, context: Context) -> RigidTransform:
+        return eval_input(self._body_poses, context, list)[self._body] @ self._X_BP

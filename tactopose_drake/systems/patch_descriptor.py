@@ -3,7 +3,6 @@
 import dataclasses
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
@@ -12,11 +11,11 @@ from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.contact_uncertainty import PadUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.kinematics import HandKinematics
-from tactopose_drake.hand.pad_uncertainty import PadUncertainty
 from tactopose_drake.hand.tactile_pads import TactilePad, load_tactile_pad
-from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 
 NO_READING = "no reading"
@@ -117,21 +116,13 @@ class PatchDescriptor(CollectableSystem):
         }
         self._ages = {name: self.DeclareVectorInputPort(f"age_{name}", 1) for name in self._pads}
         self._kinematics = declare_kinematics(self, plant, hand.palm_frame, self._positions)
-        self._described = declare_cache(
-            self,
-            "patches by pad",
-            lambda: AbstractValue.Make({}),
-            self._calc_described,
-            {self._kinematics.ticket(), *(port.ticket() for port in (*self._pressures.values(), *self._ages.values()))},
-        )
-        for name, empty, calc in (
-            ("patches", (), self._calc_patches),
-            ("pads", (), self._calc_pads),
-            ("status", "", self._calc_status),
-        ):
-            self.DeclareAbstractOutputPort(
-                name, AbstractValue.Make(empty).Clone, calc, prerequisites_of_calc={self._described.ticket()}
-            )
+        read = [port.ticket() for port in (*self._pressures.values(), *self._ages.values())]
+        needs = {self._kinematics.ticket(), *read}
+        self._described = self.declare_value("patches by pad", self._calc_described, needs)
+        described = {self._described.ticket()}
+        self.declare_output("patches", (), lambda context: tuple(self._patches(context).values()), described)
+        self.declare_output("pads", (), lambda context: tuple(self._patches(context)), described)
+        self.declare_output("status", "", self._status, described)
 
     def _least_pressure(self, name: str, pad: TactilePad) -> float:
         """The lowest pressure above which a pad's cells are active, Pa; checks threshold, noise and period."""
@@ -153,7 +144,7 @@ class PatchDescriptor(CollectableSystem):
             )
         return max(params.threshold, _NOISES * noise)
 
-    def _calc_described(self, context: Context, cached: AbstractValue) -> None:
+    def _calc_described(self, context: Context) -> dict[str, _Described]:
         """What each pad feels."""
         described: dict[str, _Described] = {}
         kinematics = self._kinematics.Eval(context)
@@ -169,7 +160,7 @@ class PatchDescriptor(CollectableSystem):
                 described[name] = _Described(None, f"stale: {age:.2f} s old")
             else:
                 described[name] = self._describe(name, X_PT[name], pressure, kinematics)
-        cached.set_value(described)
+        return described
 
     def _describe(
         self, name: str, X_PT: RigidTransform, pressure: FloatArray, kinematics: HandKinematics
@@ -195,15 +186,12 @@ class PatchDescriptor(CollectableSystem):
             return _Described(None, f"unusable: {error}")
         return _Described(patch, ", ".join(filter(None, ("" if patch.is_felt else "no contact", remark))))
 
-    def _calc_patches(self, context: Context, output: AbstractValue) -> None:
+    def _patches(self, context: Context) -> dict[str, Patch]:
+        """The known patches, by pad."""
         described: dict[str, _Described] = self._described.Eval(context)
-        output.set_value(tuple(pad.patch for pad in described.values() if pad.patch is not None))
+        return {name: pad.patch for name, pad in described.items() if pad.patch is not None}
 
-    def _calc_pads(self, context: Context, output: AbstractValue) -> None:
-        described: dict[str, _Described] = self._described.Eval(context)
-        output.set_value(tuple(name for name, pad in described.items() if pad.patch is not None))
-
-    def _calc_status(self, context: Context, output: AbstractValue) -> None:
+    def _status(self, context: Context) -> str:
         described: dict[str, _Described] = self._described.Eval(context)
         remarks = [f"{name}: {pad.remark}" for name, pad in described.items() if pad.remark]
-        output.set_value("; ".join(remarks) or "ok")
+        return "; ".join(remarks) or "ok"

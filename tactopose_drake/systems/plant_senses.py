@@ -21,7 +21,7 @@ from tactopose_drake.hand.hand_likeness import check_likeness
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.systems.force_torque_sensor import ForceTorqueSensor, load_force_torque_model
 from tactopose_drake.systems.palm_pose import PalmPose
-from tactopose_drake.systems.ports import check_name_is_free
+from tactopose_drake.systems.ports import check_name_is_free, connect_known
 from tactopose_drake.systems.simulated_array import TactileArray
 
 _SENSOR_PERIOD = 0.008  # s, of the simulated force-torque sensors, unless the plant's step is longer
@@ -152,8 +152,7 @@ def _connect(
         period = max(plant.time_step(), _SENSOR_PERIOD)
         models = dict.fromkeys(hand.sensor_frames, load_force_torque_model())
         sensors = add_touch_sensors(builder, plant, hand, models, period, f"{name}_")
-        for port, output in sensors.items():
-            builder.Connect(output, estimation.GetInputPort(port))
+        connect_known(builder, sensors, estimation)
 
 
 def _find_in(place: MultibodyPlant | Hand, config: HandConfig) -> Hand:

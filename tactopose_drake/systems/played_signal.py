@@ -1,13 +1,12 @@
 """Recorded signals as systems: they output the signal's value at the diagram's time."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context
+from pydrake.systems.framework import Context
 
-from tactopose_drake.core.validation import instance_of
+from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.systems.collectable_system import CollectableSystem
-from tactopose_drake.systems.signals import Signal
+from tactopose_drake.systems.signals import Signal, Value
 
 
 class PlayedVector(CollectableSystem):
@@ -31,11 +30,12 @@ class PlayedVector(CollectableSystem):
         super().__init__()
         instance_of("signal", signal, Signal)
         self._signal = signal
-        self.DeclareVectorOutputPort("value", signal.size, self._calc, prerequisites_of_calc={self.time_ticket()})
+        self._before = np.full(signal.size, np.nan)
+        self.declare_output("value", signal.size, self._value, {self.time_ticket()})
 
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        value = self._signal.at(context.get_time())
-        output.SetFromVector(np.full(output.size(), np.nan) if value is None else value)
+    def _value(self, context: Context) -> FloatArray:
+        value: FloatArray | None = self._signal.at(context.get_time())
+        return self._before if value is None else value
 
 
 class PlayedValue(CollectableSystem):
@@ -57,9 +57,8 @@ class PlayedValue(CollectableSystem):
         instance_of("signal", signal, Signal)
         self._signal = signal
         self._before = signal.values[0] if isinstance(signal.values[0], RigidTransform) else None
-        model = AbstractValue.Make(self._before)
-        self.DeclareAbstractOutputPort("value", model.Clone, self._calc, prerequisites_of_calc={self.time_ticket()})
+        self.declare_output("value", self._before, self._value, {self.time_ticket()})
 
-    def _calc(self, context: Context, output: AbstractValue) -> None:
+    def _value(self, context: Context) -> Value:
         value = self._signal.at(context.get_time())
-        output.set_value(self._before if value is None else value)
+        return self._before if value is None else value

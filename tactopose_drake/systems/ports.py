@@ -1,10 +1,13 @@
-"""Type-checked reading of abstract input ports, export of output ports, and checks of systems' names."""
+"""Type-checked reading of input ports, export of output ports, and checks of systems' names."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
-from pydrake.systems.framework import Context, DiagramBuilder, InputPort, System
+from pydrake.systems.framework import Context, DiagramBuilder, InputPort, OutputPort, System
 
+from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.plain_values import counted
+from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import instance_of, kind_name
 from tactopose_drake.errors import InvalidInputError, PortTypeError
 
@@ -15,6 +18,13 @@ def export_outputs(builder: DiagramBuilder, system: System, prefix: str = "") ->
     """Exports all output ports of a system, by their names after a prefix."""
     for port in map(system.get_output_port, range(system.num_output_ports())):
         builder.ExportOutput(port, f"{prefix}{port.get_name()}")
+
+
+def connect_known(builder: DiagramBuilder, ports: Mapping[str, OutputPort], system: System) -> None:
+    """Connects ports to those inputs of a system that have their names."""
+    for name, port in ports.items():
+        if system.HasInputPort(name):
+            builder.Connect(port, system.GetInputPort(name))
 
 
 def check_name_is_free(builder: DiagramBuilder, name: str, others: Iterable[str] = ()) -> None:
@@ -92,6 +102,28 @@ def eval_named(port: InputPort, context: Context, kind: type[Kind]) -> dict[str,
     named: dict[str, Kind] = eval_input(port, context, dict)
     _check_items(port, "dict", named.values(), kind)
     return named
+
+
+def eval_touch(contacts: InputPort, patches: InputPort, context: Context) -> tuple[Contacts, tuple[Patch, ...]]:
+    """Reads contacts and patches; one of the two ports may stay unconnected.
+
+    Args:
+        contacts: input port of a system.
+        patches: likewise.
+        context: that system's context.
+
+    Raises:
+        PortTypeError: if neither is connected, or one holds a wrong type; the message names the port.
+    """
+    felt = eval_items(patches, context, Patch)
+    if contacts.HasValue(context) or not patches.HasValue(context):
+        return eval_input(contacts, context, Contacts), felt
+    return Contacts.empty(), felt
+
+
+def too_few(touches: int, needed: int) -> str:
+    """The status text for too few touches."""
+    return f"{counted(touches, 'touch', 'touches')}; {needed} {'is' if needed == 1 else 'are'} needed"
 
 
 def port_name(port: InputPort) -> str:

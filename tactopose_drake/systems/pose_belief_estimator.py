@@ -2,12 +2,11 @@
 
 import dataclasses
 import time
-from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, EventStatus, State
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.parameter_checks import check_parts, params_of
 from tactopose_drake.core.posterior.moved_origin import about_middle
@@ -20,10 +19,11 @@ from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray, instance_of, positive_number
 from tactopose_drake.errors import PortTypeError
+from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.systems.belief_hypotheses import estimate_of
 from tactopose_drake.systems.belief_inputs import BeliefInputs, Reading, Remembered
-from tactopose_drake.systems.collectable_system import CollectableSystem
+from tactopose_drake.systems.collectable_system import CollectableSystem, SharedState
 from tactopose_drake.systems.collision_input import CollisionInput
 from tactopose_drake.systems.ports import eval_optional_input
 
@@ -44,14 +44,11 @@ class PoseBeliefParams:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class TimedBelief:
+class TimedBelief(SharedState):
     """A belief and how long its update took, s of real time."""
 
     belief: PoseBelief
     duration: float = 0.0
-
-    def __deepcopy__(self, memo: Any) -> "TimedBelief":
-        return self
 
 
 class PoseBeliefEstimator(CollectableSystem):
@@ -146,21 +143,14 @@ class PoseBeliefEstimator(CollectableSystem):
         if self._params.latency > 0.0:
             self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, self._params.latency, self._show)
         shown = {self.abstract_state_ticket(self._shown)}
-        for name, model_value, calc in (
-            ("object_pose", RigidTransform(), self._calc_pose),
-            ("hypotheses", None, self._calc_hypotheses),
-            ("status", "", self._calc_status),
-            ("belief", start.belief, self._calc_belief),
-        ):
-            self.DeclareAbstractOutputPort(name, make(model_value).Clone, calc, shown)
-        self.DeclareVectorOutputPort("covariance", 36, self._calc_covariance, shown)
-        self.DeclareVectorOutputPort("object_pose_vector", 7, self._calc_pose_vector, shown)
-        self.DeclareAbstractOutputPort(
-            "object_pose_in_world",
-            make(RigidTransform()).Clone,
-            self._calc_pose_in_world,
-            shown | {self._inputs.palm.ticket()},
-        )
+        self.declare_output("object_pose", RigidTransform(), lambda context: _pose(self._belief(context)), shown)
+        self.declare_output("hypotheses", None, self._estimate, shown)
+        self.declare_output("status", "", lambda context: self._belief(context).message, shown)
+        self.declare_output("belief", start.belief, self._belief, shown)
+        self.declare_output("covariance", 36, self._covariance, shown)
+        self.declare_output("object_pose_vector", 7, self._pose_vector, shown)
+        needs = shown | {self._inputs.palm.ticket()}
+        self.declare_output("object_pose_in_world", RigidTransform(), self._pose_in_world, needs)
 
     def advance(self, context: Context) -> None:
         """Updates the belief at once from the inputs at the context's time: for a loop without a simulator.
@@ -247,36 +237,27 @@ class PoseBeliefEstimator(CollectableSystem):
     def _belief(self, context: Context) -> PoseBelief:
         return context.get_abstract_state(self._shown).get_value().belief
 
-    def _calc_pose(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(_pose(self._belief(context)))
-
-    def _calc_pose_vector(self, context: Context, output: BasicVector) -> None:
+    def _pose_vector(self, context: Context) -> FloatArray:
         X_PO = _pose(self._belief(context))
-        output.SetFromVector(np.concatenate([X_PO.rotation().ToQuaternion().wxyz(), X_PO.translation()]))
+        return np.concatenate([X_PO.rotation().ToQuaternion().wxyz(), X_PO.translation()])
 
-    def _calc_pose_in_world(self, context: Context, output: AbstractValue) -> None:
+    def _pose_in_world(self, context: Context) -> RigidTransform:
         palm = eval_optional_input(self._inputs.palm, context, RigidTransform)
         if palm is None:
             raise PortTypeError(
                 f"input port 'palm_pose' of system {self.get_name()!r} must hold a RigidTransform for "
                 "object_pose_in_world, but is not connected."
             )
-        output.set_value(palm @ _pose(self._belief(context)))
+        return palm @ _pose(self._belief(context))
 
-    def _calc_covariance(self, context: Context, output: BasicVector) -> None:
+    def _covariance(self, context: Context) -> FloatArray:
         belief = self._belief(context)
         covariance = belief.covariance[0] if belief.has_pose else np.where(np.eye(6) > 0.0, np.inf, 0.0)
-        output.SetFromVector(covariance.reshape(-1))
+        return covariance.reshape(-1)
 
-    def _calc_hypotheses(self, context: Context, output: AbstractValue) -> None:
+    def _estimate(self, context: Context) -> PoseEstimate | None:
         timed = context.get_abstract_state(self._shown).get_value()
-        output.set_value(estimate_of(timed.belief, self._model, timed.duration))
-
-    def _calc_status(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self._belief(context).message)
-
-    def _calc_belief(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self._belief(context))
+        return estimate_of(timed.belief, self._model, timed.duration)
 
 
 def _may_be_touched(model: ObjectModel, X_PO: FloatArray, covariance: FloatArray, frame: Frame) -> bool:

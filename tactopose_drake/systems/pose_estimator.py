@@ -33,8 +33,7 @@ from tactopose_drake.estimation.search_methods import METHODS
 from tactopose_drake.hand.collision import HandCollision, keep_clear
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.collision_input import CollisionInput, PosedHandCollision
-from tactopose_drake.systems.ports import eval_items, eval_optional_input
-from tactopose_drake.systems.touch_input import eval_touch, too_few
+from tactopose_drake.systems.ports import eval_items, eval_optional_input, eval_touch, too_few
 
 _SIGMAS = 3.0  # standard deviations of the hand's surface by which the object may penetrate it
 

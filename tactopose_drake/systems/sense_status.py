@@ -29,13 +29,8 @@ class SenseStatus(CollectableSystem):
         """Declares one input port for each of the named sensors."""
         super().__init__()
         self._statuses = {name: self.DeclareAbstractInputPort(name, AbstractValue.Make("")) for name in senses}
-        self.DeclareAbstractOutputPort(
-            "sense_status",
-            lambda: AbstractValue.Make(""),
-            self._calc,
-            prerequisites_of_calc={port.ticket() for port in self._statuses.values()} or {self.nothing_ticket()},
-        )
+        self.declare_output("sense_status", "", self._joined, {port.ticket() for port in self._statuses.values()})
 
-    def _calc(self, context: Context, output: AbstractValue) -> None:
+    def _joined(self, context: Context) -> str:
         statuses = {name: eval_input(port, context, str) for name, port in self._statuses.items()}
-        output.set_value("; ".join(f"{name}: {status}" for name, status in statuses.items() if status != "ok") or "ok")
+        return "; ".join(f"{name}: {status}" for name, status in statuses.items() if status != "ok") or "ok"

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, EventStatus, State
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
@@ -130,13 +130,13 @@ class TouchExplorer(CollectableSystem):
         self._state = self.DeclareAbstractState(AbstractValue.Make(Exploration()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
         ticket = self.abstract_state_ticket(self._state)
-        self.DeclareVectorOutputPort("rest_positions", len(self._q_rest), self._calc_rest, {ticket})
+        self.declare_output("rest_positions", len(self._q_rest), self._rest_positions, {ticket})
         felt = {ticket, self._contacts.ticket(), self._touching.ticket()}
-        self.DeclareAbstractOutputPort("touches", lambda: AbstractValue.Make(None), self._calc_touches, felt)
-        self.DeclareAbstractOutputPort("untouched", lambda: AbstractValue.Make(None), self._calc_untouched, {ticket})
-        self.DeclareVectorOutputPort("deciding", 1, self._calc_deciding, {ticket})
-        self.DeclareAbstractOutputPort("phase", lambda: AbstractValue.Make(""), self._calc_phase, {ticket})
-        self.DeclareVectorOutputPort("count", 1, self._calc_count, {ticket})
+        self.declare_output("touches", None, self._touches, felt)
+        self.declare_output("untouched", None, self._untouched, {ticket})
+        self.declare_output("deciding", 1, lambda context: [float(self.state(context).phase == "decide")], {ticket})
+        self.declare_output("phase", "", lambda context: self.state(context).phase, {ticket})
+        self.declare_output("count", 1, lambda context: [float(self.state(context).touches)], {ticket})
 
     def state(self, context: Context) -> Exploration:
         """The state of the exploration in a context of this system."""
@@ -249,31 +249,22 @@ class TouchExplorer(CollectableSystem):
         spheres = np.column_stack([tips[kept], np.full(len(kept), finger.tip_radius)])
         return np.concatenate([before.swept, spheres])
 
-    def _calc_rest(self, context: Context, output: BasicVector) -> None:
+    def _rest_positions(self, context: Context) -> FloatArray:
         state, q = self.state(context), self._q_rest.copy()
         if state.move is not None:
             q[self._places[state.move.finger]] = self._commanded(state)
-        output.SetFromVector(q)
+        return q
 
-    def _calc_touches(self, context: Context, output: AbstractValue) -> None:
+    def _touches(self, context: Context) -> Contacts:
         state = self.state(context)
         contacts, fingers = eval_input(self._contacts, context, Contacts), eval_input(self._touching, context, tuple)
         moving = None if state.move is None else state.move.finger
         holding = np.array([i for i, name in enumerate(fingers) if name != moving], dtype=np.intp)
-        output.set_value(_joined(contacts[holding], state.felt))
+        return _joined(contacts[holding], state.felt)
 
-    def _calc_untouched(self, context: Context, output: AbstractValue) -> None:
+    def _untouched(self, context: Context) -> HandGeometry | None:
         swept = self.state(context).swept
-        output.set_value(HandGeometry(swept[:, :3], swept[:, 3]) if len(swept) else None)
-
-    def _calc_deciding(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self.state(context).phase == "decide")])
-
-    def _calc_phase(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self.state(context).phase)
-
-    def _calc_count(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self.state(context).touches)])
+        return HandGeometry(swept[:, :3], swept[:, 3]) if len(swept) else None
 
 
 def _joined(first: Contacts, second: Contacts) -> Contacts:

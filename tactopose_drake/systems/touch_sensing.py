@@ -10,18 +10,17 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from tactopose_drake.core.parameter_checks import check_parts
 from tactopose_drake.core.validation import flag
 from tactopose_drake.hand.collision import HandCollision
-from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
+from tactopose_drake.hand.contact_uncertainty import ContactUncertainty, PadUncertainty
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import Hand
 from tactopose_drake.hand.joint_matrices import reading_offsets
-from tactopose_drake.hand.pad_uncertainty import PadUncertainty
 from tactopose_drake.systems.contact_solver import ContactSolver, ContactSolverParams
 from tactopose_drake.systems.contacts_in_palm import ContactsInPalm, ContactsInPalmParams
 from tactopose_drake.systems.hand_volume import HandVolume
 from tactopose_drake.systems.measured_joints import MeasuredJoints
 from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
-from tactopose_drake.systems.ports import export_outputs
+from tactopose_drake.systems.ports import connect_known, export_outputs
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -98,10 +97,7 @@ def add_touch(
         posed.append(volume)
         builder.Connect(contacts.GetOutputPort("fingers_untouched"), volume.GetInputPort("fingers_untouched"))
         known |= {name: volume.GetOutputPort(name) for name in ("hand", "untouched")}
-    for name, port in known.items():
-        if estimator.HasInputPort(name):
-            builder.Connect(port, estimator.GetInputPort(name))
-
+    connect_known(builder, known, estimator)
     takers = [system for system in (*posed, *others, estimator) if system.HasInputPort("joint_positions")]
     if refiner is not None:
         takers = _refined(builder, refiner, solver, takers)

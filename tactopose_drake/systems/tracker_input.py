@@ -7,7 +7,7 @@ from pydrake.systems.framework import Context
 
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.systems.collectable_system import CollectableSystem, declare_cache
+from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input
 
 
@@ -39,28 +39,16 @@ class TrackerInput(CollectableSystem):
         self._pose = self.DeclareAbstractInputPort("pose", AbstractValue.Make(RigidTransform()))
         self._time = self.DeclareVectorInputPort("picture_time", 1)
         self._covariance = self.DeclareVectorInputPort("covariance", 36)
-        self._measured = declare_cache(
-            self,
-            "measurement and status",
-            lambda: AbstractValue.Make((None, "")),
-            self._measure,
-            {port.ticket() for port in (self._pose, self._time, self._covariance)},
-        )
-        for index, (name, model) in enumerate((("vision", None), ("status", ""))):
-            self._declare_output(name, AbstractValue.Make(model), index)
+        needs = {port.ticket() for port in (self._pose, self._time, self._covariance)}
+        self._measured = self.declare_value("measurement and status", self._measure, needs)
+        measured = {self._measured.ticket()}
+        self.declare_output("vision", None, lambda context: self._measured.Eval(context)[0], measured)
+        self.declare_output("status", "", lambda context: self._measured.Eval(context)[1], measured)
 
-    def _declare_output(self, name: str, model: AbstractValue, index: int) -> None:
-        def calc(context: Context, output: AbstractValue) -> None:
-            output.set_value(self._measured.Eval(context)[index])
-
-        self.DeclareAbstractOutputPort(name, model.Clone, calc, prerequisites_of_calc={self._measured.ticket()})
-
-    def _measure(self, context: Context, cached: AbstractValue) -> None:
+    def _measure(self, context: Context) -> tuple[PoseMeasurement | None, str]:
         pose = eval_input(self._pose, context, RigidTransform)
         covariance = np.asarray(self._covariance.Eval(context)).reshape(6, 6)
         try:
-            measured = PoseMeasurement(self._time.Eval(context)[0], pose.GetAsMatrix34(), covariance), "ok"
+            return PoseMeasurement(self._time.Eval(context)[0], pose.GetAsMatrix34(), covariance), "ok"
         except InvalidInputError as error:
-            cached.set_value((None, str(error)))
-            return
-        cached.set_value(measured)
+            return None, str(error)

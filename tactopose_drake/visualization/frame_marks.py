@@ -1,9 +1,11 @@
 """Coordinate frames in Meshcat: three bars, x red, y green, z blue, which stay visible behind other objects."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.geometry import Cylinder, Meshcat, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.visualization.appearance import AXIS_COLOURS
 from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
 
@@ -28,9 +30,7 @@ def add_frame(meshcat: Meshcat | RemoteMeshcat, path: str, length: float) -> Non
         at = f"{path}/{'xyz'[axis]}"
         meshcat.SetObject(at, Cylinder(THICKNESS * length, length), Rgba(*colour, _NEARLY_OPAQUE))
         direction = np.eye(3)[axis]
-        meshcat.SetTransform(
-            at, RigidTransform(RotationMatrix.MakeFromOneVector(direction, 2), 0.5 * length * direction)
-        )
+        meshcat.SetTransform(at, along(direction, 0.5 * length * direction))
         shine_through(meshcat, at)
 
 
@@ -38,6 +38,11 @@ def add_frames(meshcat: Meshcat | RemoteMeshcat, path: str) -> None:
     """Adds the frame of the palm, and that of the object at the estimate, to a scene that is drawn at the path."""
     add_frame(meshcat, f"{path}/palm", PALM_AXES)
     add_frame(meshcat, f"{path}/estimate/frame", OBJECT_AXES)
+
+
+def along(direction: FloatArray, origin: ArrayLike = (0.0, 0.0, 0.0)) -> RigidTransform:
+    """A pose whose z axis is along a nonzero direction (3,), with its origin at a point, shape (3,), m."""
+    return RigidTransform(RotationMatrix.MakeFromOneVector(direction, 2), origin)
 
 
 def shine_through(meshcat: Meshcat | RemoteMeshcat, path: str) -> None:

@@ -45,10 +45,7 @@ def add_bars(meshcat: Meshcat, path: str, models: Sequence[ObjectModel]) -> None
         R = RotationMatrix.MakeYRotation(np.radians(15.0)) @ RotationMatrix.MakeZRotation(np.radians(-30.0))
         vertices = (model.vertices - model.middle) / model.size
         meshcat.SetTriangleMesh(
-            f"{at}/shape",
-            np.asfortranarray(R.matrix() @ (_SHAPE * HEIGHT * vertices).T),
-            np.asfortranarray(model.faces.T.astype(np.int32)),
-            Rgba(*ESTIMATE.colour, 1.0),
+            f"{at}/shape", R.matrix() @ (_SHAPE * HEIGHT * vertices).T, model.faces.T, Rgba(*ESTIMATE.colour, 1.0)
         )
         thick = _THICKNESS * HEIGHT
         meshcat.SetObject(f"{at}/frame", Box(thick, LENGTH, thick), Rgba(0.3, 0.3, 0.35, _FRAME_OPACITY))

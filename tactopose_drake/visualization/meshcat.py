@@ -56,10 +56,7 @@ def draw_scene(meshcat: Meshcat | RemoteMeshcat, scene: Scene) -> None:
             meshcat.SetTransform(f"{path}/{role}", pose)
     if scene.hand is not None:
         meshcat.SetTriangleMesh(
-            f"{path}/hand",
-            np.asfortranarray(scene.hand.vertices.T),
-            np.asfortranarray(scene.hand.faces.T),
-            Rgba(*HAND.colour, _HAND_OPACITY),
+            f"{path}/hand", scene.hand.vertices.T, scene.hand.faces.T, Rgba(*HAND.colour, _HAND_OPACITY)
         )
     add_touch(meshcat, f"{path}/touch", len(scene.contacts), friction=scene.friction)
     move_touch(meshcat, f"{path}/touch", scene.contacts, len(scene.contacts), is_false=scene.is_false)

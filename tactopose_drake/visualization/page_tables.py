@@ -77,14 +77,15 @@ def said_html(said: Instant, when: str = "") -> str:
 
 
 def table_html(table: PageTable) -> str:
-    """A table under its title; empty if the table has no rows."""
+    """A table under its title, if it has one; empty if the table has no rows."""
     if not table.rows:
         return ""
     has_switches = any(row.hides for row in table.rows)
     headings = ([""] if has_switches else []) + [html.escape(heading) for heading in table.headings]
     kind = ' class="tp-words"' if table.of_words else ""
     lines = [
-        f"<h2>{html.escape(table.title)}</h2><table{kind}><tr>",
+        f"<h2>{html.escape(table.title)}</h2>" if table.title else "",
+        f"<table{kind}><tr>",
         *(f"<th>{text}</th>" for text in headings),
         "</tr>",
     ]

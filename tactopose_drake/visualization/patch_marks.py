@@ -14,7 +14,7 @@ from scipy.spatial.distance import pdist
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.visualization.appearance import PATCH_AXES, PRESSURE
-from tactopose_drake.visualization.frame_marks import shine_through
+from tactopose_drake.visualization.frame_marks import along, shine_through
 from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
 
 _PLATE_HEIGHT, _OPACITY = 0.0004, 0.85  # of the plates
@@ -90,7 +90,7 @@ def plate_pose(patch: Patch, cell: int) -> RigidTransform:
     z = patch.n_PT[cell]
     x = patch.stretch - (patch.stretch @ z) * z
     if not x.any():
-        return RigidTransform(RotationMatrix.MakeFromOneVector(z, 2), patch.p_PT[cell])
+        return along(z, patch.p_PT[cell])
     x /= np.linalg.norm(x)
     return RigidTransform(RotationMatrix(np.stack([x, np.cross(z, x), z], axis=1)), patch.p_PT[cell])
 
@@ -112,6 +112,6 @@ def _move_axes(meshcat: Meshcat | RemoteMeshcat, path: str, patch: Patch, time: 
         meshcat.SetProperty(f"{path}/{k}", "visible", known, time)
         if known:
             length = max(2 * math.sqrt(patch.eigenvalues[k]), _LEAST_LENGTH)
-            X_PAxis = RigidTransform(RotationMatrix.MakeFromOneVector(axis, 2), patch.centroid)
+            X_PAxis = along(axis, patch.centroid)
             meshcat.SetTransform(f"{path}/{k}", X_PAxis, time)
             meshcat.SetProperty(f"{path}/{k}", "scale", [1.0, 1.0, length], time)

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.patch_contacts import tell_normals
 from tactopose_drake.core.validation import FloatArray
@@ -22,7 +22,7 @@ from tactopose_drake.visualization.appearance import (
     Colour,
 )
 from tactopose_drake.visualization.arrow_shapes import slide_arrow, turn_arrow
-from tactopose_drake.visualization.frame_marks import OBJECT_AXES, PALM_AXES, THICKNESS
+from tactopose_drake.visualization.frame_marks import OBJECT_AXES, PALM_AXES, THICKNESS, along
 from tactopose_drake.visualization.object_shapes import CREASE
 from tactopose_drake.visualization.patch_marks import plate_pose, plate_sizes
 from tactopose_drake.visualization.scene import Scene
@@ -90,7 +90,7 @@ def _contacts(scene: Scene) -> Iterable[Painted]:
                 )
                 yield bar, FALSE_CONTACT.colour
         elif contacts.f_PC is not None and length > 4 * _ARROW_RADIUS:
-            X_PArrow = RigidTransform(RotationMatrix.MakeFromOneVector(contacts.f_PC[row], 2), contacts.p_PC[row])
+            X_PArrow = along(contacts.f_PC[row], contacts.p_PC[row])
             yield from ((_moved(part, X_PArrow), FORCE.colour) for part in _arrow(length))
 
 
@@ -104,7 +104,7 @@ def _cones(scene: Scene) -> Iterable[Painted]:
         cone = trimesh.creation.cone(radius=scene.friction * CONE_LENGTH, height=CONE_LENGTH)
         cone.vertices = [0.0, 0.0, CONE_LENGTH] - cone.vertices  # standing on its tip; `invert` keeps faces outward
         cone.invert()
-        yield _moved(cone, RigidTransform(RotationMatrix.MakeFromOneVector(normal, 2), point)), CONE.colour
+        yield _moved(cone, along(normal, point)), CONE.colour
 
 
 def _frames(scene: Scene, X_PO: RigidTransform) -> Iterable[Painted]:

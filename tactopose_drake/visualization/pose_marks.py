@@ -8,7 +8,6 @@ free. The parts are made once and then only moved, shown and scaled, because Mes
 from collections.abc import Sequence
 from typing import Literal
 
-import numpy as np
 from pydrake.geometry import Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform
 
@@ -137,7 +136,7 @@ def _move_ellipsoids(
 def _set_smooth(meshcat: Meshcat | RemoteMeshcat, path: str, mesh: Mesh, colour: Colour, opacity: float) -> None:
     """Adds a smoothly shaded triangle mesh; a translucent one never covers opaque objects."""
     vertices, faces = mesh
-    meshcat.SetTriangleMesh(path, np.asfortranarray(vertices.T), np.asfortranarray(faces.T), Rgba(*colour, opacity))
+    meshcat.SetTriangleMesh(path, vertices.T, faces.T, Rgba(*colour, opacity))
     material: dict[str, bool | float] = {"flatShading": False, "needsUpdate": True}
     if opacity < 1.0:
         material |= {"polygonOffset": True, "polygonOffsetUnits": _BEHIND, "side": 0.0}

@@ -17,6 +17,7 @@ from tactopose_drake.estimation.question import Question
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.visualization.estimate_page import estimate_meshcat, page_of
 from tactopose_drake.visualization.page import save_html, with_panel
+from tactopose_drake.visualization.page_tables import PageTable, Row, table_html
 from tactopose_drake.visualization.picture import small_picture
 from tactopose_drake.visualization.scene import Scene, scene_of
 
@@ -63,12 +64,8 @@ def _about_middle(hypothesis: PoseHypothesis, question: Question | None) -> Pose
 def notebook_html(estimate: PoseEstimate) -> str:
     """A small table of an estimate, with a picture if the estimate holds the inputs it was made from."""
     question = estimate.question
-    lines = [
-        f"<b>{estimate.status.replace('_', ' ')}</b>: {meaning(estimate)}.",
-        html.escape(free_line(_about_middle(estimate.best, question))),
-        "<table><tr><th>probability</th><th>x y z, mm</th><th>quaternion wxyz</th><th>\u00b1 mm</th>"
-        "<th>\u00b1 deg</th></tr>",
-    ]
+    headings = ("probability", "x y z, mm", "quaternion wxyz", "\u00b1 mm", "\u00b1 deg")
+    rows = []
     for hypothesis in estimate.hypotheses[:_MOST_ROWS]:
         # Rotations are compared with translations by the object's size; if it is not known, 0.1 m is used.
         size = 0.1 if question is None else question.model.size
@@ -78,15 +75,19 @@ def notebook_html(estimate: PoseEstimate) -> str:
             " ".join(f"{x:z.3f}" for x in hypothesis.X_PO.rotation().ToQuaternion().wxyz()),
             *sigma_cells(_about_middle(hypothesis, question), size),
         )
-        lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
-    lines.append("</table>")
+        rows.append(Row(cells))
+    parts = [
+        f"<b>{estimate.status.replace('_', ' ')}</b>: {meaning(estimate)}.<br>",
+        html.escape(free_line(_about_middle(estimate.best, question))),
+        table_html(PageTable("", headings, tuple(rows))),
+    ]
     hidden = len(estimate.hypotheses) - _MOST_ROWS
     if hidden > 0:
-        lines.append(f"and {hidden} less probable")
+        parts.append(f"and {hidden} less probable")
     if question is not None:
         data = base64.b64encode(small_picture(scene_of(estimate))).decode()
-        lines.append(f'<img alt="the estimate" src="data:image/png;base64,{data}">')
-    return "<div>" + "<br>".join(lines[:2]) + "".join(lines[2:]) + "</div>"
+        parts.append(f'<img alt="the estimate" src="data:image/png;base64,{data}">')
+    return "<div>" + "".join(parts) + "</div>"
 
 
 def _page_scene(estimate: PoseEstimate) -> Scene:

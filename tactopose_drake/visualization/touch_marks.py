@@ -10,9 +10,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.patch_contacts import tell_normals
-from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.visualization.appearance import CONE, CONTACT, FALSE_CONTACT, FORCE, NORMAL, Look
-from tactopose_drake.visualization.frame_marks import shine_through
+from tactopose_drake.visualization.frame_marks import along, shine_through
 from tactopose_drake.visualization.remote_meshcat import RemoteMeshcat
 from tactopose_drake.visualization.scene import arrow_lengths
 
@@ -96,11 +95,6 @@ def move_touch(
             meshcat.SetTransform(f"{at}/force/shaft", RigidTransform([0.0, 0.0, shaft / 2]), time)
             meshcat.SetProperty(f"{at}/force/shaft", "scale", [1.0, 1.0, shaft], time)
             meshcat.SetTransform(f"{at}/force/head", RigidTransform(_FLIPPED, [0.0, 0.0, shaft + _HEAD_LENGTH]), time)
-
-
-def along(direction: FloatArray) -> RigidTransform:
-    """A pose at the origin whose z axis is along a nonzero direction."""
-    return RigidTransform(RotationMatrix.MakeFromOneVector(direction, 2), np.zeros(3))
 
 
 def _add_cross(meshcat: Meshcat | RemoteMeshcat, path: str) -> None:

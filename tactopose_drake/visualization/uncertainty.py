@@ -15,6 +15,7 @@ from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
 from tactopose_drake.visualization.appearance import MOST_FREE
 from tactopose_drake.visualization.arrow_shapes import SLIDE_TIP, TURN_TIP
+from tactopose_drake.visualization.frame_marks import along
 from tactopose_drake.visualization.scene import ShownHypothesis
 
 POINTS = 10
@@ -160,7 +161,7 @@ def _turn(model: ObjectModel, w_O: FloatArray, v_O: FloatArray) -> tuple[RigidTr
     heights = (model.vertices - on_axis) @ axis
     reach = np.linalg.norm(np.cross(model.vertices - on_axis, axis), axis=1).max()
     center = on_axis + 0.5 * (heights.min() + heights.max()) * axis
-    X_OA = RigidTransform(RotationMatrix.MakeFromOneVector(axis, 2), center)
+    X_OA = along(axis, center)
     return X_OA, float(np.clip(1.12 * reach, *_TURN_RADII))
 
 
@@ -170,4 +171,4 @@ def _slide(model: ObjectModel, v_O: FloatArray) -> tuple[RigidTransform, float]:
     heights = (model.vertices - model.middle) @ axis
     center = model.middle + 0.5 * (heights.min() + heights.max()) * axis
     length = float(np.ptp(heights)) + 6 * _BEYOND * model.size
-    return RigidTransform(RotationMatrix.MakeFromOneVector(axis, 2), center), length
+    return along(axis, center), length

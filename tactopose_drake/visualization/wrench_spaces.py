@@ -44,7 +44,7 @@ def draw_wrench_space(meshcat: Meshcat, path: str, space: WrenchSpace, *, scale:
         hull = space.projection(part)
         if hull is None:
             continue
-        vertices, faces = np.asfortranarray(scale * hull.vertices.T), np.asfortranarray(hull.simplices.T)
+        vertices, faces = scale * hull.vertices.T, hull.simplices.T
         meshcat.SetTriangleMesh(f"{at}/faces", vertices, faces, rgba)
         wire = Rgba(0.6 * rgba.r(), 0.6 * rgba.g(), 0.6 * rgba.b(), 1.0)
         meshcat.SetTriangleMesh(f"{at}/edges", vertices, faces, wire, wireframe=True, wireframe_line_width=_WIRE_WIDTH)
@@ -65,9 +65,9 @@ def draw_improvement(
     meshcat.Delete(path)
     meshcat.SetTriangleColorMesh(
         f"{path}/surface",
-        np.asfortranarray(model.vertices.T),
-        np.asfortranarray(model.faces.T.astype(np.int32)),
-        np.asfortranarray(_linear(level_colours(vertex_levels(model, found))).T),
+        model.vertices.T,
+        model.faces.T,
+        _linear(level_colours(vertex_levels(model, found))).T,
     )
     if reachable is not None:
         for row in np.flatnonzero(reachable):

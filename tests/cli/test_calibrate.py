@@ -13,10 +13,10 @@ from tactopose_drake.cli.calibrate_command import _grasps, calibration_lines, ca
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.hand.calibration_file import CalibrationNoise, HandCalibration, MeasuredNumber
 from tactopose_drake.hand.closed_grasps import ClosedGraspParams
-from tactopose_drake.hand.grasp_files import load_grasps
 from tactopose_drake.hand.hand_calibration import calibrate_hand
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
+from tactopose_drake.hand.recorded_grasps import load_grasps
 from tactopose_drake.resources import model_path
 from tactopose_drake.runs.manifest import SIGNALS, save_manifest
 from tactopose_drake.station.scenario import load_scenario

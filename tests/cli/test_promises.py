@@ -12,7 +12,7 @@ import pytest
 from pydrake.geometry import Meshcat
 from rich.table import Table
 
-from tactopose_drake.cli.consoles import PlainConsole, printable, then_printed
+from tactopose_drake.cli.consoles import PlainConsole, printable, reporting
 from tactopose_drake.cli.demo_run import DemoResult, GraspFailedError
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
@@ -287,7 +287,7 @@ def test_results_are_written_though_nobody_reads_what_is_printed(command: str, f
 
 def test_what_was_found_is_printed_though_it_cannot_be_written(capsys: pytest.CaptureFixture[str]) -> None:
     def fail() -> None:
-        with then_printed("It is the mug."):
+        with reporting((), "It is the mug."):
             raise InvalidFileError("result.json cannot be written.")
 
     with pytest.raises(InvalidFileError):

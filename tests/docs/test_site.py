@@ -25,8 +25,8 @@ from tactopose_drake.cli.main import cli
 from tactopose_drake.core.evidence.contact_doubt import SCEPTICAL
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.hand.calibration_file import HandCalibration
-from tactopose_drake.hand.grasp_files import GraspFile
 from tactopose_drake.hand.hand_config import HandConfig
+from tactopose_drake.hand.recorded_grasps import GraspFile
 from tactopose_drake.hand.tactile_pads import TactilePadFile
 from tactopose_drake.resources import model_path
 from tactopose_drake.station.scenario import Scenario

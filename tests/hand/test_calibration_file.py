@@ -18,11 +18,10 @@ from tactopose_drake.hand.calibration_file import (
     load_calibration,
     save_calibration,
 )
-from tactopose_drake.hand.calibration_from_errors import calibration_of
 from tactopose_drake.hand.closed_grasps import ClosedGrasp
 from tactopose_drake.hand.hand_check import check_hand
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config
-from tactopose_drake.hand.hand_errors import HandErrors
+from tactopose_drake.hand.hand_errors import HandErrors, calibration_of
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.hand.named_joints import NamedJoints

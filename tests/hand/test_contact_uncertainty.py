@@ -12,12 +12,11 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import exp_so3, log_so3
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solve_contact, solve_contacts
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.calibration_from_errors import calibration_of
 from tactopose_drake.hand.contact_gains import contact_gains, thicker
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.encoder_offsets import encoder_gains, offset_sigmas
 from tactopose_drake.hand.hand_config import HandUncertainty, SkinLayer, load_hand_config
-from tactopose_drake.hand.hand_errors import HandErrors
+from tactopose_drake.hand.hand_errors import HandErrors, calibration_of
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.kinematics import HandKinematics
 from tests.hand.calibrated_shadow import SOFT, WrongHand

@@ -7,7 +7,7 @@ import pytest
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidFileError
-from tactopose_drake.hand.grasp_files import load_grasp, load_grasps
+from tactopose_drake.hand.recorded_grasps import load_grasp, load_grasps
 
 GRASP = {
     "joint_positions": {"FFJ4": 0.1, "FFJ3": -0.2},

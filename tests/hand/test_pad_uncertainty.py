@@ -8,11 +8,11 @@ import pytest
 
 from tactopose_drake.core.poses import log_so3
 from tactopose_drake.hand.calibration_file import HandCalibration, MeasuredNumber
+from tactopose_drake.hand.contact_uncertainty import PadUncertainty
 from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.kinematics import HandKinematics
-from tactopose_drake.hand.pad_uncertainty import PadUncertainty
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from tactopose_drake.hand.calibration_file import FingerCalibration, HandCalibration, MeasuredNumber
-from tactopose_drake.hand.calibration_from_errors import calibration_of
 from tactopose_drake.hand.contact_uncertainty import ContactUncertainty
 from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
+from tactopose_drake.hand.hand_errors import calibration_of
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.kinematics import HandKinematics
 from tests.hand.calibrated_shadow import WrongHand

@@ -35,6 +35,13 @@ class Everything(CollectableSystem):
 
         self.second = self.DeclareAbstractOutputPort("second", lambda: AbstractValue.Make(""), calc)
         self.third = self.DeclareStateOutputPort("third", self.thing)
+        self.doubled = self.declare_value(
+            "doubled", lambda context: 2 * self._count(context), {self.all_state_ticket()}
+        )
+        doubled = {self.doubled.ticket()}
+        self.declare_output("doubled", 1, lambda context: [self.doubled.Eval(context)], doubled)
+        self.declare_output("words", "", lambda context: f"twice {self._count(context)}", doubled)
+        self.declare_output("always", [], lambda context: [self.calls is not None], ())
         self.DeclareInitializationPublishEvent(self._publish)
         self.DeclareInitializationDiscreteUpdateEvent(self._update_number)
         self.DeclareInitializationUnrestrictedUpdateEvent(self._update)
@@ -42,9 +49,12 @@ class Everything(CollectableSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(0.1, 0.1, self._update_number)
         self.DeclarePeriodicUnrestrictedUpdateEvent(0.1, 0.1, self._update)
 
+    def _count(self, context: Context) -> int:
+        return context.get_abstract_state(int(self.thing)).get_value()
+
     def _calc_cached(self, context: Context, cached: AbstractValue) -> None:
         self.calls.append("cached")
-        cached.set_value(str(context.get_abstract_state(int(self.thing)).get_value()))
+        cached.set_value(str(self._count(context)))
 
     def _calc_vector(self, context: Context, output: BasicVector) -> None:
         output.SetAtIndex(0, float(self.cached.Eval(context)))
@@ -66,7 +76,7 @@ class Everything(CollectableSystem):
 def diagram_of(system: LeafSystem) -> Diagram:
     builder = DiagramBuilder()
     builder.AddNamedSystem("system", system)
-    for name in ("first", "second"):
+    for name in ("first", "second", "doubled", "words", "always"):
         builder.ExportOutput(system.GetOutputPort(name), name)
     return builder.Build()
 
@@ -105,6 +115,9 @@ def test_callbacks_are_called_whoever_holds_the_system() -> None:
     diagram, context = simulator.get_system(), simulator.get_context()
     assert diagram.GetOutputPort("first").Eval(context) == [3.0]
     assert diagram.GetOutputPort("second").Eval(context) == "3"
+    assert diagram.GetOutputPort("doubled").Eval(context) == [6.0]
+    assert diagram.GetOutputPort("words").Eval(context) == "twice 3"
+    assert diagram.GetOutputPort("always").Eval(context) == [True]
     calls = diagram.GetSubsystemByName("system").calls
     assert calls.count("publish") == calls.count("number") == 3
     assert calls.count("cached") == 1

@@ -7,7 +7,7 @@ from pydrake.systems.framework import Context
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.hand.joint_matrices import joint_matrix
-from tactopose_drake.hand.joint_paths import JointPaths
+from tactopose_drake.hand.kinematics import JointPaths
 from tactopose_drake.station.can_senses import BarrettPucks
 from tactopose_drake.systems.measured_joints import MeasuredJoints
 

@@ -12,10 +12,10 @@ from pydrake.systems.primitives import AddRandomInputs
 
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.contact_uncertainty import PadUncertainty
 from tactopose_drake.hand.hand_config import HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand, make_hand_plant
 from tactopose_drake.hand.kinematics import HandKinematics
-from tactopose_drake.hand.pad_uncertainty import PadUncertainty
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.systems.patch_descriptor import PatchDescriptor, PatchDescriptorParams
 from tactopose_drake.systems.random_sources import seed_random_sources

@@ -20,8 +20,9 @@ from tactopose_drake.resources import add_model, fixed_pose, make_parser
 from tactopose_drake.station.arms.arm import Arm, add_arm, hand_inertia, load_arm_config, make_arm_plant, mount_hand
 from tactopose_drake.station.grasp import add_planned_grasp
 from tactopose_drake.station.scenario import Scenario
-from tactopose_drake.station.simulated import Station, add_plant, feed_estimation, finish_plant, finish_station
+from tactopose_drake.station.simulated import Station, add_plant, finish_plant, finish_station
 from tactopose_drake.station.simulated_senses import add_palm_pose, add_senses
+from tactopose_drake.systems.ports import connect_known, export_outputs
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.pose_tracking import AddPoseTracking
 
@@ -161,7 +162,8 @@ def make_arm_station(
     start = add_planned_grasp(builder, scenario, plant, hand, senses, plan)
     palm_pose = add_palm_pose(builder, plant, hand)
     estimation = _add_estimation(builder, scenario, hand, model, palm_pose)
-    feed_estimation(builder, estimation, senses)
+    connect_known(builder, senses, estimation)
+    export_outputs(builder, estimation)
 
     arm_plant, arm_alone = make_arm_plant(config, X_WBase, hand_inertia(plant, arm, hand, start.q))
     parts = ArmParts(

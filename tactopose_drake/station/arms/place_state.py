@@ -1,7 +1,6 @@
 """The state and the parameters of the task of taking and placing a rod."""
 
 import dataclasses
-from typing import Any
 
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -9,6 +8,7 @@ from tactopose_drake.core.grasping.held_axis import HeldAxis
 from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.station.arms.table_touch import TableTouch
+from tactopose_drake.systems.collectable_system import SharedState
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -51,7 +51,7 @@ class PlaceTaskParams:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class TaskState:
+class TaskState(SharedState):
     """The state of the task.
 
     Attributes:
@@ -79,10 +79,6 @@ class TaskState:
     touches: tuple[TableTouch, ...] = ()
     above: FloatArray | None = None
     carried: float = 0.0
-
-    def __deepcopy__(self, memo: Any) -> "TaskState":
-        """Returns itself: it is immutable, and a simulator copies all state with each event."""
-        return self
 
     def to(self, phase: str, time: float, motion: PiecewisePolynomial | None = None) -> "TaskState":
         """The state at the start of the next phase, with the arm following a motion or staying where it is."""

@@ -10,7 +10,7 @@ import dataclasses
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, EventStatus, State
+from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
@@ -96,16 +96,10 @@ class PlaceTask(CollectableSystem):
         self._state = self.DeclareAbstractState(AbstractValue.Make(TaskState("receive", 0.0, q)))
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
         ticket = self.abstract_state_ticket(self._state)
-        self.DeclareVectorOutputPort(
-            "arm_reference", 2 * len(q), self._calc_reference, prerequisites_of_calc={ticket, self.time_ticket()}
-        )
-        self.DeclareVectorOutputPort("open", 1, self._calc_open, prerequisites_of_calc={ticket})
-        self.DeclareAbstractOutputPort(
-            "planes", lambda: AbstractValue.Make(()), self._calc_planes, {ticket, self._positions.ticket()}
-        )
-        self.DeclareAbstractOutputPort(
-            "phase", lambda: AbstractValue.Make(""), self._calc_phase, prerequisites_of_calc={ticket}
-        )
+        self.declare_output("arm_reference", 2 * len(q), self._arm_reference, {ticket, self.time_ticket()})
+        self.declare_output("open", 1, lambda context: [float(self.state(context).phase in _OPEN)], {ticket})
+        self.declare_output("planes", (), self._planes, {ticket, self._positions.ticket()})
+        self.declare_output("phase", "", lambda context: self.state(context).phase, {ticket})
 
     @property
     def planner(self) -> PlacePlanner:
@@ -284,16 +278,10 @@ class PlaceTask(CollectableSystem):
         q, _ = before.reference(time)
         return TaskState(f"failed: {reason}", time, q, held=before.held)
 
-    def _calc_reference(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.concatenate(self.state(context).reference(context.get_time())))
+    def _arm_reference(self, context: Context) -> FloatArray:
+        return np.concatenate(self.state(context).reference(context.get_time()))
 
-    def _calc_open(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self.state(context).phase in _OPEN)])
-
-    def _calc_planes(self, context: Context, output: AbstractValue) -> None:
+    def _planes(self, context: Context) -> tuple[PlaneContact, ...]:
         touches = self.state(context).touches
         X_PS = self._planner.fingertips(self._positions.Eval(context)) if touches else {}
-        output.set_value(touched_planes(touches, X_PS, self._params.sigma_moved))
-
-    def _calc_phase(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self.state(context).phase)
+        return touched_planes(touches, X_PS, self._params.sigma_moved)

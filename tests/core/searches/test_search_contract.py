@@ -23,8 +23,7 @@ from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.search import PriorSpace, Search, SearchResult, StopSignal, never
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.estimation.direct_search import Direct
-from tactopose_drake.estimation.mathematical_program import PoseProgram
+from tactopose_drake.estimation.mathematical_program import Direct, PoseProgram
 from tests.core.meshes import smooth_shape
 from tests.core.searches.problems import make_touch
 

@@ -1,4 +1,4 @@
-"""The click type of options that name an object."""
+"""Types of the arguments and options that name paths, hands and objects."""
 
 import os
 from pathlib import Path
@@ -8,6 +8,38 @@ import click
 
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import model_path, shipped_objects
+
+
+class _Path(click.Path):
+    """A path; an empty one, as of a shell's variable that is not set, would be the current folder."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path; fails if it is empty."""
+        if value == "":
+            self.fail("It must be a path, not empty.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+PATH = _Path(path_type=Path)
+
+
+_SHORT = {"shadow": "shadow_like", "barrett": "barrett_like"}
+
+
+class _HandName(click.ParamType[str]):
+    """A hand of the package by its name or short name, or a hand's YAML file by path."""
+
+    name = "hand"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The name or path for `load_hand_config`; fails if it is empty."""
+        if value == "":
+            self.fail("It must be a hand's name or path, not empty.", param, ctx)
+        return _SHORT.get(value, str(value))
+
+
+HAND = _HandName()
+HAND_HELP = "A hand of the package by name, such as shadow or barrett, or a hand's YAML file by its path"
 
 
 class _ObjectName(click.ParamType[str]):
