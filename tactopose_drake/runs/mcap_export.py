@@ -26,6 +26,7 @@ from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
 
 _OBJECT_COLOUR = (0.85, 0.55, 0.25)
 _POSES_IN = {"true_pose": "", "palm_pose": "world"}  # frames of these poses; empty: the palm's
+_DELETE = 2  # action of a marker
 _END_OF_STAMPS = 2**31  # end of `builtin_interfaces/Time`, s since the epoch
 
 
@@ -58,8 +59,8 @@ def write_mcap(run: RecordedRun, path: Path) -> None:
 
     In /tf, the hand's base is at the scenario's pose, even if an arm moves it. If a calibration has corrected the pose
     of a sensor, /tf has the corrected frame, too, and wrenches are in it. A held pose is written only once, at the time
-    at which it was found. Covariances follow ROS's convention: position, then rotation about the palm's axes, m and
-    rad.
+    at which it was found. Where no pose is known any more, /hypotheses is empty, and the object is taken from /scene.
+    Covariances follow ROS's convention: position, then rotation about the palm's axes, m and rad.
 
     Args:
         run: the recording.
@@ -102,11 +103,11 @@ def _nanoseconds(run: RecordedRun, time: float) -> int:
 def _messages(run: RecordedRun) -> Iterator[_Message]:
     """All messages in order of time, one by one: those of an hour would not fit in memory."""
     hand = _Hand(run)
-    scene = {"markers": _scene(run, hand, _header(run, 0.0, ""))}
+    markers = _scene(run, hand, _header(run, 0.0, ""))
     parts = [
-        iter([_Message(0.0, "/scene", "visualization_msgs/MarkerArray", scene)]),
+        iter([_marked(0.0, *markers)]),
         *(_of_signal(run, hand, name, signal) for name, signal in run.signals.items()),
-        _of_estimates(run, hand.palm),
+        _of_estimates(run, hand.palm, markers[-1]),
     ]
     return heapq.merge(*parts, key=lambda message: message.time)
 
@@ -144,9 +145,11 @@ def _of_signal(run: RecordedRun, hand: "_Hand", name: str, signal: Signal) -> It
             yield _Message(time, f"/{name}", "geometry_msgs/PoseStamped", stamped)
 
 
-def _of_estimates(run: RecordedRun, palm: str) -> Iterator[_Message]:
-    """The messages of the estimates, in order of time; `palm` is the name of P."""
+def _of_estimates(run: RecordedRun, palm: str, marker: dict[str, Any]) -> Iterator[_Message]:
+    """The messages of the estimates, in order of time; `palm` is the name of P, `marker` is the object's."""
     said: dict[str, Any] = {}  # the last written hypotheses, by prefix
+    gone = {"header": marker["header"], "ns": marker["ns"], "id": marker["id"], "action": _DELETE}
+    is_shown = True
     for line in run.estimates:
         time = float(line["time"])
         for text in ("status", "sense_status", "tracked_status"):
@@ -155,8 +158,15 @@ def _of_estimates(run: RecordedRun, palm: str) -> Iterator[_Message]:
         for prefix in ("", "tracked_"):
             hypotheses = line.get(f"{prefix}hypotheses")
             is_held = str(line.get(f"{prefix}status")).startswith("held") and hypotheses == said.get(prefix)
+            is_lost = not hypotheses and bool(said.get(prefix))
             if hypotheses and not is_held:
                 yield from _belief(time, prefix, _header(run, time, palm), hypotheses)
+            elif is_lost:
+                none = {"header": _header(run, time, palm)}
+                yield _Message(time, f"/{prefix}hypotheses", "geometry_msgs/PoseArray", none)
+            if not prefix and (is_lost if is_shown else hypotheses):
+                yield _marked(time, gone if is_shown else marker)
+                is_shown = not is_shown
             said[prefix] = hypotheses
 
 
@@ -228,6 +238,10 @@ def _scene(run: RecordedRun, hand: _Hand, header: dict[str, Any]) -> list[dict[s
         }
         for number, (link, mesh) in enumerate(shapes)
     ]
+
+
+def _marked(time: float, *markers: dict[str, Any]) -> _Message:
+    return _Message(time, "/scene", "visualization_msgs/MarkerArray", {"markers": markers})
 
 
 def _tf(time: float, transforms: list[dict[str, Any]]) -> _Message:

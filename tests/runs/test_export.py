@@ -115,6 +115,22 @@ def test_a_pose_that_is_held_is_of_the_time_at_which_it_was_found(recording: Pat
     np.testing.assert_allclose(np.array(of_object[-2:]) - start, [last["time"], again["time"]], atol=1e-6)
 
 
+def test_a_pose_that_becomes_unknown_is_not_shown_as_if_it_stayed(recording: Path, tmp_path: Path) -> None:
+    run = read_recording(recording)
+    known = next(line["hypotheses"] for line in run.estimates if line["hypotheses"])
+    beliefs = (None, known, None, None, known)
+    said = [{"time": 0.1 * k, "status": "", "hypotheses": each} for k, each in enumerate(beliefs)]
+    write_mcap(dataclasses.replace(run, estimates=tuple(said)), tmp_path / "run.mcap")
+    found = messages(tmp_path / "run.mcap")
+    assert [len(array.poses) for _, array in found["/hypotheses"]] == [len(known), 0, len(known)]
+    first, gone, again = (scene for _, scene in found["/scene"])
+    np.testing.assert_allclose([time - run.manifest.start for time, _ in found["/scene"]], [0.0, 0.2, 0.4], atol=1e-6)
+    assert [(marker.ns, marker.id, marker.action) for marker in gone.markers] == [("object", first.markers[-1].id, 2)]
+    assert [(marker.ns, marker.id, marker.action) for marker in again.markers] == [("object", first.markers[-1].id, 0)]
+    assert len(again.markers[0].points) == len(first.markers[-1].points) > 0
+    assert "/tracked_hypotheses" not in found
+
+
 def test_the_covariance_is_of_a_turn_about_the_palms_axes(recording: Path, tmp_path: Path) -> None:
     out = tmp_path / "run.mcap"
     tactopose("export", recording, "--format", "mcap", "--out", out)
