@@ -172,10 +172,12 @@ def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples
 def _first_round(cover: Cover, families: Families, posterior: Posterior, generator: np.random.Generator) -> Samples:
     """Draws and weights the samples of the first proposal."""
     proposal, g = cover.proposal, len(cover.X_PO)
-    X_PO = np.concatenate([cover.by_contact.X_PO, proposal.sample(generator)])
+    X_tiles = proposal.sample(generator)
+    X_PO = np.concatenate([cover.by_contact.X_PO, X_tiles])
     increments, density = find_increments(cover.X_PO, X_PO), np.zeros((len(X_PO), g))
     proposal.add_to(density, increments)
-    evaluated = X_PO, cost_within_modes(X_PO, cover.X_PO, posterior), increments, density
+    cost = np.concatenate([cover.cost_by_contact, cost_within_modes(X_tiles, cover.X_PO, posterior)])
+    evaluated = X_PO, cost, increments, density
     by_contact = density_by_contact(X_PO, increments, cover, posterior)
     nothing = Weighed(cover.lowest, 0.0, 0.0, 0.0)
     times, drawn = np.ones(g, dtype=np.intp), (proposal.count,)

@@ -40,6 +40,7 @@ class Cover(NamedTuple):
         tiles: number of tiles in a round of sampling, besides the one at each mode and those for the tails.
         proposal: the mixture of the first round, over increments from the sampled modes.
         by_contact: likely poses drawn from all that a single contact leaves; none if there is more.
+        cost_by_contact: their exact costs, shape (n,).
     """
 
     close: NDArray[np.intp]
@@ -52,6 +53,7 @@ class Cover(NamedTuple):
     tiles: int
     proposal: StudentTMixture
     by_contact: ContactDraws
+    cost_by_contact: FloatArray
 
 
 def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Cover | None:
@@ -76,7 +78,7 @@ def cover_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
     lowest = float(least.min())
     by_contact = _draw_by_contact(lowest, X_worthy, posterior, generator)
     cost = modes.cost[close[worthy]]
-    return Cover(close, lowest, laplace, worthy, X_worthy, cost, information, tiles, proposal, by_contact)
+    return Cover(close, lowest, laplace, worthy, X_worthy, cost, information, tiles, proposal, *by_contact)
 
 
 def tile_samples(
@@ -135,15 +137,20 @@ def density_by_contact(
 
 def _draw_by_contact(
     lowest: float, X_mode: FloatArray, posterior: Posterior, generator: np.random.Generator
-) -> ContactDraws:
-    """Those of the draws by a single contact, if there are any, that belong to a mode: all others weigh nothing."""
+) -> tuple[ContactDraws, FloatArray]:
+    """Those of the draws by a single contact, if there are any, that belong to a mode, and their costs (n,).
+
+    All others weigh nothing.
+    """
     contact, params = posterior.single_contact, posterior.params.sampling
     if contact is None:
-        return ContactDraws(np.empty((0, 3, 4)), 0.0)
+        return ContactDraws(np.empty((0, 3, 4)), 0.0), np.empty(0)
     X_PO, scale = contact.sample(params.contact_draws, generator)
     X_PO = contact.turned(X_PO, X_mode)
-    X_PO = X_PO[cost_within_modes(X_PO, X_mode, posterior) < lowest + params.depth]
-    return ContactDraws(X_PO[contact.density(X_PO) > 0.0], scale)
+    cost = cost_within_modes(X_PO, X_mode, posterior)
+    likely = cost < lowest + params.depth
+    likely[likely] = contact.density(X_PO[likely]) > 0.0
+    return ContactDraws(X_PO[likely], scale), cost[likely]
 
 
 def cost_within_modes(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterior) -> FloatArray:
