@@ -5,9 +5,12 @@ import pytest
 import trimesh
 
 import tactopose_drake as tp
-from tactopose_drake.core.poses import rotation_angles
-from tactopose_drake.core.posterior.hypotheses import determined_part
+from tactopose_drake.core.poses import make_poses, rotation_angles
+from tactopose_drake.core.posterior.hypotheses import Modes, determined_part
+from tactopose_drake.core.posterior.importance_sampling import weigh_modes
+from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
+from tactopose_drake.estimation import inference
 from tactopose_drake.resources import model_path
 from tests.displaced_poses import displaced, error, random_pose
 
@@ -151,3 +154,34 @@ def test_what_a_single_contact_says_of_an_object_does_not_depend_on_where_it_is(
         touches = [touch_surface(model, random_pose(seed), 1, np.random.default_rng(seed)) for seed in range(16)]
         evidence = [tp.estimate_pose(model, contacts).log_evidence for contacts in touches]
         assert np.std(evidence) < 0.2
+
+
+@pytest.mark.parametrize("surface_sigma", [0.0, 0.004])
+def test_the_mass_of_one_contact_on_a_ball_is_that_of_an_integral_over_all_places(
+    surface_sigma: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only the place of the ball's centre matters: its distance from the contact, and how far the normal is off."""
+    radius, n_PC = 0.03, np.array([0.6, 0.0, 0.8])
+    weighed: list[tuple[Posterior, float]] = []
+
+    def weigh(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Modes:
+        found = weigh_modes(modes, posterior, generator)
+        weighed.append((posterior, found.log_mass))
+        return found
+
+    monkeypatch.setattr(inference, "weigh_modes", weigh)
+    ball = tp.ObjectModel.from_sphere(radius, surface_sigma=surface_sigma)
+    tp.estimate_pose(ball, tp.Contacts(radius * n_PC[None], n_PC[None]), outlier_probability=0.0)
+    [(posterior, log_mass)] = weighed
+    distance, angle = (np.linspace(0.0, most, 301)[1:] for most in (radius + 20.0 * posterior.sigma, np.pi))
+    density = np.zeros((300, 300))
+    for azimuth in np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False):
+        across = np.cos(azimuth) * np.array([0.8, 0.0, -0.6]) + np.sin(azimuth) * np.array([0.0, 1.0, 0.0])
+        inward = np.cos(angle)[:, None] * -n_PC + np.sin(angle)[:, None] * across
+        p_PO = radius * n_PC + distance[:, None, None] * inward
+        X_PO = make_poses(np.tile(np.eye(3), (p_PO.size // 3, 1, 1)), p_PO.reshape(-1, 3))
+        cost = posterior.exact_cost(X_PO).reshape(300, 300)
+        density += np.where(cost < cost.min() + posterior.params.sampling.depth, np.exp(-cost), 0.0) / 8
+    volume = 2.0 * np.pi * distance[:, None] ** 2 * np.sin(angle) * distance[0] * angle[0]
+    # The ball's rotations change nothing; their volume is 8 pi^2.
+    assert log_mass == pytest.approx(math.log(float((density * volume).sum()) * 8.0 * np.pi**2), abs=0.07)
