@@ -152,7 +152,7 @@ class PageRecorder:
 
     def _draw(self, meshcat: Meshcat, moment: Moment) -> None:
         time, hypotheses = moment.time, _shown(moment)
-        scene = Scene(model=self._model, contacts=moment.contacts, hypotheses=hypotheses)
+        scene = Scene(model=self._model, contacts=moment.contacts, patches=moment.patches, hypotheses=hypotheses)
         move_hypotheses(meshcat, _PATH, self._model, hypotheses[:1] + scene.alternatives, MOVING_ALTERNATIVES, time)
         place(meshcat, f"{_PATH}/prior", moment.prior, time)
         if moment.truth is not None:

@@ -12,6 +12,7 @@ from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution, solve_contacts
+from tactopose_drake.core.sensing.patches import describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.surfaces import Sphere
 from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
@@ -29,6 +30,7 @@ from tactopose_drake.runs.timeline_recorder import TimelineRecorder
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.simulated_errors import SimulatedErrors
 from tests import held_cube
+from tests.recording_meshcat import RecordingMeshcat
 
 
 class Station:
@@ -199,6 +201,20 @@ def test_the_truth_is_drawn_where_it_is_known(
         pictures.append((tmp_path / "picture.png").read_bytes())
     assert pages == [False, True]
     assert pictures[0] != pictures[1]
+
+
+def test_a_felt_pad_after_a_silent_one_is_drawn_as_false_if_it_is(
+    scenario: Scenario, model: ObjectModel, station: Station
+) -> None:
+    n_PT = np.tile([0.0, 0.0, 1.0], (3, 1))
+    silent, felt = (describe_patch(0.01 * np.eye(3), np.full(3, p), alpha=1e-7, n_PT=n_PT) for p in (0.0, 1e4))
+    best = dataclasses.replace(estimate_at(0.1, 0.001).best, inlier_probability=np.array([0.9, 1.0, 0.1]))
+    touch(station, 1.0, PoseEstimate((best,), "ok", 0.01))
+    station.values |= {"pads": ("finger", "palm"), "patches": (silent, felt)}
+    recorder, meshcat = PageRecorder(scenario, model), RecordingMeshcat()
+    recorder.show(RunView(station, station))
+    recorder._draw(meshcat, recorder._moments[0])  # type: ignore[arg-type]
+    assert [meshcat.visible(f"/tactopose/touch/{row}/false") for row in range(2)] == [False, True]
 
 
 def test_a_joint_that_is_not_known_at_times_costs_no_page(
