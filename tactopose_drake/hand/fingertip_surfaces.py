@@ -12,21 +12,31 @@ from tactopose_drake.core.validation import finite_array, told_of
 from tactopose_drake.resources import fixed_pose
 
 
-class _Picklable:
-    """Base of classes with a `Transform` field, which cannot be pickled otherwise."""
+class _WithPose:
+    """Base of dataclasses with a `Transform` field, which Drake can neither pickle nor compare by value."""
 
     __slots__ = ()
 
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other):
+            return NotImplemented
+        names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
+        return all(_comparable(getattr(self, name)) == _comparable(getattr(other, name)) for name in names)
+
     def __reduce__(self) -> tuple[Any, ...]:
         return _read, (type(self), yaml_dump_typed(self))
+
+
+def _comparable(value: Any) -> Any:
+    return yaml_dump_typed(value) if isinstance(value, Transform) else value
 
 
 def _read(kind: type, text: str) -> Any:
     return yaml_load_typed(schema=kind, data=text)
 
 
-@dataclasses.dataclass(kw_only=True, slots=True)
-class SphereSurface(_Picklable):
+@dataclasses.dataclass(kw_only=True, slots=True, eq=False)
+class SphereSurface(_WithPose):
     """A spherical fingertip, `!SphereSurface` in YAML."""
 
     radius: float = 0.009  # m
@@ -37,8 +47,8 @@ class SphereSurface(_Picklable):
         return Sphere(self.radius, X_SF=fixed_pose("SphereSurface.X_SF", self.X_SF))
 
 
-@dataclasses.dataclass(kw_only=True, slots=True)
-class EllipsoidSurface(_Picklable):
+@dataclasses.dataclass(kw_only=True, slots=True, eq=False)
+class EllipsoidSurface(_WithPose):
     """An ellipsoidal fingertip, `!EllipsoidSurface` in YAML."""
 
     semi_axes: list[float] = dataclasses.field(default_factory=lambda: [0.009, 0.009, 0.009])  # m
@@ -50,8 +60,8 @@ class EllipsoidSurface(_Picklable):
         return Ellipsoid((a, b, c), X_SF=fixed_pose("EllipsoidSurface.X_SF", self.X_SF))
 
 
-@dataclasses.dataclass(kw_only=True, slots=True)
-class CapsuleSurface(_Picklable):
+@dataclasses.dataclass(kw_only=True, slots=True, eq=False)
+class CapsuleSurface(_WithPose):
     """A hemisphere on a cylinder along z of F, `!CapsuleSurface` in YAML; F's origin is the cylinder's middle."""
 
     radius: float = 0.009  # m
@@ -63,8 +73,8 @@ class CapsuleSurface(_Picklable):
         return Capsule(self.radius, self.length, X_SF=fixed_pose("CapsuleSurface.X_SF", self.X_SF))
 
 
-@dataclasses.dataclass(kw_only=True, slots=True)
-class SuperquadricSurface(_Picklable):
+@dataclasses.dataclass(kw_only=True, slots=True, eq=False)
+class SuperquadricSurface(_WithPose):
     """A rounded box, cylinder or anything between them and an ellipsoid, `!SuperquadricSurface` in YAML."""
 
     semi_axes: list[float] = dataclasses.field(default_factory=lambda: [0.009, 0.009, 0.009])  # m

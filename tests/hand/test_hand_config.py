@@ -1,6 +1,8 @@
+import copy
 import dataclasses
 import math
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,8 @@ from pydrake.systems.framework import DiagramBuilder
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Superquadric
 from tactopose_drake.errors import InvalidFileError, InvalidInputError, UnknownNameError
 from tactopose_drake.hand.finger_chain import finger_chain, joints_towards
-from tactopose_drake.hand.hand_config import Coupling, FingerConfig, load_hand_config
+from tactopose_drake.hand.fingertip_surfaces import SphereSurface
+from tactopose_drake.hand.hand_config import Coupling, FingerConfig, HandConfig, load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand, find_hand, make_hand_plant
 from tactopose_drake.resources import model_path
 
@@ -483,3 +486,17 @@ def test_a_hand_is_pickled(hand: str) -> None:
     again = pickle.loads(pickle.dumps(config))
     assert repr(again) == repr(config)
     assert type(again.fingers[0].surface) is type(config.fingers[0].surface)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda config: pickle.loads(pickle.dumps(config))])
+def test_a_copy_is_equal_until_a_fingertip_is_elsewhere(copied: Callable[[HandConfig], HandConfig]) -> None:
+    config = load_hand_config("shadow_like")
+    other = copied(config)
+    assert other == config
+    assert config.fingers[0].surface != SphereSurface()
+    X_SF = other.fingers[0].surface.X_SF
+    X_SF.translation = X_SF.translation + np.array([1e-15, 0.0, 0.0])
+    assert other != config
+    other = copied(config)
+    other.fingers[0].surface.radius = math.nextafter(other.fingers[0].surface.radius, 1.0)
+    assert other != config
