@@ -121,7 +121,7 @@ class HandCycle:
         try:
             complete = self._decode(puck, group, bytes(frame.data))
         except ProtocolError as error:
-            self._errors.setdefault(answer, str(error))
+            self._errors.setdefault(answer, str(error).removesuffix("."))
             self._values(answer)[...] = np.nan
             complete = True
         if complete:

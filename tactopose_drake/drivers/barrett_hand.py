@@ -108,8 +108,7 @@ class BarrettHand(Device[HandSample]):
         self._command(self._tare(arrays, outcome))
         identities = self.bus.wait_for(lambda: outcome[0] if outcome else None, timeout)
         if identities is None:
-            state = self.status.removesuffix(".")
-            raise DeviceTimeoutError(f"{self.name} was not tared within {timeout:g} s; its state: {state}.")
+            raise DeviceTimeoutError(f"{self.name} was not tared within {timeout:g} s; its state: {self.status}.")
         self._unread.clear()
         pressures = self.read(timeout).pressures
         working = {puck for puck, identity in identities.items() if identity != protocol.TACTILE_FAILED}
@@ -146,7 +145,7 @@ class BarrettHand(Device[HandSample]):
     def _command(self, command: Conversation) -> None:
         # Never queued for a hand that does not answer, because it could then move unexpectedly.
         if not self._sampling:
-            raise DeviceError(f"{self.name} cannot be commanded; its state: {self.status.removesuffix('.')}.")
+            raise DeviceError(f"{self.name} cannot be commanded; its state: {self.status}.")
         self._commands.append(command)
 
     def _tare(self, arrays: list[Puck], outcome: list[dict[int, int]]) -> Conversation:

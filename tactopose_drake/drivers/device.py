@@ -125,8 +125,7 @@ class Device(ABC, Generic[Sample]):
         """
         sample = self.bus.wait_for(self._next_unread, timeout)
         if sample is None:
-            state = self.status.removesuffix(".")  # Some statuses are sentences.
-            raise DeviceTimeoutError(f"{self.name} gave no sample within {timeout:g} s; its state: {state}.")
+            raise DeviceTimeoutError(f"{self.name} gave no sample within {timeout:g} s; its state: {self.status}.")
         return sample
 
     def observe(self, max_age: float, now: float | None = None) -> tuple[Sample | None, float, str]:
@@ -147,7 +146,7 @@ class Device(ABC, Generic[Sample]):
         age = (self.bus.clock.time() if now is None else now) - sample.time
         # A time stamp in the future means that two clocks differ, so that the age is unknown.
         if abs(age) > max_age:
-            return None, age, f"stale: {age:.2f} s" + ("" if self.status == OK else f"; {self.status}")
+            return None, age, stale(age, max_age) + ("" if self.status == OK else f"; {self.status}")
         return sample, age, sample.status
 
     @property
@@ -157,8 +156,8 @@ class Device(ABC, Generic[Sample]):
 
     @property
     def status(self) -> str:
-        """The newest sample's status, or why there are no new samples."""
-        return self.bus.problem or self._state
+        """The newest sample's status, or why there are no new samples, without a full stop at the end."""
+        return (self.bus.problem or self._state).removesuffix(".")
 
     # The following methods are called by the bus, from one thread at a time.
 
@@ -250,3 +249,10 @@ class Device(ABC, Generic[Sample]):
 
     def _next_unread(self) -> Sample | None:
         return self._unread.popleft() if self._unread else None
+
+
+def stale(age: float, max_age: float) -> str:
+    """The status of a reading whose age, s, is farther from 0 than `max_age`; a negative age is of the future."""
+    if age < 0.0:
+        return f"stale: {-age:.2f} s in the future, and may be at most {max_age:g} s"
+    return f"stale: {age:.2f} s old"

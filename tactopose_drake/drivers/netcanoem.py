@@ -252,8 +252,8 @@ class NetCanOemForceTorque(Device[ForceTorqueSample]):
             (first, second), _ = yield from self._ask(Opcode.SAMPLE, parts=2)
             word, gauges = protocol.decode_sample(first, second)
         except ProtocolError as error:
-            nothing = np.full(6, np.nan)
-            self._publish(ForceTorqueSample(self._now, nothing, np.zeros(6, np.int64), f"bad reply: {error}"))
+            nothing, status = np.full(6, np.nan), f"bad reply: {str(error).removesuffix('.')}"
+            self._publish(ForceTorqueSample(self._now, nothing, np.zeros(6, np.int64), status))
             return
         before, self._tells_reset = self._tells_reset, bool(word & StatusBit.WATCHDOG_RESET)
         if self._tells_reset and not before:

@@ -9,6 +9,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.drivers.device import stale
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
@@ -110,7 +111,7 @@ class LcmHandSenses(CollectableSystem):
         if not np.isfinite(came):
             status = _NO_MESSAGE
         elif abs(age) > self._max_age:  # A message from the future, after the clock went back, is stale, too.
-            status = f"stale: {age:.2f} s old"
+            status = stale(age, self._max_age)
         received = _Received(message, came, status, is_used=abs(age) <= self._max_age)
         state.get_mutable_abstract_state(self._received).set_value(received)
         state.get_mutable_discrete_state(self._age).SetFromVector([age])

@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.drivers.device import stale
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_uncertainty import PadUncertainty
 from tactopose_drake.hand.hand_in_plant import Hand
@@ -157,7 +158,7 @@ class PatchDescriptor(CollectableSystem):
             elif not np.isfinite(age) or (abs(age) <= self._params.max_age and np.all(np.isnan(pressure))):
                 described[name] = _Described(None, NO_READING)
             elif abs(age) > self._params.max_age:  # A frame from the future, by another clock, is stale, too.
-                described[name] = _Described(None, f"stale: {age:.2f} s old")
+                described[name] = _Described(None, stale(age, self._params.max_age))
             else:
                 described[name] = self._describe(name, X_PT[name], pressure, kinematics)
         return described
@@ -183,7 +184,7 @@ class PatchDescriptor(CollectableSystem):
                 misplacement=None if errors is None else errors.covariance(name, pad.layout, kinematics),
             )
         except InvalidInputError as error:
-            return _Described(None, f"unusable: {error}")
+            return _Described(None, f"unusable: {str(error).removesuffix('.')}")
         return _Described(patch, ", ".join(filter(None, ("" if patch.is_felt else "no contact", remark))))
 
     def _patches(self, context: Context) -> dict[str, Patch]:

@@ -87,7 +87,7 @@ def test_an_adapter_that_is_pulled_out_is_opened_again_with_growing_pauses() -> 
         adapter.unplug()
         adapter.attempts.clear()
         run(bus, 10.0)
-        assert sensor.status == "bus cannot be opened (no such adapter)."
+        assert sensor.status == "bus cannot be opened (no such adapter)"
         pauses = np.diff(adapter.attempts)
         assert np.all(np.diff(pauses) > -1e-6)
         assert pauses[0] == pytest.approx(0.2, abs=0.01)
@@ -113,7 +113,7 @@ def test_a_failure_while_sending_is_noticed_too() -> None:
 
         adapter._bus.send = fail
         run(bus, 0.05)
-        assert sensor.status == "bus failed (transmit buffer full)."
+        assert sensor.status == "bus failed (transmit buffer full)"
         run(bus, 1.0)
         assert sensor.status == "ok"
 

@@ -49,6 +49,7 @@ def test_a_fault_has_its_status_gives_no_wrong_number_and_passes(fault, status: 
         unread(sensor)
         run(bus, 2.0)
         assert sensor.status.startswith(status)
+        assert not sensor.status.endswith(".")
         samples = unread(sensor)
         good = [sample for sample in samples if np.isfinite(sample.F_S).any()]
         assert all(is_right(sample) for sample in good)

@@ -43,7 +43,7 @@ def test_a_line_a_second_without_a_terminal(cube: ObjectModel) -> None:
     assert len(lines) == 3
     assert "thumb 4.89 N 200 Hz" in lines[-1]
     assert "ring no force 0 Hz" in lines[-1]
-    assert re.search(r"ring: stale: 2\.\d+ s; no reply", lines[-1])
+    assert re.search(r"ring: stale: 2\.\d+ s old; no reply", lines[-1])
     assert re.search(r"object at -?\d+\.\d -?\d+\.\d -?\d+\.\d mm; \d+ hypothes[ie]s", lines[-1])
 
 

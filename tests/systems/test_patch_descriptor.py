@@ -138,7 +138,7 @@ def test_an_old_frame_counts_for_nothing_until_a_new_one_comes(hand_plant: tuple
         (0.31, "palm: stale: 0.31 s old"),
         (np.inf, "palm: no reading"),
         (0.0, "ok"),
-        (-5.0, "palm: stale: -5.00 s old"),
+        (-5.0, "palm: stale: 5.00 s in the future, and may be at most 0.15 s"),
         (-1e-9, "ok"),
     ):
         system.GetInputPort("age_palm").FixValue(context, [age])
@@ -241,7 +241,9 @@ def test_an_impossible_pressure_makes_its_pad_no_patch_and_is_named(
     system, context = fixed(hand_plant, np.zeros(8), pressures)
     assert len(patches_of(system, context)) == 3
     assert system.GetOutputPort("pads").Eval(context) == ("finger_1", "finger_3", "palm")
-    assert system.GetOutputPort("status").Eval(context).startswith("finger_2: unusable: pressure")
+    status = system.GetOutputPort("status").Eval(context)
+    assert status.startswith("finger_2: unusable: pressure")
+    assert not status.endswith(".")
 
 
 def test_a_frame_with_the_wrong_number_of_cells_is_refused(hand_plant: tuple[MultibodyPlant, Hand]) -> None:
