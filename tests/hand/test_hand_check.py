@@ -138,6 +138,8 @@ def test_couplings_are_compared_with_the_model(tmp_path: Path) -> None:
     )  # fmt: skip
     right = check_hand(write_gripper(tmp_path, mimic=mimic, yaml=coupled % ", offset: 0.01"))
     assert ("ok", "right_slide = 0.5 left_slide + 0.01, as the model has it") in verdicts(right, "couplings")
+    # The joint on the way is told, although only the one that it follows is driven.
+    assert ("ok", "its joints lead from the palm outwards: right_slide") in verdicts(right, "finger right")
     wrong = check_hand(write_gripper(tmp_path, mimic=mimic, yaml=coupled % ""))
     assert "the file says right_slide = 0.5 left_slide, the model right_slide = 0.5 left_slide + 0.01" in (
         wrong.faults[0].text
