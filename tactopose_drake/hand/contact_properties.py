@@ -30,6 +30,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context
 
+from tactopose_drake.core.validation import instance_of
+from tactopose_drake.hand.geometry_query import geometry_query
 from tactopose_drake.hand.thinned_hull import thinned_hull
 
 _MODULUS = 3e7  # Pa, of a hard rubber that is deformed by a tenth of a millimetre
@@ -106,7 +108,16 @@ def self_collisions(plant: MultibodyPlant, context: Context, instance: ModelInst
 
 
 def let_overlap(plant: MultibodyPlant, scene_graph: SceneGraph, context: Context, instance: ModelInstanceIndex) -> None:
-    """Filters collisions between shapes of a model that overlap in the context's posture, as real links do not."""
+    """Filters collisions between shapes of a model that overlap in the context's posture, as real links do not.
+
+    Raises:
+        InvalidInputError: if an argument has a wrong type, or the context is not the plant's in a diagram with its
+            SceneGraph.
+    """
+    instance_of("plant", plant, MultibodyPlant)
+    instance_of("scene_graph", scene_graph, SceneGraph)
+    instance_of("context", context, Context)
+    instance_of("instance", instance, ModelInstanceIndex)
     manager = scene_graph.collision_filter_manager()
     for a, b, _, _ in _overlaps(plant, context, instance):
         manager.Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet([a, b])))
@@ -115,7 +126,7 @@ def let_overlap(plant: MultibodyPlant, scene_graph: SceneGraph, context: Context
 def _overlaps(
     plant: MultibodyPlant, context: Context, instance: ModelInstanceIndex
 ) -> list[tuple[GeometryId, GeometryId, str, str]]:
-    query = plant.get_geometry_query_input_port().Eval(context)
+    query = geometry_query(plant, context)
     link_of = {geometry: link for link, geometry in _shapes(plant, query.inspector(), instance)}
     found = []
     for pair in query.ComputePointPairPenetration():

@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint, RigidBody, WeldJoint
 
 from tactopose_drake.core.sensing.force_torque import GRAVITY_W, weight_matrix
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.finger_chain import welded_bodies
 from tactopose_drake.hand.hand_in_plant import Hand
@@ -55,6 +55,9 @@ class FingertipWeights:
             hand: the hand in it.
             R_WBase: orientation of a fixed base in the real world, whose z points up.
         """
+        instance_of("plant", plant, MultibodyPlant)
+        instance_of("hand", hand, Hand)
+        instance_of("R_WBase", R_WBase, RotationMatrix)
         base = plant.GetFrameByName(hand.config.base_link, hand.model_instance)
         self._on_base, self._frames = HandKinematics(plant, base), hand.sensor_frames
         self._on_palm = HandKinematics(plant, hand.palm_frame)

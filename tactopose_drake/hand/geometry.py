@@ -20,6 +20,7 @@ from tactopose_drake.core.shape.sphere_packing import Spheres, pack_box, pack_ca
 from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.hull_vertices import hull_vertices
+from tactopose_drake.hand.geometry_query import geometry_query
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import make_hand_with_shapes
 
@@ -65,23 +66,9 @@ class HandGeometry(hand_geometry.HandGeometry):
         instance_of("plant", plant, MultibodyPlant)
         instance_of("context", context, Context)
         instance_of("palm_frame", palm_frame, Frame)
-        if not plant.is_finalized():
-            raise InvalidInputError("plant must be finalized, and part of a diagram.")
         if palm_frame.GetParentPlant() is not plant:
             raise InvalidInputError(f"palm_frame must be of this plant, but {palm_frame.name()!r} is of another.")
-        try:
-            plant.ValidateContext(context)
-        except RuntimeError:
-            raise InvalidInputError(
-                "context must be the plant's, as plant.GetMyContextFromRoot(root) gives it, not another system's."
-            ) from None
-        query_port = plant.get_geometry_query_input_port()
-        if not query_port.HasValue(context):
-            raise InvalidInputError(
-                "context must be the plant's context in a diagram, and connect it to a SceneGraph, which holds the "
-                "hand's geometry."
-            )
-        inspector = query_port.Eval(context).inspector()
+        inspector = geometry_query(plant, context).inspector()
         spheres = BodySpheres.from_inspector(plant, inspector, palm_frame.model_instance())
         if not len(spheres.radius):
             raise InvalidInputError(f"palm_frame must be of a hand with collision geometry, not {palm_frame.name()!r}.")

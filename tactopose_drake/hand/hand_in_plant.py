@@ -185,8 +185,12 @@ def find_hand(plant: MultibodyPlant, config: HandConfig, model_instance: ModelIn
 
     Raises:
         UnknownNameError: if the model lacks a name of the configuration.
-        InvalidInputError: if a finger's weld is a moving joint and its sensor frame is not on the link that it moves.
+        InvalidInputError: if an argument has a wrong type; if a finger's weld is a moving joint and its sensor frame is
+            not on the link that it moves.
     """
+    instance_of("plant", plant, MultibodyPlant)
+    instance_of("config", config, HandConfig)
+    instance_of("model_instance", model_instance, ModelInstanceIndex)
     frames = {plant.get_frame(index).name(): plant.get_frame(index) for index in plant.GetFrameIndices(model_instance)}
     joints = {plant.get_joint(index).name(): plant.get_joint(index) for index in plant.GetJointIndices(model_instance)}
     sensing = [config.finger(name) for name in config.sensing]

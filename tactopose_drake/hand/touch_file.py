@@ -9,7 +9,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.poses import identity_poses, transform_points
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
-from tactopose_drake.core.validation import FloatArray, told_of
+from tactopose_drake.core.validation import FloatArray, path_of, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.data_checks import (
     check_list,
@@ -73,8 +73,10 @@ def load_touch(path: Path) -> LoadedTouch:
     Each plane has a `point`, its `normal` towards the object, and `sigma`, m, 1 mm by default: see `PlaneContact`.
 
     Raises:
+        InvalidInputError: if `path` is not a path.
         InvalidFileError: if the file, or that of an array, cannot be read or does not fit the format.
     """
+    path = path_of("path", path)
     data = check_mapping(path, "", read_data(path), (), ("contacts", "patches", "planes", *SIGMA_KEYS))
     if "contacts" not in data and "patches" not in data:
         raise InvalidFileError(f"{path} must have contacts, patches or both, but has neither.")

@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from tactopose_drake.core.validation import path_of
 from tactopose_drake.errors import InvalidFileError
 
 
@@ -33,10 +34,11 @@ def named_file(name_or_path: str | Path, files: str, shipped: Iterable[Path], en
         ending: the part of their file names that follows the name.
 
     Raises:
+        InvalidInputError: if `name_or_path` is neither a string nor a path.
         InvalidFileError: if there is no such file, or it is a folder; the message lists the package's names.
     """
     known = {path.name.removesuffix(ending): path for path in shipped}
-    path = known.get(str(name_or_path), Path(name_or_path))
+    path = known.get(str(name_or_path), path_of("name_or_path", name_or_path))
     if os.path.isdir(path) or not os.path.exists(path):
         allowed = f"a YAML file, or one of the package's {files}, {', '.join(sorted(known))}"
         given = "not a folder" if os.path.isdir(path) else "but there is no such file"

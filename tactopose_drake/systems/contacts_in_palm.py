@@ -16,7 +16,7 @@ from pydrake.systems.framework import Context
 from tactopose_drake.core.evidence.contacts import MOST_SIGMA_POSITION, Contacts
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, instance_of, positive_number
 from tactopose_drake.hand.contact_uncertainty import LEAST_COVARIANCE, ContactUncertainty
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
@@ -96,6 +96,9 @@ class ContactsInPalm(CollectableSystem):
             uncertainty: the hand's errors, from which each contact's covariance is computed, in place of `params`.
         """
         super().__init__()
+        instance_of("plant", plant, MultibodyPlant)
+        instance_of("sensor_frames", sensor_frames, Mapping)
+        instance_of("palm_frame", palm_frame, Frame)
         self._uncertainty = uncertainty
         self._params = params_of(ContactsInPalmParams, params)
         self._sensor_frames = dict(sensor_frames)

@@ -7,7 +7,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.hand_kinematics import declare_kinematics
 
@@ -39,6 +39,9 @@ class FingertipVelocities(CollectableSystem):
             palm_frame: P.
         """
         super().__init__()
+        instance_of("plant", plant, MultibodyPlant)
+        instance_of("tip_frames", tip_frames, Mapping)
+        instance_of("palm_frame", palm_frame, Frame)
         self._tip_frames = dict(tip_frames)
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
         self._velocities = self.DeclareVectorInputPort("joint_velocities", plant.num_velocities())

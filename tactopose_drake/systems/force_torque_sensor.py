@@ -13,7 +13,7 @@ from pydrake.multibody.tree import Frame, Joint
 from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.sensing.force_torque import ForceTorqueModel, measure, shift_matrix, weight_matrix
-from tactopose_drake.core.validation import known_name, positive_number
+from tactopose_drake.core.validation import instance_of, known_name, positive_number
 from tactopose_drake.drivers.device import NO_SAMPLE
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.hand.fingertip_weights import fingertip_mass
@@ -118,6 +118,10 @@ class ForceTorqueSensor(CollectableSystem):
             InvalidInputError: if the sensor frame is fixed to neither, or a number is out of its range.
         """
         super().__init__()
+        instance_of("plant", plant, MultibodyPlant)
+        instance_of("weld", weld, Joint)
+        instance_of("sensor_frame", sensor_frame, Frame)
+        instance_of("model", model, ForceTorqueModel)
         model.validate()
         positive_number("period", period)
         self._model = model

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, DiscreteValues, EventStatus
 from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.grasping.stall_law import close_until_stalled
 from tactopose_drake.core.parameter_checks import params_of
-from tactopose_drake.core.validation import FloatArray, finite_array, known_name, positive_number
+from tactopose_drake.core.validation import FloatArray, finite_array, instance_of, known_name, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand, sliding_joints
 from tactopose_drake.hand.hand_joints import HandJoints
@@ -97,6 +97,8 @@ class GripController(CollectableSystem):
             UnknownNameError: if `fixed` or `falling` name a joint without an actuator.
         """
         super().__init__()
+        instance_of("plant", plant, MultibodyPlant)
+        instance_of("hand", hand, Hand)
         self._params = params_of(GripControllerParams, params)
         joints = HandJoints.of(plant, hand)
         names = joints.actuated

@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.sensing.rubber_layer import cell_response, confined_pressure, find_neighbours
 from tactopose_drake.core.sensing.tactile_array import PressureField, mean_pressure, read_cells, spread_matrix
+from tactopose_drake.core.validation import instance_of
 from tactopose_drake.drivers.device import NO_SAMPLE
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_pressure import pressure_field
@@ -63,6 +64,9 @@ class TactileArray(CollectableSystem):
             InvalidInputError: if the body has no collision geometry, or a parameter is out of its range.
         """
         super().__init__()
+        instance_of("plant", plant, MultibodyPlant)
+        instance_of("pad_frame", pad_frame, Frame)
+        instance_of("pad", pad, TactilePad)
         pad.model.validate(len(pad.layout))
         body = pad_frame.body()
         # Plain integers, because Drake's identifiers would keep the plant alive.

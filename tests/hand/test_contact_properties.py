@@ -9,6 +9,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand import let_overlap, make_compliant
 from tactopose_drake.hand.contact_properties import (
     leave_friction_out,
@@ -81,6 +82,11 @@ def test_what_overlaps_at_rest_passes_through_itself(tmp_path: Path) -> None:
         return self_collisions(plant, plant.GetMyContextFromRoot(diagram.CreateDefaultContext()), hand.model_instance)
 
     assert overlaps() == [("left_tip", "right_tip")]
+    root = diagram.CreateDefaultContext()
+    with pytest.raises(InvalidInputError, match=r"^context must be the plant's, as plant\.GetMyContextFromRoot"):
+        let_overlap(plant, scene_graph, root, hand.model_instance)
+    with pytest.raises(InvalidInputError, match=r"^instance must be a ModelInstanceIndex, not a Hand"):
+        let_overlap(plant, scene_graph, plant.GetMyContextFromRoot(root), hand)  # type: ignore[arg-type]
     let_overlap(plant, scene_graph, plant.GetMyContextFromRoot(diagram.CreateDefaultContext()), hand.model_instance)
     assert overlaps() == []
 

@@ -20,6 +20,7 @@ from tactopose_drake.hand.finger_chain import finger_chain, joints_towards
 from tactopose_drake.hand.fingertip_surfaces import SphereSurface
 from tactopose_drake.hand.hand_config import Coupling, FingerConfig, HandConfig, load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand, find_hand, make_hand_plant
+from tactopose_drake.hand.touch_file import load_touch
 from tactopose_drake.resources import model_path
 
 FINGERS = ("first", "middle", "ring", "little", "thumb")
@@ -500,3 +501,11 @@ def test_a_copy_is_equal_until_a_fingertip_is_elsewhere(copied: Callable[[HandCo
     other = copied(config)
     other.fingers[0].surface.radius = math.nextafter(other.fingers[0].surface.radius, 1.0)
     assert other != config
+
+
+@pytest.mark.parametrize("wrong", [None, 3])
+def test_a_file_that_is_no_path_is_one_clear_error(wrong: object) -> None:
+    with pytest.raises(InvalidInputError, match=f"^name_or_path must be a path, not {wrong}"):
+        load_hand_config(wrong)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInputError, match=f"^path must be a path, not {wrong}"):
+        load_touch(wrong)  # type: ignore[arg-type]

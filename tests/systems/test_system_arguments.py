@@ -3,11 +3,19 @@
 from collections.abc import Callable
 
 import pytest
+from pydrake.math import RotationMatrix
 
 from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.hand.fingertip_weights import FingertipWeights
 from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_in_plant import find_hand, make_hand_plant
+from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.systems.contact_solver import ContactSolver
+from tactopose_drake.systems.contacts_in_palm import ContactsInPalm
+from tactopose_drake.systems.fingertip_velocities import FingertipVelocities
 from tactopose_drake.systems.fingertip_weight import FingertipWeight
+from tactopose_drake.systems.force_torque_sensor import ForceTorqueSensor, load_force_torque_model
+from tactopose_drake.systems.grip_controller import GripController
 from tactopose_drake.systems.measured_joints import MeasuredJoints
 from tactopose_drake.systems.next_touch_chooser import NextTouchChooser
 from tactopose_drake.systems.palm_pose import PalmPose
@@ -16,6 +24,7 @@ from tactopose_drake.systems.pose_belief_estimator import PoseBeliefParams
 from tactopose_drake.systems.pose_estimation import PoseEstimationParams
 from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
+from tactopose_drake.systems.simulated_array import TactileArray
 from tactopose_drake.systems.touch_exploration import TouchExplorationParams
 from tactopose_drake.systems.touch_explorer import TouchExplorer
 
@@ -40,6 +49,37 @@ from tactopose_drake.systems.touch_explorer import TouchExplorer
 def test_arguments_of_another_type_are_named(make: Callable[[], object], message: str) -> None:
     with pytest.raises(InvalidInputError, match=f"^{message}"):
         make()
+
+
+@pytest.mark.parametrize("wrong", [None, "shadow_like"])
+@pytest.mark.parametrize(
+    ("make", "names"),
+    [
+        (ContactsInPalm, {"plant": "plant", "sensor_frames": "sensor_frames", "palm_frame": "palm_frame"}),
+        (FingertipVelocities, {"plant": "plant", "tip_frames": "sensor_frames", "palm_frame": "palm_frame"}),
+        (FingertipWeights, {"plant": "plant", "hand": "hand", "R_WBase": "rotation"}),
+        (ForceTorqueSensor, {"plant": "plant", "weld": "weld", "sensor_frame": "palm_frame", "model": "sensor"}),
+        (GripController, {"plant": "plant", "hand": "hand"}),
+        (TactileArray, {"plant": "plant", "pad_frame": "palm_frame", "pad": "pad"}),
+        (find_hand, {"plant": "plant", "config": "config", "model_instance": "instance"}),
+    ],
+)
+def test_parts_of_a_plant_of_another_type_are_named(
+    make: Callable[..., object], names: dict[str, str], wrong: object
+) -> None:
+    config = load_hand_config("shadow_like")
+    plant, hand = make_hand_plant(config)
+    right = {
+        "plant": plant, "hand": hand, "config": config, "palm_frame": hand.palm_frame, "rotation": RotationMatrix(),
+        "sensor_frames": hand.sensor_frames, "weld": hand.welds["thumb"], "instance": hand.model_instance,
+        "sensor": load_force_torque_model(), "pad": load_tactile_pad("bh280_palm"),
+    }  # fmt: skip
+    for name in names:
+        arguments = {argument: right[part] for argument, part in names.items()} | {name: wrong}
+        with pytest.raises(InvalidInputError, match=rf"^{name} must be an? \w+, not "):
+            make(**arguments)
+        with pytest.raises(InvalidInputError, match=rf"^{name} must be an? \w+, not "):
+            make(*arguments.values())
 
 
 @pytest.mark.parametrize(
