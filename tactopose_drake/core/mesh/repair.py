@@ -164,13 +164,9 @@ def _weld(vertices: FloatArray, faces: IntArray, distance: float) -> tuple[Float
     tree = scipy.spatial.cKDTree(vertices)
     if tree.count_neighbors(tree, distance) > _MOST_NEIGHBOURS * len(vertices):
         return None
-    pairs = tree.query_pairs(distance, output_type="ndarray")
-    graph = scipy.sparse.coo_array(
-        (np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(len(vertices),) * 2
-    )
-    _, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    label = mesh_topology.connected(len(vertices), *tree.query_pairs(distance, output_type="ndarray").T)
     first = np.unique(label, return_index=True)[1]
-    return vertices[first], label.astype(np.int64)[faces]
+    return vertices[first], label[faces]
 
 
 def _make_manifold(vertices: FloatArray, faces: IntArray, repairs: list[str]) -> tuple[FloatArray, IntArray]:

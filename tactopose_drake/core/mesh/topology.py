@@ -73,11 +73,8 @@ def second_sides(faces: IntArray) -> NDArray[np.bool_]:
     others = np.sort(codes[~doubled], axis=None)
     code, edge, sides = np.unique(codes[sheet], return_inverse=True, return_counts=True)
     edge = edge.reshape(-1)
-    graph = scipy.sparse.coo_array(
-        (np.ones(len(edge), dtype=bool), (np.repeat(np.arange(len(sheet)), 3), len(sheet) + edge)),
-        shape=(len(sheet) + len(code),) * 2,
-    )
-    patches, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    label = connected(len(sheet) + len(code), np.repeat(np.arange(len(sheet)), 3), len(sheet) + edge)
+    patches = int(label.max()) + 1
     met = np.searchsorted(others, code, side="right") - np.searchsorted(others, code)
     rim = label[len(sheet) :][sides == 1]
     total = np.bincount(rim, minlength=patches)
@@ -106,9 +103,9 @@ def agree_on_sides(faces: IntArray, pairs: IntArray) -> tuple[IntArray, int]:
         return faces, 0
     count = len(faces)
     rows, columns = pairs[:, 0] // 3, pairs[:, 1] // 3
-    graph = scipy.sparse.coo_array((np.ones(len(pairs)), (rows, columns)), shape=(count, count)).tocsr()
+    graph = _graph(count, rows, columns).tocsr()
     clashes = {(int(a), int(b)) for a, b in zip(rows[clash], columns[clash], strict=True)}
-    bodies, body = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    body = connected(count, rows, columns)
     turned = np.zeros(count, dtype=bool)
     roots = np.unique(body, return_index=True)[1]
     for root in np.unique(body[rows[clash]]):
@@ -116,7 +113,7 @@ def agree_on_sides(faces: IntArray, pairs: IntArray) -> tuple[IntArray, int]:
         for face in visited[1:]:
             before = predecessors[face]
             turned[face] = turned[before] ^ ((before, face) in clashes or (face, before) in clashes)
-    majority = np.bincount(body, weights=turned, minlength=bodies) * 2 > np.bincount(body, minlength=bodies)
+    majority = np.bincount(body, weights=turned) * 2 > np.bincount(body)
     turned ^= majority[body]
     if np.any(clash != (turned[rows] != turned[columns])):
         raise InvalidMeshError("must have an inside, not only one side, like a Moebius strip.")
@@ -177,15 +174,13 @@ def split_vertices(faces: IntArray, pairs: IntArray) -> tuple[IntArray, IntArray
         The faces with new vertex indices (f, 3), and each new vertex's old index (v,).
     """
     start, _ = half_edges(faces)
-    count = len(start)
     after = pairs - pairs % 3 + (pairs + 1) % 3  # the half edge that starts where this one ends
-    rows = np.concatenate([pairs[:, 0], after[:, 0]])
-    columns = np.concatenate([after[:, 1], pairs[:, 1]])
-    graph = scipy.sparse.coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(count, count))
-    vertices, corner = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    old = np.empty(vertices, dtype=np.int64)
+    corner = connected(
+        len(start), np.concatenate([pairs[:, 0], after[:, 0]]), np.concatenate([after[:, 1], pairs[:, 1]])
+    )
+    old = np.empty(int(corner.max()) + 1, dtype=np.int64)
     old[corner] = start
-    return corner.astype(np.int64).reshape(-1, 3), old
+    return corner.reshape(-1, 3), old
 
 
 def edge_labels(count: int, pairs: IntArray) -> IntArray:
@@ -225,13 +220,20 @@ def split_repeated_edges(vertices: FloatArray, faces: IntArray, label: IntArray)
     )
 
 
+def connected(count: int, a: IntArray, b: IntArray) -> IntArray:
+    """The component that each of `count` nodes belongs to, numbered from 0, shape (count,); edges join a to b, (e,)."""
+    label = scipy.sparse.csgraph.connected_components(_graph(count, a, b), directed=False)[1]
+    return np.asarray(label, dtype=np.int64)
+
+
+def _graph(count: int, a: IntArray, b: IntArray) -> scipy.sparse.coo_array:
+    return scipy.sparse.coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(count, count))
+
+
 def body_labels(faces: IntArray) -> IntArray:
     """The body that each face belongs to, numbered from 0, shape (f,): faces that share a vertex are of one body."""
-    start, end = half_edges(faces)
-    count = int(faces.max()) + 1
-    graph = scipy.sparse.coo_array((np.ones(len(start), dtype=bool), (start, end)), shape=(count, count))
-    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1][faces[:, 0]]
-    return np.unique(label, return_inverse=True)[1].astype(np.int64)
+    label = connected(int(faces.max()) + 1, *half_edges(faces))
+    return np.unique(label[faces[:, 0]], return_inverse=True)[1].astype(np.int64)
 
 
 def boundary_loops(faces: IntArray, open_half_edges: IntArray) -> list[IntArray]:
