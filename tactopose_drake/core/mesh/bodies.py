@@ -17,7 +17,7 @@ from tactopose_drake.errors import InvalidMeshError
 
 _SAME = 1e-6  # relative tolerance of volumes and areas
 _TOUCHING = 1e-9  # tolerance of gaps, as a share of the size
-_SLIVER = 1e-12  # area of a degenerate face, as a share of all
+_SLIVER = 5e-13  # area of a degenerate face, as a share of all
 # Limits beyond which time or memory would be exhausted.
 _MOST_FACES_OF_UNION = 10  # as a multiple of the bodies' faces
 _MOST_BODIES = 5000
@@ -37,6 +37,12 @@ def cross_products(vertices: FloatArray, faces: AnyIntArray) -> FloatArray:
     a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
     cross: FloatArray = np.cross(b - a, c - a)
     return cross
+
+
+def face_areas(vertices: FloatArray, faces: AnyIntArray) -> FloatArray:
+    """Areas of the faces, shape (f,), m^2."""
+    areas: FloatArray = 0.5 * np.linalg.norm(cross_products(vertices, faces), axis=1)
+    return areas
 
 
 def volumes(vertices: FloatArray, faces: AnyIntArray, body: IntArray | None = None) -> FloatArray:
@@ -218,7 +224,7 @@ def _unite(
     if union.status() != manifold3d.Error.NoError or union.is_empty():
         raise InvalidMeshError(f"has overlapping bodies that cannot be united ({union.status().name}).")
     overlap = abs(union.volume() - volume.sum()) > _SAME * volume.sum()
-    area = 0.5 * float(np.linalg.norm(cross_products(vertices, faces), axis=1).sum())
+    area = float(face_areas(vertices, faces).sum())
     if not overlap and union.surface_area() >= (1.0 - _SAME) * area:
         return None
     mesh = union.to_mesh64()
@@ -228,7 +234,7 @@ def _unite(
         "overlapping" if overlap else "touching",
     )
     # Faces that coincide up to rounding may leave slivers: such bodies are not united.
-    slivers = np.linalg.norm(cross_products(united.vertices, united.faces), axis=1) <= _SLIVER * area
+    slivers = face_areas(united.vertices, united.faces) <= _SLIVER * area
     return None if not overlap and slivers.any() else united
 
 

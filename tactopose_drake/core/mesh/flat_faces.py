@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.mesh.bodies import cross_products
+from tactopose_drake.core.mesh.bodies import face_areas
 from tactopose_drake.core.mesh.topology import IntArray, half_edges
 from tactopose_drake.core.plain_values import counted
 from tactopose_drake.core.validation import FloatArray
@@ -56,7 +56,7 @@ def without_flat_faces(vertices: FloatArray, faces: IntArray, size: float, repai
 
 
 def _flat(vertices: FloatArray, faces: IntArray, size: float) -> NDArray[np.bool_]:
-    flat: NDArray[np.bool_] = 0.5 * np.linalg.norm(cross_products(vertices, faces), axis=1) <= _FLAT_FACE * size**2
+    flat: NDArray[np.bool_] = face_areas(vertices, faces) <= _FLAT_FACE * size**2
     return flat
 
 

@@ -48,7 +48,7 @@ def close_holes(
     if not loops:
         return vertices, faces
     lid_of = closed_faces[len(faces) :, 2] - len(vertices)
-    lid_area = 0.5 * np.linalg.norm(mesh_bodies.cross_products(closed_vertices, closed_faces[len(faces) :]), axis=1)
+    lid_area = mesh_bodies.face_areas(closed_vertices, closed_faces[len(faces) :])
     wide = np.bincount(lid_of, weights=lid_area) > _NO_AREA * size**2
     if not wide.all():
         repairs.append(

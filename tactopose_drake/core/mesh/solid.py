@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactopose_drake.core.mesh.bodies import cross_products, volumes
+from tactopose_drake.core.mesh.bodies import face_areas, volumes
 from tactopose_drake.core.mesh.topology import AnyIntArray, half_edges
 from tactopose_drake.core.plain_values import counted
 from tactopose_drake.core.validation import FloatArray
@@ -51,7 +51,7 @@ def solid_properties(vertices: FloatArray, faces: AnyIntArray) -> SolidPropertie
     lower, upper = vertices.min(axis=0), vertices.max(axis=0)
     size = float(np.linalg.norm(upper - lower))
     middle = 0.5 * (lower + upper)
-    area = 0.5 * float(np.linalg.norm(cross_products(vertices, faces), axis=1).sum())
+    area = float(face_areas(vertices, faces).sum())
     if volumes(vertices, faces)[0] <= _FLAT_BODY * size * area:
         raise InvalidMeshError("must enclose a volume, but is flat.")
     volume, centroid, inertia = _integrals((vertices - middle)[faces])

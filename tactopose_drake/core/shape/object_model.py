@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import read_only
-from tactopose_drake.core.mesh.bodies import cross_products
+from tactopose_drake.core.mesh.bodies import face_areas
 from tactopose_drake.core.mesh.solid import DENSITY
 from tactopose_drake.core.plain_values import ReadOnlyCopies, seal
 from tactopose_drake.core.shape import kept_parts
@@ -105,7 +105,7 @@ class ObjectModel(ReadOnlyCopies, MadeFromMesh):
     @cached_property
     def area(self) -> float:
         """Area of the surface, m^2."""
-        return 0.5 * float(np.linalg.norm(cross_products(self.vertices, self.faces), axis=1).sum())
+        return float(face_areas(self.vertices, self.faces).sum())
 
     @cached_property
     def middle(self) -> FloatArray:

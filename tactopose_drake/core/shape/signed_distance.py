@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.kernels.grid_kernels import COARSENESS, Grid
-from tactopose_drake.core.mesh import bodies as mesh_bodies
+from tactopose_drake.core.mesh.bodies import face_areas, volumes
 from tactopose_drake.core.mesh.winding_kernels import winding_numbers
 from tactopose_drake.core.shape import distance_transform
 from tactopose_drake.core.shape.distance_kernels import signed_field
@@ -181,8 +181,7 @@ def _winding(
 
 def _wall_thickness(vertices: FloatArray, faces: NDArray[np.int32]) -> float:
     """Twice the volume over the area: the thickness of a shell; two thirds of the radius for a ball."""
-    area = 0.5 * float(np.linalg.norm(mesh_bodies.cross_products(vertices, faces), axis=1).sum())
-    return 2.0 * float(mesh_bodies.volumes(vertices, faces)[0]) / area
+    return 2.0 * float(volumes(vertices, faces)[0]) / float(face_areas(vertices, faces).sum())
 
 
 def grid_shape(

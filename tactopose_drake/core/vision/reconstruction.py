@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from tactopose_drake.core.mesh.bodies import face_areas
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.validation import FloatArray, number_array
 from tactopose_drake.core.vision.depth_fusion import FusedVolume, FusionParams
@@ -75,9 +76,7 @@ def reconstruct(
     volume = FusedVolume.of(views, params, box)
     vertices, faces = volume.surface()
     seen = _is_seen(vertices, views, params)
-    corners = vertices[faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    unseen_share = float(np.average(1.0 - seen[faces].mean(axis=1), weights=area))
+    unseen_share = float(np.average(1.0 - seen[faces].mean(axis=1), weights=face_areas(vertices, faces)))
     off = np.concatenate([volume.distance(view.p_OQ) for view in views])
     # Errors common to an image do not show in how well its own points fit.
     seen_depths = [(view.camera, view.depth[np.isfinite(view.depth)]) for view in views]
