@@ -32,36 +32,28 @@ def has_surfels(vertices: FloatArray, faces: NDArray[np.int32], area: float, spa
 
 def pair_features(samples: SurfaceSamples, area: float, symmetry_poses: FloatArray) -> PairFeatures:
     """The same as `build_pair_features`, loaded from disk if cached."""
-    key = _pair_features_key(samples, area, symmetry_poses)
-    arrays = model_cache.load(key)
-    if arrays is not None and _are_pair_features(arrays):
-        return PairFeatures(
-            arrays["points"],
-            arrays["normals"],
-            float(arrays["spacing"]),
-            float(arrays["length"]),
-            arrays["features"],
-            arrays["pairs"],
-            arrays["first"],
-        )
-    made = build_pair_features(samples, area, symmetry_poses)
-    kept = {name: np.asarray(getattr(made, name)) for name in _PAIR_FEATURES}
-    model_cache.store(key, kept)
-    return made
+    arrays = model_cache.load_or_make(
+        _pair_features_key(samples, area, symmetry_poses),
+        _are_pair_features,
+        lambda: _arrays_of(build_pair_features(samples, area, symmetry_poses), _PAIR_FEATURES),
+    )
+    spacing, length = float(arrays.pop("spacing")), float(arrays.pop("length"))
+    return PairFeatures(**arrays, spacing=spacing, length=length)
 
 
 def surfels(vertices: FloatArray, faces: NDArray[np.int32], area: float, spacing: float) -> Surfels:
     """The same as `make_surfels`, loaded from disk if cached."""
-    key = _surfels_key(vertices, faces, area, spacing)
-    arrays = model_cache.load(key)
-    if arrays is not None and _are_surfels(arrays):
-        nx, ny, nz = (int(n) for n in arrays["shape"])
-        blocks, balls, first, origin = (arrays[name] for name in ("blocks", "balls", "first", "origin"))
-        return Surfels(blocks, balls, first, origin, float(arrays["cell"]), (nx, ny, nz), spacing)
-    made = make_surfels(vertices, faces, area, spacing)
-    kept = {name: np.asarray(getattr(made, name)) for name in _SURFELS}
-    model_cache.store(key, kept)
-    return made
+    arrays = model_cache.load_or_make(
+        _surfels_key(vertices, faces, area, spacing),
+        _are_surfels,
+        lambda: _arrays_of(make_surfels(vertices, faces, area, spacing), _SURFELS),
+    )
+    cell, (nx, ny, nz) = float(arrays.pop("cell")), arrays.pop("shape").tolist()
+    return Surfels(**arrays, cell=cell, shape=(nx, ny, nz), spacing=spacing)
+
+
+def _arrays_of(part: PairFeatures | Surfels, layout: Layout) -> Arrays:
+    return {name: np.asarray(getattr(part, name)) for name in layout}
 
 
 def _pair_features_key(samples: SurfaceSamples, area: float, symmetry_poses: FloatArray) -> str:

@@ -53,19 +53,20 @@ def arrays_of(mesh: MeshSource, options: ModelOptions) -> Arrays:
     """
     content = file_content(mesh) if isinstance(mesh, str | Path) else None
     raw = _scaled(load_mesh(mesh), options.scale) if content is None else None
+
+    def build() -> Arrays:
+        label = str(mesh) if isinstance(mesh, str | Path) else options.name
+        return build_arrays(raw or _scaled(load_mesh(mesh), options.scale), label, options)
+
+    if not options.is_kept:
+        return build()
     identity = content if raw is None else (raw.vertices, raw.faces)
     told = f"{options.tolerance} {options.samples} {options.spacing} {options.max_grid_bytes}"
     if content is not None and options.scale != 1.0:
         told += f" {options.scale!r}"
     key = model_cache.content_key(*(identity or ()), told)
-    arrays = model_cache.load(key) if options.is_kept else None
-    if arrays is None or not describe_a_model(arrays, options.samples):
-        label = str(mesh) if isinstance(mesh, str | Path) else options.name
-        arrays = build_arrays(raw or _scaled(load_mesh(mesh), options.scale), label, options)
-        if options.is_kept:
-            model_cache.store(key, arrays)
-    else:
-        options.check_fit(arrays["vertices"])
+    arrays = model_cache.load_or_make(key, lambda arrays: describe_a_model(arrays, options.samples), build)
+    options.check_fit(arrays["vertices"])
     return arrays
 
 

@@ -15,7 +15,7 @@ import math
 import os
 import tempfile
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -132,6 +132,15 @@ def load(key: str) -> Arrays | None:
     with contextlib.suppress(OSError):
         os.utime(path)
     return {name: record[name][0, ...].view(np.ndarray) for name in names[1:]}
+
+
+def load_or_make(key: str, is_valid: Callable[[Arrays], bool], make: Callable[[], Arrays]) -> Arrays:
+    """The arrays stored under a key if there are any and they are valid; otherwise those made, which are stored."""
+    arrays = load(key)
+    if arrays is None or not is_valid(arrays):
+        arrays = make()
+        store(key, arrays)
+    return arrays
 
 
 def store(key: str, arrays: Mapping[str, NDArray[Any]]) -> None:
