@@ -14,7 +14,6 @@ from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.shape.symmetry import CONTINUOUS, RotationalSymmetry, are_alike, symmetry_group
 from tactopose_drake.core.validation import FloatArray
 
-_TURNS = 12  # number of rotations that stand for all about an axis
 # Largest usual misfit of given rotations, rms, as a share of the size: a label or a small handle makes less, an axis in
 # a wrong place more.
 _USUAL_MISFIT = 0.05
@@ -77,8 +76,7 @@ def symmetry_lines(
         return [_near_symmetry_line(known.near, grid, samples)] if known.near else []
     lines = []
     for i, each in enumerate(known.symmetries):
-        turns = RotationalSymmetry(each.axis, each.point, each.order or _TURNS).poses()
-        off = float(misfits(grid, samples, turns).max())
+        off = float(misfits(grid, samples, each.turns()).max())
         if off > _USUAL_MISFIT * size:
             lines.append(
                 f"symmetry[{i}] is taken as told, though its turns leave the surface off by up to {1e3 * off:.3g} mm, "
@@ -89,7 +87,7 @@ def symmetry_lines(
 
 def _near_symmetry_line(near: Sequence[RotationalSymmetry], grid: DistanceGrid, samples: SurfaceSamples) -> str:
     """A sentence on what a near symmetry means, and how to declare it."""
-    turns = np.concatenate([RotationalSymmetry(each.axis, each.point, _TURNS).poses() for each in near])
+    turns = np.concatenate([each.turns() for each in near])
     off = f"surface off by up to {1e3 * misfits(grid, samples, turns).max():.1f} mm, rms"
     named = "any axis" if len(near) > 1 else f"its {axis_name(near[0].axis)} axis"
     option = " ".join(f"--symmetry {axis_name(each.axis)}" for each in near)

@@ -21,7 +21,7 @@ CONTINUOUS = 0
 # The order of the largest finite rotation group that is not cyclic or dihedral, the icosahedral one; twelve-fold prisms
 # have 24.
 _LARGEST_GROUP = 60
-_CONTINUOUS_TURNS = 12  # number of equally spaced rotations that stand for all about an axis
+_TURNS = 12  # number of equally spaced rotations that stand for all about an axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +77,10 @@ class RotationalSymmetry(ReadOnlyCopies):
         R = exp_so3(np.linspace(0.0, 2 * np.pi, count, endpoint=False)[:, None] * self.axis)
         return make_poses(R, self.point - R @ self.point)
 
+    def turns(self) -> FloatArray:
+        """The same as `poses`, with 12 rotations that stand for all about a continuous axis."""
+        return RotationalSymmetry(self.axis, self.point, self.order or _TURNS).poses()
+
 
 def symmetry_group(symmetries: Iterable[RotationalSymmetry]) -> FloatArray:
     """All poses X_OO' that the symmetries of finite order generate, the identity first, shape (g, 3, 4).
@@ -105,8 +109,7 @@ def sampled_turns(group: FloatArray, symmetries: Iterable[RotationalSymmetry]) -
     """
     for symmetry in symmetries:
         if symmetry.is_continuous:
-            steps = RotationalSymmetry(symmetry.axis, symmetry.point, _CONTINUOUS_TURNS).poses()
-            group = compose(group[:, None], steps[None]).reshape(-1, 3, 4)
+            group = compose(group[:, None], symmetry.turns()[None]).reshape(-1, 3, 4)
     return group
 
 
