@@ -27,6 +27,7 @@ from tactopose_drake.core.vision.depth_tracking import (
     DepthTrackerModel,
     TrackedPose,
     fit_pose,
+    residuals,
 )
 
 _ORIENTATIONS = 400  # number of orientations tried; any is within some 25 degrees of one of them
@@ -89,15 +90,11 @@ def _roughly_fitted(points: FloatArray, object_model: ObjectModel, X_CO: FloatAr
     """Poses (B, 3, 4) after some robust Gauss-Newton steps from starts (B, 3, 4)."""
     poses, width, ridge = X_CO, 0.02, np.diag(np.repeat([1e-3, 1.0], 3))
     for _ in range(_STEPS):
-        R_CO = poses[:, :, :3]
-        p_OQ = (points - poses[:, None, :, 3]) @ R_CO
-        distance, n_O = object_model.grid.distance_and_normal(p_OQ.reshape(-1, 3))
-        distance, n_O = distance.reshape(p_OQ.shape[:2]), n_O.reshape(p_OQ.shape)
-        J = -np.concatenate([np.cross(p_OQ, n_O), n_O @ np.swapaxes(R_CO, 1, 2)], axis=2)
+        distance, J = residuals(points, object_model, poses)
         weighted = np.swapaxes(J / (1.0 + (distance / width) ** 2)[:, :, None], 1, 2)
         step = -np.linalg.solve(weighted @ J + ridge, weighted @ distance[:, :, None])[:, :, 0]
         step *= np.minimum(1.0, 0.5 / np.maximum(np.linalg.norm(step[:, :3], axis=1), 1e-9))[:, None]
-        poses, width = retract(poses, step), max(0.7 * width, 0.003)
+        poses, width = retract(poses, np.asarray(step, dtype=np.float64)), max(0.7 * width, 0.003)
     return poses
 
 

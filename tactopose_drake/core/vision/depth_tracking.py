@@ -12,7 +12,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -110,7 +109,8 @@ def fit_pose(
     found = _least_squares(points, picture, object_model, pose, model)
     if found is None:
         return None
-    distance, J, near = residuals(points, object_model, found, model.gate)
+    distance, J = residuals(points, object_model, found)
+    near = np.abs(distance) < model.gate
     agreement = fit_to_picture(picture, object_model, found)
     if (
         near.sum() < model.least_pixels
@@ -137,15 +137,12 @@ def sigmas(points: FloatArray, picture: DepthPicture) -> FloatArray:
     return sigma
 
 
-def residuals(
-    points: FloatArray, object_model: ObjectModel, X_CO: FloatArray, gate: float
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Signed distances (n,), m, their derivatives by the increment (n, 6), and which points are in the gate (n,)."""
-    R_CO = X_CO[:, :3]
-    p_OQ = (points - X_CO[:, 3]) @ R_CO
+def residuals(points: FloatArray, object_model: ObjectModel, X_CO: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distances (..., n), m, of points (n, 3) from an object at poses (..., 3, 4); their derivatives, (..., n, 6)."""
+    R_CO = X_CO[..., :3]
+    p_OQ = (points - X_CO[..., None, :, 3]) @ R_CO
     distance, n_O = object_model.grid.distance_and_normal(p_OQ)
-    J = -np.concatenate([np.cross(p_OQ, n_O), n_O @ R_CO.T], axis=1)
-    return distance, J, np.abs(distance) < gate
+    return distance, -np.concatenate([np.cross(p_OQ, n_O), n_O @ np.swapaxes(R_CO, -1, -2)], axis=-1)
 
 
 def _points_about(
@@ -162,8 +159,7 @@ def _moved_with(points: FloatArray, picture: DepthPicture, object_model: ObjectM
     """Shifts the pose by the displacement of the points' centroid, as all of them are assumed to be the object's."""
     expected = expected_picture(object_model, X_CO, picture).points(without_hand=True)
     shift = points.mean(axis=0) - expected.mean(axis=0) if len(expected) else np.zeros(3)
-    moved: FloatArray = retract(X_CO[None], np.concatenate([np.zeros(3), shift])[None])[0]
-    return moved
+    return retract(X_CO, np.concatenate([np.zeros(3), shift]))
 
 
 def _elsewhere(points: FloatArray, distance: FloatArray) -> FloatArray:
@@ -194,14 +190,15 @@ def _least_squares(
     pose, information, sigma = expected, np.linalg.inv(model.motion), sigmas(points, picture)
     for width in model.widths:
         gate = model.gate * max(1.0, width / (model.first_width * model.width_factor**2))
-        distance, J, near = residuals(points, object_model, pose, gate)
+        distance, J = residuals(points, object_model, pose)
+        near = np.abs(distance) < gate
         if near.sum() < model.least_pixels:
             return None
         weight = near / (sigma**2 * (1.0 + (distance / np.maximum(3.0 * sigma, width)) ** 2))  # Cauchy's
-        offset = increments_between(expected[None], pose[None])[0]
+        offset = increments_between(expected, pose)
         hessian = (J * weight[:, None]).T @ J + information
         step = -np.linalg.solve(hessian, J.T @ (weight * distance) + information @ offset)
-        pose = retract(pose[None], step[None])[0]
+        pose = retract(pose, np.asarray(step, dtype=np.float64))
         if np.abs(step[:3]).max() < 1e-5 and np.abs(step[3:]).max() < 1e-6 and width == 0.0:
             break
     return pose

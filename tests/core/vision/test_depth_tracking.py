@@ -98,7 +98,8 @@ def test_no_point_is_surer_than_what_the_pose_leaves_over_or_what_is_seen_beyond
     seen = DepthPicture(depth, np.zeros(depth.shape, dtype=np.bool_), camera)
     fit = fit_pose(seen, box, X_CO, BEFORE, model)
     assert fit is not None
-    _, J, near = residuals(seen.points(without_hand=True), box, fit.X_CO, model.gate)
+    distance, J = residuals(seen.points(without_hand=True), box, fit.X_CO)
+    near = np.abs(distance) < model.gate
     told = np.linalg.inv(fit.covariance) - np.linalg.inv(BEFORE + model.motion)
     misfit = fit_to_picture(seen, box, fit.X_CO).misfit
     assert (misfit > 2.0 * fit.residual) == is_beyond
