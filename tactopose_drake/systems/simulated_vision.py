@@ -9,8 +9,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.validation import positive_number
-from tactopose_drake.core.vision.occlusion import hidden_share
-from tactopose_drake.core.vision.vision_model import VisionModel, measure_pose, tail_stretch
+from tactopose_drake.core.vision.vision_model import VisionModel, hidden_share, measure_pose, tail_stretch
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.systems.camera_view import CameraView

@@ -10,7 +10,6 @@ from .depth_tracking import DepthTrackerModel as DepthTrackerModel
 from .depth_tracking import TrackedPose as TrackedPose
 from .depth_tracking import fit_pose as fit_pose
 from .depth_view import DepthView as DepthView
-from .occlusion import hidden_share as hidden_share
 from .rasterizer import Camera as Camera
 from .rasterizer import DrawnSurface as DrawnSurface
 from .rasterizer import Layer as Layer
@@ -18,4 +17,5 @@ from .rasterizer import render as render
 from .reconstruction import Reconstruction as Reconstruction
 from .reconstruction import reconstruct as reconstruct
 from .vision_model import VisionModel as VisionModel
+from .vision_model import hidden_share as hidden_share
 from .vision_model import measure_pose as measure_pose

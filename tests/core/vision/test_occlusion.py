@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import exp_so3
-from tactopose_drake.core.vision.occlusion import hidden_share, segments_hit_spheres
+from tactopose_drake.core.vision.vision_model import hidden_share, segments_hit_spheres
 
 NO_SPHERES = (np.zeros((0, 3)), np.zeros(0))
 
