@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.sensing.cell_patterns import CornerPattern, PointPattern
 from tactopose_drake.core.sensing.tactile_array import TactileModel
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
-from tactopose_drake.core.sensing.tactile_patterns import CapsulePattern, RowPattern
+from tactopose_drake.core.sensing.tactile_patterns import CapsulePattern, CornerPattern, PointPattern, RowPattern
 from tactopose_drake.core.validation import FloatArray, positive_number, told_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.resources import load_typed_yaml, sensor_file

@@ -1,5 +1,3 @@
-from .cell_patterns import CornerPattern as CornerPattern
-from .cell_patterns import PointPattern as PointPattern
 from .contact_noise import NANO17_SIGMA_FORCE as NANO17_SIGMA_FORCE
 from .contact_noise import NANO17_SIGMA_MOMENT as NANO17_SIGMA_MOMENT
 from .contact_noise import contact_covariance as contact_covariance
@@ -29,4 +27,6 @@ from .tactile_array import spread_matrix as spread_matrix
 from .tactile_layout import TactileLayout as TactileLayout
 from .tactile_patterns import CapsulePattern as CapsulePattern
 from .tactile_patterns import CellRow as CellRow
+from .tactile_patterns import CornerPattern as CornerPattern
+from .tactile_patterns import PointPattern as PointPattern
 from .tactile_patterns import RowPattern as RowPattern
