@@ -12,7 +12,7 @@ from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
 from tactopose_drake.core.grasping.finger_touches import FingerTouches
 from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.poses import axes_across
-from tactopose_drake.core.shape.signed_distance import DistanceGrid
+from tactopose_drake.core.shape.signed_distance import DistanceGrid, PlacedGrid
 from tactopose_drake.core.validation import FloatArray
 
 # The best cosine between a finger's axis and the direction to the contact: at the fingertip's shoulder.
@@ -129,8 +129,9 @@ class FingerReach:
             refused: counts the reasons for which touches were rejected.
             with_sides: whether the fingertip may also touch with its straight part, besides its round end.
         """
+        surface = PlacedGrid(grid, X_PO)
         places = [self._end, *self._straight_part] if with_sides else [self._end]
-        found = [self._touches_at(place, grid, X_PO, generator, 6 * count, refused) for place in places]
+        found = [self._touches_at(place, surface, generator, 6 * count, refused) for place in places]
         touches = FingerTouches.joined(found)
         return touches.take(np.argsort(touches.cost, kind="stable")[:count])
 
@@ -144,7 +145,7 @@ class FingerReach:
         """
         q = self._q[:: max(1, len(self._q) // _WAITING)]
         spheres, radius = self.geometry.all_spheres(q)
-        distance = (_gap(grid, X_PO, spheres) - radius).min(axis=1)
+        distance = (PlacedGrid(grid, X_PO).distance(spheres) - radius).min(axis=1)
         order = np.argsort(-distance, kind="stable")
         waiting: FloatArray = q[order[distance[order] > clearance]]
         return waiting
@@ -152,17 +153,16 @@ class FingerReach:
     def _touches_at(
         self,
         place: _Place,
-        grid: DistanceGrid,
-        X_PO: FloatArray,
+        surface: PlacedGrid,
         generator: np.random.Generator,
         most: int,
         refused: Counter[str] | None,
     ) -> FingerTouches:
         """Touches with one place of the fingertip, from at most `most` samples."""
         params, radius = self._params, self.geometry.tip_radius
-        reaches = np.abs(_gap(grid, X_PO, place.p_PK) - radius) < 0.006
+        reaches = np.abs(surface.distance(place.p_PK) - radius) < 0.006
         near = _that_pass({"the fingertip does not reach the surface": reaches}, refused)
-        _, normal = _distance(grid, X_PO, place.p_PK[near])
+        _, normal = surface.distance_and_normal(place.p_PK[near])
         aligned = alignment(place.compliance[near], normal)
         wanted = {"pressing moves the fingertip another way": aligned > params.least_alignment}
         if place.is_end and self.geometry.has_axis:
@@ -171,7 +171,7 @@ class FingerReach:
         index = near[_that_pass(wanted, refused)]
         if len(index) > most:
             index = generator.choice(index, most, replace=False)
-        return self._refine(place, grid, X_PO, self._q[index], refused)
+        return self._refine(place, surface, self._q[index], refused)
 
     def _compliances(self, J: FloatArray) -> FloatArray:
         """Compliances of the fingertip, shape (n, 3, 3), m/N, from its Jacobians (n, 3, m)."""
@@ -179,25 +179,23 @@ class FingerReach:
         compliance: FloatArray = weighted @ np.swapaxes(weighted, 1, 2) / self._params.stiffness
         return compliance
 
-    def _onto_surface(self, place: _Place, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray) -> FloatArray:
+    def _onto_surface(self, place: _Place, surface: PlacedGrid, q: FloatArray) -> FloatArray:
         """Newton steps of joint positions (n, m) that put the place on the surface, within the joint limits."""
         geometry = self.geometry
         for _ in range(self._params.steps):
             p_PT, J = geometry.chain.point_jacobians(q, place.p_SK)
-            distance, normal = _distance(grid, X_PO, p_PT)
+            distance, normal = surface.distance_and_normal(p_PT)
             row = np.einsum("ni,nim->nm", normal, J) * self._arms
             gain = (geometry.tip_radius - distance) / np.sum(row * row, axis=1)
             q = np.clip(q + gain[:, None] * row * self._arms, self._lower, self._upper)
         return q
 
-    def _refine(
-        self, place: _Place, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray, refused: Counter[str] | None
-    ) -> FingerTouches:
+    def _refine(self, place: _Place, surface: PlacedGrid, q: FloatArray, refused: Counter[str] | None) -> FingerTouches:
         """Puts the place on the surface, and keeps clean touches."""
         geometry, params, chain = self.geometry, self._params, self.geometry.chain
-        q = self._onto_surface(place, grid, X_PO, q)
+        q = self._onto_surface(place, surface, q)
         p_PT, J = chain.point_jacobians(q, place.p_SK)
-        distance, normal = _distance(grid, X_PO, p_PT)
+        distance, normal = surface.distance_and_normal(p_PT)
         compliance = self._compliances(J)
         aligned = alignment(compliance, normal)
         facing, least_facing = np.full(len(q), _BEST_FACING), params.least_facing
@@ -210,25 +208,23 @@ class FingerReach:
         lift = params.lift / np.einsum("ni,nij,nj->n", normal, compliance, normal)
         q_open = np.clip(q - lift[:, None] * closing, chain.lower, chain.upper)
         p_PC = p_PT - geometry.tip_radius * normal
-        opened = _gap(grid, X_PO, geometry.fixed_points(q_open, place.p_SK[None])[:, 0])
+        opened = surface.distance(geometry.fixed_points(q_open, place.p_SK[None])[:, 0])
         clean = {
             "a joint limit keeps the fingertip off": np.abs(distance - geometry.tip_radius) < params.contact_tolerance,
             "pressing moves the fingertip another way": aligned > params.least_alignment,
             "the finger would touch with its side or back": facing > least_facing,
             "the finger would touch with its very end": facing < params.most_facing,
-            "the fingertip would touch an edge or a corner": self._is_open(grid, X_PO, p_PT, normal)
-            & self._is_smooth(grid, X_PO, p_PC, normal),
+            "the fingertip would touch an edge or a corner": self._is_open(surface, p_PT, normal)
+            & self._is_smooth(surface, p_PC, normal),
             "the finger cannot open so far": opened > geometry.tip_radius + 0.4 * params.lift,
-            "the finger behind the fingertip would touch": self._is_clear(place, grid, X_PO, q, q_open),
+            "the finger behind the fingertip would touch": self._is_clear(place, surface, q, q_open),
         }
         # A fingertip touches best with its shoulder, rather than with its very end or its side.
         cost = 6.0 * (1.0 - aligned) + 2.0 * np.abs(facing - _BEST_FACING)
         touches = FingerTouches(q, closing, q_open, p_PC, normal, cost)
         return touches.take(_that_pass(clean, refused))
 
-    def _is_clear(
-        self, place: _Place, grid: DistanceGrid, X_PO: FloatArray, q: FloatArray, q_open: FloatArray
-    ) -> NDArray[np.bool_]:
+    def _is_clear(self, place: _Place, surface: PlacedGrid, q: FloatArray, q_open: FloatArray) -> NDArray[np.bool_]:
         """Whether the finger beside the place is off the object, closed at q and on its way to q_open, shape (n,)."""
         geometry, params = self.geometry, self._params
         clear = np.ones(len(q), dtype=np.bool_)
@@ -236,29 +232,27 @@ class FingerReach:
             # The straight part may lie along the object, but must not be deeper in it elsewhere.
             tip = np.concatenate([geometry.along_straight_part(_PLACES), geometry.p_ST[None]])
             for posture in (q, q_open):
-                beside = _gap(grid, X_PO, geometry.fixed_points(posture, tip))
+                beside = surface.distance(geometry.fixed_points(posture, tip))
                 clear &= np.all(beside > geometry.tip_radius - _DEEPER, axis=1)
         elif geometry.has_axis:
-            side = _gap(grid, X_PO, np.stack([geometry.tip(q, 0.0), geometry.tip(q, 0.5)], axis=1))
+            side = surface.distance(np.stack([geometry.tip(q, 0.0), geometry.tip(q, 0.5)], axis=1))
             clear &= np.all(side > geometry.tip_radius + 0.0005, axis=1)
         for share in np.linspace(0.0, 1.0, params.approach_stops):
-            distance = _gap(grid, X_PO, geometry.spheres(q + share * (q_open - q)))
+            distance = surface.distance(geometry.spheres(q + share * (q_open - q)))
             clear &= np.all(distance > geometry.radius + params.clearance, axis=1)
         return clear
 
-    def _is_open(self, grid: DistanceGrid, X_PO: FloatArray, p_PT: FloatArray, normal: FloatArray) -> NDArray[np.bool_]:
+    def _is_open(self, surface: PlacedGrid, p_PT: FloatArray, normal: FloatArray) -> NDArray[np.bool_]:
         """Whether fingertips at p_PT touch a single place, shape (n,)."""
         params = self._params
-        outside = _gap(grid, X_PO, p_PT + params.outwards * normal)
+        outside = surface.distance(p_PT + params.outwards * normal)
         return np.asarray(outside > self.geometry.tip_radius + params.least_openness * params.outwards)
 
-    def _is_smooth(
-        self, grid: DistanceGrid, X_PO: FloatArray, p_PC: FloatArray, normal: FloatArray
-    ) -> NDArray[np.bool_]:
+    def _is_smooth(self, surface: PlacedGrid, p_PC: FloatArray, normal: FloatArray) -> NDArray[np.bool_]:
         """Whether the object has no edge at points p_PC of its surface, shape (n,)."""
         t1, t2 = axes_across(normal)
         beside = p_PC[:, None] + self._params.sideways * np.stack([t1, -t1, t2, -t2], axis=1)
-        _, normals = _distance(grid, X_PO, beside)
+        _, normals = surface.distance_and_normal(beside)
         return np.asarray(np.einsum("nki,ni->nk", normals, normal).min(axis=1) > np.cos(self._params.most_turn))
 
 
@@ -270,18 +264,6 @@ def _that_pass(wanted: Mapping[str, NDArray[np.bool_]], refused: Counter[str] | 
             refused[reason] += int(np.count_nonzero(passed & ~good))
         passed &= good
     return np.flatnonzero(passed)
-
-
-def _distance(grid: DistanceGrid, X_PO: FloatArray, p_PQ: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Signed distances (...) and normals in P (..., 3) of the object at points (..., 3) in P."""
-    R_PO = X_PO[:, :3]
-    distance, n_O = grid.distance_and_normal((p_PQ - X_PO[:, 3]) @ R_PO)
-    return distance, n_O @ R_PO.T
-
-
-def _gap(grid: DistanceGrid, X_PO: FloatArray, p_PQ: FloatArray) -> FloatArray:
-    """Signed distances (...) of the object at points (..., 3) in P."""
-    return grid.distance((p_PQ - X_PO[:, 3]) @ X_PO[:, :3])
 
 
 def alignment(compliance: FloatArray, normal: FloatArray) -> FloatArray:

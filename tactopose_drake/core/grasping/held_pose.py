@@ -6,6 +6,7 @@ import numpy as np
 
 from tactopose_drake.core import poses
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.shape.signed_distance import PlacedGrid
 from tactopose_drake.core.validation import FloatArray
 
 _STEPS, _BEYOND = 6, 0.0005  # most steps by which an object is shifted off, and the margin of each, m
@@ -68,4 +69,4 @@ def shifted_off(
 def least_distance(model: ObjectModel, X_PO: FloatArray, spheres: tuple[FloatArray, FloatArray]) -> float:
     """Least distance of the object at a pose (3, 4) from spheres, centres in P (n, 3) and radii (n,), m."""
     centres, radius = spheres
-    return float((model.grid.distance((centres - X_PO[:, 3]) @ X_PO[:, :3]) - radius).min())
+    return float((PlacedGrid(model.grid, X_PO).distance(centres) - radius).min())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -110,6 +111,28 @@ class DistanceGrid:
         fields = np.empty((len(flat), channels))
         interpolate(read_only(self.values), read_only(self.origin), self.upper, self.spacing, flat, fields)
         return fields.reshape(*points.shape[:-1], channels)
+
+
+class PlacedGrid(NamedTuple):
+    """The grid of an object at a pose in another frame P.
+
+    Attributes:
+        grid: of the object.
+        X_PO: the object's pose, shape (3, 4).
+    """
+
+    grid: DistanceGrid
+    X_PO: FloatArray
+
+    def distance(self, p_PQ: FloatArray) -> FloatArray:
+        """Signed distances, shape (...), m, of points p_PQ in P, shape (..., 3), m."""
+        return self.grid.distance((p_PQ - self.X_PO[:, 3]) @ self.X_PO[:, :3])
+
+    def distance_and_normal(self, p_PQ: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Signed distances (...), m, and unit normals (..., 3) in P, of points p_PQ in P, shape (..., 3), m."""
+        R_PO = self.X_PO[:, :3]
+        distance, n_O = self.grid.distance_and_normal((p_PQ - self.X_PO[:, 3]) @ R_PO)
+        return distance, n_O @ R_PO.T
 
 
 def build_grid(
