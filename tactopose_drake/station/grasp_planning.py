@@ -3,9 +3,8 @@
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from tactopose_drake.core.grasping.grasp_plan import GraspPlan
+from tactopose_drake.core.grasping.grasp_plan import GraspPlan, Refusals
 from tactopose_drake.core.grasping.grasp_planner import plan_grasps
-from tactopose_drake.core.grasping.refusals import Refusals
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config

@@ -11,8 +11,8 @@ import trimesh
 
 from tactopose_drake.core.grasping.finger_reach import FingerReach, ReachParams
 from tactopose_drake.core.grasping.finger_sides import are_apart, half_width, sides
+from tactopose_drake.core.grasping.grasp_plan import Refusals
 from tactopose_drake.core.grasping.grasp_planner import HandReach, PlannerParams, plan_grasps
-from tactopose_drake.core.grasping.refusals import Refusals
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError

@@ -7,6 +7,7 @@ from .grasp_law import commanded_positions as commanded_positions
 from .grasp_law import joint_torques as joint_torques
 from .grasp_law import update_push as update_push
 from .grasp_plan import GraspPlan as GraspPlan
+from .grasp_plan import Refusals as Refusals
 from .grasp_planner import HandReach as HandReach
 from .grasp_planner import PlannerParams as PlannerParams
 from .grasp_planner import Spheres as Spheres
@@ -21,7 +22,6 @@ from .quality import ClosureProbability as ClosureProbability
 from .quality import GraspQuality as GraspQuality
 from .quality import force_closure_probability as force_closure_probability
 from .quality import grasp_quality as grasp_quality
-from .refusals import Refusals as Refusals
 from .serial_chain import SLIDING_ARM as SLIDING_ARM
 from .serial_chain import SerialChain as SerialChain
 from .stall_law import close_until_stalled as close_until_stalled

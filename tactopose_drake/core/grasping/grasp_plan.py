@@ -1,10 +1,13 @@
-"""A planned grasp: the object's pose in the palm, and the motion of each finger."""
+"""A planned grasp, the object's pose in the palm and the motion of each finger; or the reasons why none was found."""
 
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from tactopose_drake.core.grasping.grasp_law import ClosingMotion
 from tactopose_drake.core.validation import FloatArray
+
+_MOST_REASONS = 3  # that a sentence lists for a finger
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,3 +35,29 @@ class GraspPlan:
     fingers: Mapping[str, FingerPlan]
     score: float
     waiting: Mapping[str, FloatArray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Refusals:
+    """Counts of what a search for grasps has rejected.
+
+    Attributes:
+        poses: number of the object's poses that were rejected, by the reason.
+        touches: the same for each finger's touches, by the finger.
+    """
+
+    poses: Counter[str] = field(default_factory=Counter)
+    touches: defaultdict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+
+    def explanation(self) -> str:
+        """The counts as sentences; for touches, only the most frequent reasons, each the first that applied."""
+        parts = [f"of {self.poses.total()} poses: " + _listed(self.poses.most_common())]
+        for finger, reasons in self.touches.items():
+            most = [(reason, count) for reason, count in reasons.most_common(_MOST_REASONS) if count]
+            if most:
+                parts.append(f"of {reasons.total()} touches of {finger!r}: {_listed(most)}")
+        return "; ".join(parts)
+
+
+def _listed(counts: list[tuple[str, int]]) -> str:
+    return ", ".join(f"{count} because {reason}" for reason, count in counts)

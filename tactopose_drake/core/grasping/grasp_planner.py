@@ -14,10 +14,9 @@ from tactopose_drake.core.grasping.finger_reach import FingerReach
 from tactopose_drake.core.grasping.finger_sides import FingerShape, are_apart
 from tactopose_drake.core.grasping.finger_touches import FingerTouches
 from tactopose_drake.core.grasping.grasp_law import ClosingMotion
-from tactopose_drake.core.grasping.grasp_plan import FingerPlan, GraspPlan
+from tactopose_drake.core.grasping.grasp_plan import FingerPlan, GraspPlan, Refusals
 from tactopose_drake.core.grasping.grasp_score import ContactTerms, GraspScore, ScoreParams, score_grasp
 from tactopose_drake.core.grasping.held_pose import least_distance, sample_held_pose, shifted_off
-from tactopose_drake.core.grasping.refusals import Refusals
 from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, known_name, whole_number
