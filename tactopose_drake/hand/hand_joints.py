@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import Coupling
 from tactopose_drake.hand.hand_in_plant import Hand, joints_of
 
@@ -30,7 +31,13 @@ class HandJoints:
 
     @classmethod
     def of(cls, plant: MultibodyPlant, hand: Hand) -> HandJoints:
-        """The order in a finalized plant that holds the hand."""
+        """The order in a finalized plant that holds the hand.
+
+        Raises:
+            InvalidInputError: if the hand is in another plant.
+        """
+        if hand.palm_frame.GetParentPlant() is not plant:
+            raise InvalidInputError("hand must be in this plant, but is in another.")
         joints = joints_of(plant, hand)
         moving = [joint for joint in joints if joint.num_positions() > 0]
         # Joints of bodies that are attached to a finger may be between the hand's joints in the plant.

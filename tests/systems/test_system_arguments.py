@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import pytest
 from pydrake.math import RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.fingertip_weights import FingertipWeights
@@ -49,6 +50,14 @@ from tactopose_drake.systems.touch_explorer import TouchExplorer
 def test_arguments_of_another_type_are_named(make: Callable[[], object], message: str) -> None:
     with pytest.raises(InvalidInputError, match=f"^{message}"):
         make()
+
+
+def test_a_hand_of_another_plant_is_refused() -> None:
+    """Drake would end the process by a failed assertion if the plant has fewer models."""
+    (plant, _), (_, other) = (make_hand_plant(load_hand_config("shadow_like")) for _ in range(2))
+    for empty in (plant, MultibodyPlant(time_step=0.001)):
+        with pytest.raises(InvalidInputError, match=r"^hand must be in this plant, but is in another\."):
+            GripController(empty, other)
 
 
 @pytest.mark.parametrize("wrong", [None, "shadow_like"])
