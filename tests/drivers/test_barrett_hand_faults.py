@@ -39,7 +39,7 @@ def test_an_answer_that_is_contradicted_in_its_round_is_taken_back() -> None:
         assert is_whole(hand.read())
         simulated.faults = [contradict]
         sample = hand.read()
-        assert sample.status == "F1: motor position must be from -219000 to 219000 counts, not 1000000."
+        assert sample.status == "F1: motor position must be from -219000 to 219000 counts, not 1000000"
         np.testing.assert_array_equal(np.isnan(sample.joint_positions), np.isin(range(7), [0, 3]))
         assert has_no_wrong_number(sample)
 
@@ -144,7 +144,7 @@ def test_a_fault_has_its_status_gives_no_wrong_number_and_passes(fault, status: 
         assert is_whole(hand.read(0.1))
 
 
-COUNTS = "position counts from where the puck restarted, until the joint is initialized."
+COUNTS = "position counts from where the puck restarted, until the joint is initialized"
 RESTARTED = "; ".join(f"{puck.name}: {COUNTS}" for puck in Puck)
 
 
