@@ -159,6 +159,8 @@ def cost_within_modes(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterior
     Only one image of each pose counts, the nearest to a mode; otherwise a mode wide enough to reach its own images
     would count repeatedly. Poses out of touch do not count: without a prior their volume has no bound.
     """
+    if len(posterior.symmetry_poses) == 1 and not posterior.excludes_out_of_touch:
+        return posterior.exact_cost(X_PO)
     counts = np.ones(len(X_PO), dtype=np.bool_)
     if len(posterior.symmetry_poses) > 1:
         nearest = np.empty(len(X_PO), dtype=np.intp)
@@ -168,8 +170,6 @@ def cost_within_modes(X_PO: FloatArray, X_mode: FloatArray, posterior: Posterior
         counts = nearest == 0
     if posterior.excludes_out_of_touch and posterior.false_ones is not None:
         counts &= ~posterior.false_ones(X_PO).all(axis=1)
-    if counts.all():
-        return posterior.exact_cost(X_PO)
     cost = np.full(len(X_PO), np.inf)
     cost[counts] = posterior.exact_cost(X_PO[counts])
     return cost
