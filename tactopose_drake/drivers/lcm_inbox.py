@@ -1,6 +1,7 @@
 """Received LCM messages: all are decoded, the newest is used, and lost ones are counted."""
 
 import importlib
+import select
 from typing import Any, Protocol
 
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectPoseMessage
@@ -20,8 +21,11 @@ class LcmConnection(Protocol):
     def publish(self, channel: str, data: bytes) -> Any:
         """Sends a message."""
 
-    def handle_timeout(self, timeout: int, /) -> int:
-        """Waits for a message for at most `timeout` ms, and handles it."""
+    def fileno(self) -> int:
+        """The descriptor that can be read while a message waits."""
+
+    def handle(self) -> None:
+        """Waits for a message, and handles it."""
 
 
 def open_lcm(url: str) -> LcmConnection:
@@ -65,6 +69,8 @@ class LcmInbox:
         self.received = self.lost = self.passed_over = 0
         self.remarks: list[str] = []
         self._connection = connection
+        self._waiting = select.poll()  # LCM's own wait is for descriptors below 1024 only.
+        self._waiting.register(connection.fileno(), select.POLLIN)
         self._last: HandSensesMessage | None = None
         self._newest: HandSensesMessage | None = None
         self._pictures = WaitingPictures[ObjectPoseMessage]()
@@ -78,14 +84,13 @@ class LcmInbox:
         Raises:
             BusError: if reading fails.
         """
+        remaining = max(0.0, 1e3 * timeout)
         try:
-            if self._connection.handle_timeout(max(0, round(1e3 * timeout))) > 0:
-                while self._connection.handle_timeout(0) > 0:
-                    pass
+            while self._waiting.poll(remaining):
+                self._connection.handle()
+                remaining = 0.0
         except OSError as error:
-            # If a signal ended the wait, its handler runs at the next call, which is this one.
-            fault = BusError(f"LCM cannot be read ({error}).")
-            raise fault from None
+            raise BusError(f"LCM cannot be read ({error}).") from None
 
     def take(self) -> HandSensesMessage | None:
         """Takes the newest message of the senses; None if there is no new one."""

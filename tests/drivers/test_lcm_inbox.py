@@ -1,4 +1,6 @@
+import contextlib
 import os
+import resource
 import sys
 
 import numpy as np
@@ -45,6 +47,25 @@ def test_none_is_lost_while_nobody_looks() -> None:
     for _ in range(20):
         inbox.wait(0.05)
     assert (inbox.received, inbox.lost) == (200, 0)
+
+
+def test_messages_come_where_the_process_has_many_files_open() -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = 1200  # LCM waits by `select`, which overruns its stack from 1024 on.
+    if hard != resource.RLIM_INFINITY and hard < wanted:
+        pytest.skip(f"a process may not have more than {hard} files open here")
+    with contextlib.ExitStack() as files:
+        files.callback(resource.setrlimit, resource.RLIMIT_NOFILE, (soft, hard))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, wanted), hard))
+        while files.enter_context(open(os.devnull)).fileno() < 1100:
+            pass
+        link = open_lcm("memq://")
+        inbox = LcmInbox(link, "SENSES")
+        send(link, 3, 4)
+        inbox.wait(0.1)
+    newest = inbox.take()
+    assert newest is not None
+    assert newest.sequence == 4
 
 
 def test_what_is_missing_is_counted_and_said_once() -> None:

@@ -1,20 +1,23 @@
 """A cache of arrays on disk, by content.
 
 A file holds a set of arrays as a single numpy record without pickled objects, so that it is mapped into memory instead
-of read. It is written to a temporary file and moved into place atomically, so that readers and other writers never see
-a part of it. A checksum over key and content, stored in front, detects damage and swapped files; a damaged file counts
-as missing. A folder that cannot be read or written is no error either: the model is then built anew each time. Beyond a
-size limit the least recently used files are removed.
+of read: processes share it, and no file stays open. It is written to a temporary file and moved into place atomically,
+so that readers and other writers never see a part of it. A checksum over key and content, stored in front, detects
+damage and swapped files; a damaged file counts as missing. A folder that cannot be read or written is no error either:
+the model is then built anew each time. Beyond a size limit the least recently used files are removed.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import hashlib
 import math
+import mmap
 import os
 import tempfile
 import warnings
+import weakref
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,6 +41,12 @@ _GB = 1e9
 _ALIGNMENT = 64  # of each array in a file, bytes
 _CHECK = "check"  # name of the checksum
 _ENDINGS = (".npy", ".tmp")  # the latter for files being written, or left by a process that ended while writing
+
+_LIBC = ctypes.CDLL(None, use_errno=True)
+_LIBC.mmap.restype = ctypes.c_void_p
+_LIBC.mmap.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int, ctypes.c_int, ctypes.c_int, ctypes.c_long)
+_LIBC.munmap.argtypes = (ctypes.c_void_p, ctypes.c_size_t)
+_MAP_FAILED = ctypes.c_void_p(-1).value
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -120,10 +129,8 @@ def load(key: str) -> Arrays | None:
     """The arrays stored under a key, read-only, mapped from the file; None if there is no valid file."""
     try:
         path = _path(key)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            record = np.load(path, mmap_mode="r", allow_pickle=False)
-        names = record.dtype.names
+        record = _mapped(path)
+        names = record.dtype.names or ()
         sound = record.shape == (1,) and names[0] == _CHECK and record[_CHECK][0].tobytes() == _digest(key, record)
     except Exception:  # for a damaged header, numpy's parser warns of and raises almost anything
         return None
@@ -131,7 +138,7 @@ def load(key: str) -> Arrays | None:
         return None
     with contextlib.suppress(OSError):
         os.utime(path)
-    return {name: record[name][0, ...].view(np.ndarray) for name in names[1:]}
+    return {name: record[name][0, ...] for name in names[1:]}
 
 
 def load_or_make(key: str, is_valid: Callable[[Arrays], bool], make: Callable[[], Arrays]) -> Arrays:
@@ -167,6 +174,27 @@ def _path(key: str) -> Path:
     return cache_folder() / f"{key}.npy"
 
 
+def _mapped(path: Path) -> NDArray[np.void]:
+    """The record in a file, read-only, mapped until nothing views it.
+
+    No descriptor stays open: the `mmap` of Python keeps one for each mapping, and often a process may have 1024 only.
+
+    Raises:
+        OSError, ValueError or others: if the file cannot be read, or does not have the format.
+    """
+    with path.open("rb") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        np.lib.format.read_magic(file)
+        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+        start, size = file.tell(), os.fstat(file.fileno()).st_size
+        address = _LIBC.mmap(None, size, mmap.PROT_READ, mmap.MAP_SHARED, file.fileno(), 0)
+    if address in (None, _MAP_FAILED):
+        raise OSError(ctypes.get_errno(), f"{path} cannot be mapped")
+    content = (ctypes.c_char * size).from_address(address)
+    weakref.finalize(content, _LIBC.munmap, address, size).atexit = False  # threads may still read it then
+    return np.frombuffer(memoryview(content).toreadonly(), dtype, offset=start).reshape(shape)
+
+
 def _record(key: str, arrays: Mapping[str, NDArray[Any]]) -> NDArray[np.void]:
     """Packs all arrays into one record, each aligned, the checksum first."""
     fields: dict[str, NDArray[Any]] = {_CHECK: np.zeros(8, dtype=np.uint8), **arrays}
@@ -192,7 +220,7 @@ def _digest(key: str, record: NDArray[np.void]) -> bytes:
     It detects damage, not malice: whoever can write to the folder can write valid files with wrong models.
     """
     head = hashlib.blake2b(f"format {FORMAT_VERSION} {key} {record.dtype!r}".encode(), digest_size=8).digest()
-    words = record.view(np.ndarray).view(np.uint64)[_ALIGNMENT // 8 :]
+    words = record.view(np.uint64)[_ALIGNMENT // 8 :]
     return checksum(words, int.from_bytes(head, "little")).to_bytes(8, "little")
 
 

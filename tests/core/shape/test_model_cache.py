@@ -1,3 +1,4 @@
+import gc
 import pickle
 import subprocess
 import sys
@@ -56,8 +57,33 @@ def test_arrays_come_back_as_they_were(folder: Path) -> None:
         assert array.flags.aligned
         assert array.flags.c_contiguous
         assert not array.flags.writeable
+        with pytest.raises(ValueError, match="WRITEABLE"):
+            array.flags.writeable = True
     assert model_cache.load("another") is None
     assert the_file(folder).suffix == ".npy"
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="/proc says what a process holds")
+def test_a_file_is_mapped_while_an_array_views_it_and_never_kept_open(folder: Path) -> None:
+    model_cache.store(KEY, some_arrays())
+    path = the_file(folder)
+
+    def holders() -> tuple[bool, bool]:
+        """Whether the file is open, and whether it is mapped."""
+        descriptors = [link for link in Path("/proc/self/fd").iterdir() if link.exists()]
+        return path in (link.resolve() for link in descriptors), str(path) in Path("/proc/self/maps").read_text()
+
+    found = model_cache.load(KEY)
+    assert found is not None
+    grid = found["grid"][1:]
+    assert holders() == (False, True)
+    del found
+    gc.collect()
+    assert holders() == (False, True)
+    np.testing.assert_array_equal(grid, some_arrays()["grid"][1:])
+    del grid
+    gc.collect()
+    assert holders() == (False, False)
 
 
 def test_a_later_store_replaces_an_earlier_one() -> None:
