@@ -75,6 +75,8 @@ def test_it_builds_without_a_warning_and_says_what_its_sources_say(tmp_path: Pat
     assert run.returncode == 0, run.stdout + run.stderr
     assert (tmp_path / "index.html").is_file()
     assert {page: said for page, said in SAID.items() if said not in text_of(tmp_path / f"{page}.html")} == {}
+    # A blank line within a table makes a paragraph of the rest.
+    assert [path.name for path in tmp_path.rglob("*.html") if "<p>| " in path.read_text()] == []
 
 
 def text_of(page: Path) -> str:
