@@ -20,7 +20,7 @@ from tactopose_drake.core.calibration.shared_least_squares import SharedProblem
 from tactopose_drake.core.calibration.surface_residuals import ContactSigmas, GraspContacts, surface_rows
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO17_SIGMA_MOMENT
-from tactopose_drake.core.validation import FloatArray, instance_of, kind_name, positive_number, whole_number
+from tactopose_drake.core.validation import FloatArray, kind_name, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.calibration_file import HandCalibration, save_calibration
 from tactopose_drake.hand.felt_grasps import FeltGrasps
@@ -157,7 +157,11 @@ def calibrate_hand(
         raise InvalidInputError(
             f"hand must be a HandConfig, a hand's name or the path of its file, not {kind_name(type(hand))}."
         )
-    instance_of("grasps", grasps, Sequence)
+    if not isinstance(grasps, Sequence) or isinstance(grasps, str):
+        raise InvalidInputError(
+            "grasps must be a sequence of RecordedGrasp, which `load_grasps` of tactopose_drake.hand reads from a "
+            f"folder, not {kind_name(type(grasps))}."
+        )
     config = hand if isinstance(hand, HandConfig) else load_hand_config(hand, with_calibration=False)
     if len(grasps) < _FEWEST:
         raise InvalidInputError(f"grasps must be at least {_FEWEST}, not {len(grasps)}.")

@@ -23,6 +23,7 @@ READING_NOISE = np.repeat([NANO17_SIGMA_MOMENT, NANO17_SIGMA_FORCE], 3)
 """Standard deviations of a reading, N m and N, shape (6,)."""
 _MOST_WRENCH = np.repeat([100.0, MOST_MEASURED_FORCE], 3)  # N m and N; larger values are in other units
 GRASP_ENDINGS = (".json", ".yaml", ".yml")
+_MOST_NAMED = 3  # files that a message names
 _MOST_BIAS = 6.0  # largest bias, in standard deviations; larger readings are touches
 
 
@@ -180,5 +181,17 @@ def load_grasps(folder: Path, model: ObjectModel) -> tuple[RecordedGrasp, ...]:
         raise InvalidFileError(f"{folder} must hold a file for each grasp, but there is no such folder.")
     paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in GRASP_ENDINGS and path.is_file())
     if not paths:
-        raise InvalidFileError(f"{folder} must hold grasps, files that end in {either(GRASP_ENDINGS)}, but has none.")
+        raise InvalidFileError(
+            f"{folder} must itself hold a file for each grasp, which ends in {either(GRASP_ENDINGS)} and has "
+            "joint_positions, rad by joint, and wrenches, six numbers by finger, N m and N, or for `tactopose "
+            "calibrate` a folder for each recording of `tactopose run --record`, with its manifest.yaml, but has "
+            f"{_content(folder)}."
+        )
     return tuple(load_grasp(path, model) for path in paths)
+
+
+def _content(folder: Path) -> str:
+    """What a folder holds, in a few words."""
+    names = sorted(f"the folder {path.name}" if path.is_dir() else path.name for path in folder.iterdir())
+    more = [f"{len(names) - _MOST_NAMED} more"] if len(names) > _MOST_NAMED else []
+    return f"only {', '.join(names[:_MOST_NAMED] + more)}" if names else "nothing"

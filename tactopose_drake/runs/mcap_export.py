@@ -21,11 +21,12 @@ from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.runs.recorded_senses import RecordedRun
 from tactopose_drake.runs.ros2_poses import ros_covariance, ros_pose, ros_xyz
-from tactopose_drake.systems.signals import Signal
+from tactopose_drake.systems.signals import UNKNOWN_POSE, Signal
 from tactopose_drake.visualization.body_meshes import BodyMeshes, Triangles
 
 _OBJECT_COLOUR = (0.85, 0.55, 0.25)
 _POSES_IN = {"true_pose": "", "palm_pose": "world"}  # frames of these poses; empty: the palm's
+_UNKNOWN_COVARIANCE = np.full(36, np.nan)
 _DELETE = 2  # action of a marker
 _END_OF_STAMPS = 2**31  # end of `builtin_interfaces/Time`, s since the epoch
 
@@ -59,8 +60,9 @@ def write_mcap(run: RecordedRun, path: Path) -> None:
 
     In /tf, the hand's base is at the scenario's pose, even if an arm moves it. If a calibration has corrected the pose
     of a sensor, /tf has the corrected frame, too, and wrenches are in it. A held pose is written only once, at the time
-    at which it was found. Where no pose is known any more, /hypotheses is empty, and the object is taken from /scene.
-    Covariances follow ROS's convention: position, then rotation about the palm's axes, m and rad.
+    at which it was found. A pose that becomes unknown is written as NaN; of the object's, /hypotheses is then empty,
+    and it is taken from /scene. Covariances follow ROS's convention: position, then rotation about the palm's axes, m
+    and rad.
 
     Args:
         run: the recording.
@@ -119,9 +121,13 @@ def _header(run: RecordedRun, time: float, frame: str) -> dict[str, Any]:
 
 def _of_signal(run: RecordedRun, hand: "_Hand", name: str, signal: Signal) -> Iterator[_Message]:
     """The messages of a signal, in order of time."""
+    was_known = False
     for time, value in zip(signal.times, signal.values, strict=True):
         if value is None:
+            if name == "prior" and was_known:
+                yield _located(time, "/prior", _header(run, time, hand.palm))
             continue
+        was_known = True
         if name == "joint_positions":
             state = {"header": _header(run, time, ""), "name": run.joints, "position": value}
             yield _Message(time, "/joint_states", "sensor_msgs/JointState", state)
@@ -137,10 +143,8 @@ def _of_signal(run: RecordedRun, hand: "_Hand", name: str, signal: Signal) -> It
             yield _Message(time, f"/pressure/{name.removeprefix('pressures_')}", "std_msgs/Float64MultiArray", array)
         elif isinstance(value, PosePrior):
             covariance = ros_covariance(np.diag(value.sigmas**2), value.mean[:, :3])
-            pose = {"pose": ros_pose(value.X_PO), "covariance": covariance}
-            stamped = {"header": _header(run, time, hand.palm), "pose": pose}
-            yield _Message(time, "/prior", "geometry_msgs/PoseWithCovarianceStamped", stamped)
-        elif name in _POSES_IN and np.isfinite(value.translation()).all():
+            yield _located(time, "/prior", _header(run, time, hand.palm), value.X_PO, covariance)
+        elif name in _POSES_IN:
             stamped = {"header": _header(run, time, _POSES_IN[name] or hand.palm), "pose": ros_pose(value)}
             yield _Message(time, f"/{name}", "geometry_msgs/PoseStamped", stamped)
 
@@ -163,6 +167,7 @@ def _of_estimates(run: RecordedRun, palm: str, marker: dict[str, Any]) -> Iterat
                 yield from _belief(time, prefix, _header(run, time, palm), hypotheses)
             elif is_lost:
                 none = {"header": _header(run, time, palm)}
+                yield _located(time, f"/{prefix}object_pose", none["header"])
                 yield _Message(time, f"/{prefix}hypotheses", "geometry_msgs/PoseArray", none)
             if not prefix and (is_lost if is_shown else hypotheses):
                 yield _marked(time, gone if is_shown else marker)
@@ -173,9 +178,8 @@ def _of_estimates(run: RecordedRun, palm: str, marker: dict[str, Any]) -> Iterat
 def _belief(time: float, prefix: str, header: dict[str, Any], hypotheses: list[dict[str, Any]]) -> Iterator[_Message]:
     """Messages of hypotheses; `prefix` is that of their topics and of the object's frame."""
     poses, covariance = [_recorded_pose(hypothesis) for hypothesis in hypotheses], np.array(hypotheses[0]["covariance"])
-    best = {"pose": ros_pose(poses[0]), "covariance": ros_covariance(covariance, poses[0].rotation().matrix())}
-    stamped = {"header": header, "pose": best}
-    yield _Message(time, f"/{prefix}object_pose", "geometry_msgs/PoseWithCovarianceStamped", stamped)
+    of_ros = ros_covariance(covariance, poses[0].rotation().matrix())
+    yield _located(time, f"/{prefix}object_pose", header, poses[0], of_ros)
     array = {"header": header, "poses": [ros_pose(X_PO) for X_PO in poses]}
     yield _Message(time, f"/{prefix}hypotheses", "geometry_msgs/PoseArray", array)
     yield _tf(time, [_transform(header, f"{prefix}object", poses[0])])
@@ -242,6 +246,18 @@ def _scene(run: RecordedRun, hand: _Hand, header: dict[str, Any]) -> list[dict[s
 
 def _marked(time: float, *markers: dict[str, Any]) -> _Message:
     return _Message(time, "/scene", "visualization_msgs/MarkerArray", {"markers": markers})
+
+
+def _located(
+    time: float,
+    topic: str,
+    header: dict[str, Any],
+    X: RigidTransform = UNKNOWN_POSE,
+    covariance: FloatArray = _UNKNOWN_COVARIANCE,
+) -> _Message:
+    """A message of a pose with its covariance by ROS's convention; without them it says that they are unknown."""
+    pose = {"pose": ros_pose(X), "covariance": covariance}
+    return _Message(time, topic, "geometry_msgs/PoseWithCovarianceStamped", {"header": header, "pose": pose})
 
 
 def _tf(time: float, transforms: list[dict[str, Any]]) -> _Message:

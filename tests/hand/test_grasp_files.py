@@ -66,9 +66,19 @@ def test_a_fault_is_said_in_one_line(tmp_path: Path, blob: ObjectModel, text: st
 
 
 def test_a_folder_without_grasps(tmp_path: Path, blob: ObjectModel) -> None:
-    with pytest.raises(
-        InvalidFileError, match=r"must hold grasps, files that end in \.json, \.yaml or \.yml, but has none"
-    ):
+    allowed = (
+        f"{tmp_path} must itself hold a file for each grasp, which ends in .json, .yaml or .yml and has "
+        "joint_positions, rad by joint, and wrenches, six numbers by finger, N m and N, or for `tactopose calibrate` a "
+        "folder for each recording of `tactopose run --record`, with its manifest.yaml, but has "
+    )
+    with pytest.raises(InvalidFileError) as nothing:
         load_grasps(tmp_path, blob)
+    assert str(nothing.value) == f"{allowed}nothing."
+    (tmp_path / "runs").mkdir()
+    for name in ("d.csv", "a.csv", "b.csv", "c.csv"):
+        (tmp_path / name).touch()
+    with pytest.raises(InvalidFileError) as others:
+        load_grasps(tmp_path, blob)
+    assert str(others.value) == f"{allowed}only a.csv, b.csv, c.csv, 2 more."
     with pytest.raises(InvalidFileError, match="there is no such folder"):
         load_grasps(tmp_path / "none", blob)

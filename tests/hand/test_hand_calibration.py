@@ -287,8 +287,11 @@ def test_what_is_no_hand_no_grasps_and_no_parameters_is_named(wrong_hand: WrongH
     recorded = [grasp.recorded for grasp in grasps[:4]]
     with pytest.raises(InvalidInputError, match=r"^hand must be a HandConfig, a hand's name .*, not None"):
         calibrate_hand(None, recorded)
-    with pytest.raises(InvalidInputError, match=r"^grasps must be a Sequence, not an int"):
-        calibrate_hand(wrong_hand.config, 3)
+    for value, kind in ((3, "an int"), ("grasps", "a str"), (Path("grasps"), "a .*Path")):
+        with pytest.raises(
+            InvalidInputError, match=f"^grasps must be a sequence .* `load_grasps` of .* from a folder, not {kind}"
+        ):
+            calibrate_hand(wrong_hand.config, value)
     with pytest.raises(InvalidInputError, match=r"^params must be a CalibrationParams, not an int"):
         calibrate_hand(wrong_hand.config, recorded, 5)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import mcap.reader
 import numpy as np
 import pytest
+from pydrake.math import RigidTransform
 
 from tactopose_drake.core.poses import make_poses, matrix_from_quaternion, retract
 from tactopose_drake.errors import InvalidFileError
@@ -24,7 +25,7 @@ from tactopose_drake.runs.mcap_export import write_mcap
 from tactopose_drake.runs.recorded_senses import read_recording
 from tactopose_drake.runs.scenario_run import run_scenario
 from tactopose_drake.station.scenario import load_scenario
-from tactopose_drake.systems.signals import Signal, read_signals
+from tactopose_drake.systems.signals import UNKNOWN_POSE, Signal, read_signals
 from tests import held_can, held_cube
 from tests.cli.test_cli import run as tactopose
 
@@ -128,7 +129,20 @@ def test_a_pose_that_becomes_unknown_is_not_shown_as_if_it_stayed(recording: Pat
     assert [(marker.ns, marker.id, marker.action) for marker in gone.markers] == [("object", first.markers[-1].id, 2)]
     assert [(marker.ns, marker.id, marker.action) for marker in again.markers] == [("object", first.markers[-1].id, 0)]
     assert len(again.markers[0].points) == len(first.markers[-1].points) > 0
+    assert [math.isnan(best.pose.pose.position.x) for _, best in found["/object_pose"]] == [False, True, False]
     assert "/tracked_hypotheses" not in found
+
+
+def test_a_prior_or_measured_pose_that_becomes_unknown_is_nan_from_then_on(recording: Path, tmp_path: Path) -> None:
+    run = read_recording(recording)
+    prior = Signal([0.0, 0.1, 0.2, 0.3], [None, PosePrior(np.eye(3, 4)), None, PosePrior(np.eye(3, 4))])
+    palm = Signal([0.0, 0.2], [RigidTransform(), UNKNOWN_POSE])
+    write_mcap(dataclasses.replace(run, signals={"prior": prior, "palm_pose": palm}), tmp_path / "run.mcap")
+    found, start = messages(tmp_path / "run.mcap"), run.manifest.start
+    np.testing.assert_allclose([time - start for time, _ in found["/prior"]], [0.1, 0.2, 0.3], atol=1e-6)
+    numbers = [(said.pose.pose.orientation.w, said.pose.covariance[0]) for _, said in found["/prior"]]
+    np.testing.assert_array_equal(np.isnan(numbers), [[False] * 2, [True] * 2, [False] * 2])
+    assert [math.isnan(said.pose.position.x) for _, said in found["/palm_pose"]] == [False, True]
 
 
 def test_the_covariance_is_of_a_turn_about_the_palms_axes(recording: Path, tmp_path: Path) -> None:
