@@ -1,42 +1,18 @@
 """The shape and the skin of a fingertip in a hand's YAML file."""
 
 import dataclasses
-from typing import Any
 
 from pydrake.common.schema import Transform
-from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Capsule, Ellipsoid, Sphere, Superquadric, Surface
 from tactopose_drake.core.validation import finite_array, told_of
 from tactopose_drake.resources import fixed_pose
-
-
-class _WithPose:
-    """Base of dataclasses with a `Transform` field, which Drake can neither pickle nor compare by value."""
-
-    __slots__ = ()
-
-    def __eq__(self, other: object) -> bool:
-        if type(self) is not type(other):
-            return NotImplemented
-        names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
-        return all(_comparable(getattr(self, name)) == _comparable(getattr(other, name)) for name in names)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _read, (type(self), yaml_dump_typed(self))
-
-
-def _comparable(value: Any) -> Any:
-    return yaml_dump_typed(value) if isinstance(value, Transform) else value
-
-
-def _read(kind: type, text: str) -> Any:
-    return yaml_load_typed(schema=kind, data=text)
+from tactopose_drake.resources.drake_values import WithDrakeValues
 
 
 @dataclasses.dataclass(kw_only=True, slots=True, eq=False)
-class SphereSurface(_WithPose):
+class SphereSurface(WithDrakeValues):
     """A spherical fingertip, `!SphereSurface` in YAML."""
 
     radius: float = 0.009  # m
@@ -48,7 +24,7 @@ class SphereSurface(_WithPose):
 
 
 @dataclasses.dataclass(kw_only=True, slots=True, eq=False)
-class EllipsoidSurface(_WithPose):
+class EllipsoidSurface(WithDrakeValues):
     """An ellipsoidal fingertip, `!EllipsoidSurface` in YAML."""
 
     semi_axes: list[float] = dataclasses.field(default_factory=lambda: [0.009, 0.009, 0.009])  # m
@@ -61,7 +37,7 @@ class EllipsoidSurface(_WithPose):
 
 
 @dataclasses.dataclass(kw_only=True, slots=True, eq=False)
-class CapsuleSurface(_WithPose):
+class CapsuleSurface(WithDrakeValues):
     """A hemisphere on a cylinder along z of F, `!CapsuleSurface` in YAML; F's origin is the cylinder's middle."""
 
     radius: float = 0.009  # m
@@ -74,7 +50,7 @@ class CapsuleSurface(_WithPose):
 
 
 @dataclasses.dataclass(kw_only=True, slots=True, eq=False)
-class SuperquadricSurface(_WithPose):
+class SuperquadricSurface(WithDrakeValues):
     """A rounded box, cylinder or anything between them and an ellipsoid, `!SuperquadricSurface` in YAML."""
 
     semi_axes: list[float] = dataclasses.field(default_factory=lambda: [0.009, 0.009, 0.009])  # m

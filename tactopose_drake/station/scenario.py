@@ -27,6 +27,7 @@ from tactopose_drake.resources import (
     resource_root,
     shipped_objects,
 )
+from tactopose_drake.resources.drake_values import WithDrakeValues
 from tactopose_drake.station.can_senses import CanSenses, SimulatedDevices
 from tactopose_drake.station.message_channels import LcmPublishing, LcmSenses, Ros2Publishing, Ros2Senses, check_apart
 from tactopose_drake.station.scenario_limits import check_limits, check_plant
@@ -61,8 +62,8 @@ class SensorConfig:
         return load_force_torque_model(self.calibration, self.file or "nano17")
 
 
-@dataclasses.dataclass(kw_only=True, slots=True)
-class Grip:
+@dataclasses.dataclass(kw_only=True, slots=True, eq=False)
+class Grip(WithDrakeValues):
     """A grip without a plan: the object is fixed in the hand while the fingers close until each stalls."""
 
     # The object's pose by its name; random parts (`!UniformVector`) are drawn with the scenario's seed.
@@ -99,8 +100,8 @@ def _camera() -> Transform:
     return Transform(translation=[0.1, -0.3, -0.15])
 
 
-@dataclasses.dataclass(kw_only=True, slots=True)
-class Scenario:
+@dataclasses.dataclass(kw_only=True, slots=True, eq=False)
+class Scenario(WithDrakeValues):
     """Everything that `make_station` needs; only data. Paths in a file are relative to that file's folder."""
 
     hand: str = "shadow_like"  # a hand of the package by name, or a *.hand.yaml by its path from this file's folder

@@ -115,3 +115,16 @@ def test_what_is_read_only_is_so_in_every_copy(make, again) -> None:
     assert own
     assert len(copied_ones) == len(own)
     assert not any(array.flags.writeable for array in copied_ones)
+
+
+@pytest.mark.parametrize("again", [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))])
+def test_symmetries_and_balances_are_equal_by_value(again) -> None:
+    turn = RotationalSymmetry(np.array([0.0, 0.0, 1.0]), np.zeros(3), 4)
+    rest = ForceBalance(np.array([0.0, 0.0, -9.81]))
+    for value, other in (
+        (turn, RotationalSymmetry(turn.axis, turn.point, 2)),
+        (rest, ForceBalance(np.array([0.0, 0.0, -9.8]))),
+    ):
+        assert again(value) == value == type(value).from_dict(value.to_dict())
+        assert hash(again(value)) == hash(value)
+        assert other != value

@@ -2,12 +2,12 @@
 
 import dataclasses
 
-from tactopose_drake.core.plain_values import ReadOnlyCopies
+from tactopose_drake.core.plain_values import PlainValue
 from tactopose_drake.core.validation import FloatArray, limited, positive_number
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ForceBalance(ReadOnlyCopies):
+class ForceBalance(PlainValue):
     """The object is at rest, and nothing but gravity and the measured contacts acts on it.
 
     This holds for an object held by sensing fingertips alone. A palm or a table that supports it too breaks the

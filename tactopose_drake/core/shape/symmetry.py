@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.geometry_checks import FARTHEST, unit_vectors
-from tactopose_drake.core.plain_values import ReadOnlyCopies
+from tactopose_drake.core.plain_values import PlainValue
 from tactopose_drake.core.poses import compose, exp_so3, identity_poses, make_poses
 from tactopose_drake.core.validation import FloatArray, limited, whole_number
 from tactopose_drake.errors import InvalidInputError
@@ -25,7 +25,7 @@ _TURNS = 12  # number of equally spaced rotations that stand for all about an ax
 
 
 @dataclass(frozen=True, eq=False)
-class RotationalSymmetry(ReadOnlyCopies):
+class RotationalSymmetry(PlainValue):
     """An axis about which the object may be turned without a change.
 
     Attributes:

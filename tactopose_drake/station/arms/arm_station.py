@@ -17,6 +17,7 @@ from tactopose_drake.core.validation import finite_array, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.resources import add_model, fixed_pose, make_parser
+from tactopose_drake.resources.drake_values import WithDrakeValues
 from tactopose_drake.station.arms.arm import Arm, add_arm, hand_inertia, load_arm_config, make_arm_plant, mount_hand
 from tactopose_drake.station.grasp import add_planned_grasp
 from tactopose_drake.station.scenario import Scenario
@@ -27,8 +28,8 @@ from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.pose_tracking import AddPoseTracking
 
 
-@dataclasses.dataclass(kw_only=True, slots=True)
-class SceneModel:
+@dataclasses.dataclass(kw_only=True, slots=True, eq=False)
+class SceneModel(WithDrakeValues):
     """A model that is fixed in the world."""
 
     model: str = ""  # URL or path of an SDF or URDF file
@@ -40,8 +41,8 @@ def _thumb_up() -> Transform:
     return Transform(translation=[0.0, 0.0, 0.165], rotation=Rotation(value=Rotation.Rpy(deg=[0.0, 0.0, 180.0])))
 
 
-@dataclasses.dataclass(kw_only=True, slots=True)
-class ArmSetup:
+@dataclasses.dataclass(kw_only=True, slots=True, eq=False)
+class ArmSetup(WithDrakeValues):
     """The arm, the hand's mounting on it, and its surroundings."""
 
     arm: str = "seven_axis"  # an arm of the package by name, or a *.arm.yaml by path
