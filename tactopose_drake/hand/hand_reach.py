@@ -11,9 +11,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from tactopose_drake.core import poses
 from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
 from tactopose_drake.core.grasping.finger_reach import FingerReach, ReachParams
-from tactopose_drake.core.grasping.grasp_planner import HandReach, Spheres
+from tactopose_drake.core.grasping.grasp_planner import HandReach
 from tactopose_drake.core.grasping.grip_region import find_grip_region
 from tactopose_drake.core.grasping.serial_chain import SerialChain
+from tactopose_drake.core.shape.sphere_packing import Spheres
 from tactopose_drake.core.surfaces import Capsule, Superquadric, Surface
 from tactopose_drake.core.surfaces.surface import random_directions
 from tactopose_drake.core.validation import FloatArray

@@ -10,7 +10,6 @@ from .grasp_plan import GraspPlan as GraspPlan
 from .grasp_plan import Refusals as Refusals
 from .grasp_planner import HandReach as HandReach
 from .grasp_planner import PlannerParams as PlannerParams
-from .grasp_planner import Spheres as Spheres
 from .grasp_planner import plan_grasps as plan_grasps
 from .held_axis import HeldAxis as HeldAxis
 from .held_axis import find_held_axis as find_held_axis

@@ -9,6 +9,7 @@ from tactopose_drake.core import poses
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.grasping import chain_kernels
 from tactopose_drake.core.grasping.serial_chain import SerialChain
+from tactopose_drake.core.shape.sphere_packing import Spheres
 from tactopose_drake.core.validation import FloatArray
 
 
@@ -76,7 +77,7 @@ class FingerGeometry:
         points: FloatArray = np.einsum("bij,pj->bpi", X_PS[..., :3], p_SQ) + X_PS[:, None, :, 3]
         return points
 
-    def all_spheres(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def all_spheres(self, q: FloatArray) -> Spheres:
         """Centres (B, s, 3) in P and radii (s,), m, of the finger with its tip, from the root of its axis on."""
         X_PB, X_PS = self.chain.all_poses(q)
         ends = [self._on_axis(X_PS, height)[:, None] for height in (0.0, 1.0)]

@@ -8,14 +8,13 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from tactopose_drake.core.grasping.finger_geometry import FingerGeometry
+from tactopose_drake.core.shape.sphere_packing import Spheres
 from tactopose_drake.core.validation import FloatArray
 
 _SLIM = 1.2  # largest half width of a slim finger about its joints, in radii of its fingertip
 
 _SMALL = 0.001  # radius up to which spheres only mark corners, m
 _PLACES = 3  # number of spheres along a fingertip's straight part
-
-Spheres = tuple[FloatArray, FloatArray]  # centres in P in B postures (B, s, 3) and radii (s,), m
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from tactopose_drake.core.grasping.grasp_score import ContactTerms, GraspScore, 
 from tactopose_drake.core.grasping.held_pose import least_distance, sample_held_pose, shifted_off
 from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.shape.sphere_packing import Spheres
 from tactopose_drake.core.validation import FloatArray, known_name, whole_number
 
 _GAP = 0.0005  # least gap between the sides of two fingers, m
@@ -26,7 +27,6 @@ _IN_THE_PALM = "the object would be in the palm"
 _IN_ITS_WAY = "a finger that takes no part is in its way"
 _IMBALANCE_OF_TWO = 0.05  # largest imbalance of a grasp by two fingers, N
 
-Spheres = tuple[FloatArray, FloatArray]  # centres in P (n, 3) and radii (n,), m
 TouchesItself = Callable[[Mapping[str, FloatArray]], bool]
 
 

@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 
 from tactopose_drake.core.grasping.finger_reach import FingerReach, ReachParams, alignment
+from tactopose_drake.core.shape.sphere_packing import Spheres
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 
@@ -23,7 +24,7 @@ _SHARE = 0.25  # quantile of the weight along each axis that is cut off at eithe
 
 
 def find_grip_region(
-    fingers: Mapping[str, FingerReach], palm: tuple[FloatArray, FloatArray], params: ReachParams
+    fingers: Mapping[str, FingerReach], palm: Spheres, params: ReachParams
 ) -> tuple[FloatArray, FloatArray]:
     """Finds a box in P where as many fingertips as possible can press on one place, from all sides, clear of the palm.
 

@@ -7,6 +7,7 @@ import numpy as np
 from tactopose_drake.core import poses
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.signed_distance import PlacedGrid
+from tactopose_drake.core.shape.sphere_packing import Spheres
 from tactopose_drake.core.validation import FloatArray
 
 _STEPS, _BEYOND = 6, 0.0005  # most steps by which an object is shifted off, and the margin of each, m
@@ -42,9 +43,7 @@ def sample_held_pose(
     return poses.make_poses(R_PO, p_PG - R_PO @ p_OG)
 
 
-def shifted_off(
-    model: ObjectModel, X_PO: FloatArray, spheres: tuple[FloatArray, FloatArray], clearance: float
-) -> FloatArray:
+def shifted_off(model: ObjectModel, X_PO: FloatArray, spheres: Spheres, clearance: float) -> FloatArray:
     """Shifts the pose (3, 4) in a few steps until the object keeps off spheres, if that is possible.
 
     Each step moves the object off the sphere that is deepest in it.
@@ -66,7 +65,7 @@ def shifted_off(
     return X_PO
 
 
-def least_distance(model: ObjectModel, X_PO: FloatArray, spheres: tuple[FloatArray, FloatArray]) -> float:
+def least_distance(model: ObjectModel, X_PO: FloatArray, spheres: Spheres) -> float:
     """Least distance of the object at a pose (3, 4) from spheres, centres in P (n, 3) and radii (n,), m."""
     centres, radius = spheres
     return float((PlacedGrid(model.grid, X_PO).distance(centres) - radius).min())

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from tactopose_drake.core.grasping.finger_reach import FingerReach, alignment
+from tactopose_drake.core.shape.sphere_packing import Spheres
 from tactopose_drake.core.validation import FloatArray
 
 _RADII = (0.012, 0.02, 0.03)  # of the rods that are tried, m
@@ -23,7 +24,7 @@ _DIRECTIONS = np.array([d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3)
 def rod_direction(
     first: FloatArray,
     fingers: Mapping[str, FingerReach],
-    palm: tuple[FloatArray, FloatArray],
+    palm: Spheres,
     grip_low: FloatArray,
     grip_high: FloatArray,
 ) -> FloatArray:
@@ -54,7 +55,7 @@ def _closing(
     direction: FloatArray,
     radius: float,
     fingers: Mapping[str, FingerReach],
-    palm: tuple[FloatArray, FloatArray],
+    palm: Spheres,
 ) -> int:
     """How many fingers can press on a rod through a place; 0 if no two oppose each other or the palm is in the way."""
     across, along = _from_axis(palm[0] - place, direction)

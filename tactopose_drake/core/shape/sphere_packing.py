@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 
 from tactopose_drake.core.validation import FloatArray
 
-Spheres = tuple[FloatArray, FloatArray]  # centres (n, 3) and radii (n,), m
+Spheres = tuple[FloatArray, FloatArray]  # centres (n, 3), of B postures (B, n, 3), and radii (n,), m
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ Gauss-Newton on the distances before it is tested.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -50,11 +50,10 @@ def detect_symmetries(shape: JudgedShape, params: SymmetryDetectionParams = _USU
     (moments, principal), centroid = shape.principal(), shape.centroid
     judge = SymmetryJudge(shape, params)
     alike = _others_alike(moments, params)
-    if alike.all() and all(judge.turns_freely(axis) for axis in _sphere_directions(6)):
-        return tuple(RotationalSymmetry(axis, centroid, CONTINUOUS) for axis in np.eye(3))
+    if ball := _of_a_ball(judge, alike, centroid):
+        return ball
 
-    for k in np.flatnonzero(alike):
-        axis = judge.refine(principal[k : k + 1], 2 * np.pi / 3, 6)[0]
+    for axis in _third_turns(judge, principal, alike):
         if judge.turns_freely(axis):
             across = np.linalg.svd(axis[None])[2][1]
             flips = [RotationalSymmetry(across, centroid, 2)] if judge.holds(across, _turns_of(2)) else []
@@ -102,11 +101,10 @@ def detect_near_symmetries(
     (moments, principal), centroid = shape.principal(), shape.centroid
     judge = SymmetryJudge(shape, loose)
     alike = _others_alike(moments, params)
-    if alike.all() and all(judge.turns_freely(axis) for axis in _sphere_directions(6)):
-        return tuple(RotationalSymmetry(axis, centroid, CONTINUOUS) for axis in np.eye(3))
-    for k in np.flatnonzero(alike):
-        axis = judge.refine(principal[k : k + 1], 2 * np.pi / 3, 6)[0]
-        axis = axis * np.sign(axis[np.abs(axis).argmax()])
+    if ball := _of_a_ball(judge, alike, centroid):
+        return ball
+    for refined in _third_turns(judge, principal, alike):
+        axis = refined * np.sign(refined[np.abs(refined).argmax()])
         meant = any(symmetry.order > 2 and _parallel(axis, symmetry.axis) for symmetry in known)
         if not meant and judge.turns_freely(axis):
             return (RotationalSymmetry(axis, centroid, CONTINUOUS),)
@@ -149,6 +147,18 @@ def _others_alike(moments: FloatArray, params: SymmetryDetectionParams) -> NDArr
     """For each principal axis, whether the moments about the two others may be equal; moments are ascending."""
     alike: NDArray[np.bool_] = (moments[[2, 2, 1]] - moments[[1, 0, 0]]) / moments[2] < params.equal_moments
     return alike
+
+
+def _of_a_ball(judge: SymmetryJudge, alike: NDArray[np.bool_], centroid: FloatArray) -> tuple[RotationalSymmetry, ...]:
+    """The three axes that represent a ball, if every rotation leaves the object unchanged; else none."""
+    is_ball = alike.all() and all(judge.turns_freely(axis) for axis in _sphere_directions(6))
+    return tuple(RotationalSymmetry(axis, centroid, CONTINUOUS) for axis in np.eye(3)) if is_ball else ()
+
+
+def _third_turns(judge: SymmetryJudge, principal: FloatArray, alike: NDArray[np.bool_]) -> Iterator[FloatArray]:
+    """The principal axes whose two other moments may be equal, each refined for rotations by a third of a turn."""
+    for k in np.flatnonzero(alike):
+        yield judge.refine(principal[k : k + 1], 2 * np.pi / 3, 6)[0]
 
 
 def _seeds(order: int, principal: FloatArray, alike: NDArray[np.bool_], directions: int) -> FloatArray:
