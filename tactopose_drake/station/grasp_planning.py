@@ -39,7 +39,8 @@ def plan_scenario(scenario: Scenario, model: ObjectModel | None = None) -> list[
     if not plans:
         raise InvalidInputError(
             f"Scenario.object must fit between the hand's fingers, but the hand {scenario.hand!r} finds no way to hold "
-            f"{model.name!r}, {refusals.explanation()}.{grip_advice(scenario)}"
+            f"{model.name!r}, {refusals.explanation()}.{_finger_advice(scenario, len(reach.fingers))}"
+            f"{grip_advice(scenario)}"
         )
     return plans
 
@@ -52,6 +53,14 @@ def grip_advice(scenario: Scenario) -> str:
         " The hand's grip region was found from its model, see `tactopose check-hand`; grip_low and grip_high in its "
         "file set another one."
     )
+
+
+def _finger_advice(scenario: Scenario, fingers: int) -> str:
+    """Advice for when no grasp is planned; empty if two fingers are enough."""
+    least = min(scenario.planner.least_fingers, fingers)
+    if least <= 2:
+        return ""
+    return f" At least {least} fingers must touch it; `planner: {{least_fingers: 2}}` in a scenario lets two hold it."
 
 
 def _object_mass(scenario: Scenario) -> float:

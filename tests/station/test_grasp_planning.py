@@ -29,7 +29,9 @@ def test_the_objects_weight_is_that_in_the_palm(monkeypatch: pytest.MonkeyPatch)
         return []
 
     monkeypatch.setattr(grasp_planning, "plan_grasps", plan)
-    with pytest.raises(InvalidInputError, match="finds no way to hold"):
+    with pytest.raises(
+        InvalidInputError, match=r"finds no way to hold .* At least 4 fingers must touch it; `planner: "
+    ):
         grasp_planning.plan_scenario(scenario)
     plant, hand = make_hand_plant(load_hand_config(scenario.hand))
     base = plant.GetFrameByName(hand.config.base_link, hand.model_instance)
@@ -38,6 +40,23 @@ def test_the_objects_weight_is_that_in_the_palm(monkeypatch: pytest.MonkeyPatch)
     ((x, y, weight),) = [R_WP @ load for load in loads]
     assert (x, y) == pytest.approx((0.0, 0.0), abs=1e-9)
     assert -5.0 < weight < -0.1  # N
+
+
+def test_what_lets_fewer_fingers_hold_is_said_unless_two_are_enough(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(grasp_planning, "plan_grasps", lambda *told: [])
+    scenario = Scenario(hand=str(write_gripper(tmp_path)), object="cube")
+    with pytest.raises(InvalidInputError, match="finds no way to hold") as two:
+        grasp_planning.plan_scenario(scenario)
+    assert "least_fingers" not in str(two.value)
+    scenario = load_scenario("shadow_like")
+    scenario.planner.least_fingers = 3
+    with pytest.raises(
+        InvalidInputError,
+        match=r"At least 3 fingers must touch it; `planner: \{least_fingers: 2\}` in a scenario lets two hold it\.",
+    ):
+        grasp_planning.plan_scenario(scenario)
 
 
 def test_a_joint_that_is_to_rest_beyond_its_limits_is_refused(tmp_path: Path) -> None:
