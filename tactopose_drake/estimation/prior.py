@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import logging
 import math
 
 from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
+from tactopose_drake.core.evidence.gaussian_prior import UNKNOWN_SIGMA, GaussianPrior
 from tactopose_drake.core.geometry_checks import pose_near
 from tactopose_drake.core.validation import FloatArray
+
+# Larger standard deviations say nothing of the pose of an object in a hand, and are probably in another unit.
+_WIDEST = {
+    "sigma_translation": (1.0, "m", "Multiply by 0.001 what is in millimetres"),
+    "sigma_rotation": (math.pi, "rad", "Multiply by pi / 180 what is in degrees"),
+}
+
+
+@functools.lru_cache(maxsize=64)
+def _remark(text: str) -> None:
+    """Logs a remark once, as a camera's priors have the same sigmas many times."""
+    logging.getLogger("tactopose_drake").warning("PosePrior: %s", text)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -23,8 +37,10 @@ class PosePrior(GaussianPrior):
     Attributes:
         X_PO: the object's pose in the palm frame; each access returns a new copy.
         mean: the same as an array, shape (3, 4), for `core`.
-        sigma_translation: standard deviation of each coordinate of p_PO, m, from 1e-7 to 1000.
-        sigma_rotation: standard deviation of a small rotation about each axis, rad, from 1e-6 to 1000.
+        sigma_translation: standard deviation of each coordinate of p_PO, m, from 1e-7 to 1000. More than 1 m is logged
+            as a remark, since it is probably in millimetres, except for 1000, which says that nothing is known.
+        sigma_rotation: standard deviation of a small rotation about each axis, rad, from 1e-6 to 1000. More than pi is
+            logged likewise, since it is probably in degrees.
 
     Raises:
         InvalidInputError: if the pose is invalid or farther away than 10 m, or a sigma is out of its range.
@@ -41,6 +57,9 @@ class PosePrior(GaussianPrior):
     ) -> None:
         """Takes the pose as a RigidTransform, or as an array of shape (3, 4) or (4, 4)."""
         super().__init__(pose_near("X_PO", X_PO), sigma_translation, sigma_rotation)
+        for name, (most, unit, cure) in _WIDEST.items():
+            if most < getattr(self, name) < UNKNOWN_SIGMA:
+                _remark(f"{name} is {getattr(self, name):g} {unit}, with which the prior says nothing. {cure}.")
 
     @classmethod
     def of(cls, prior: GaussianPrior) -> PosePrior:

@@ -22,6 +22,7 @@ from tactopose_drake.systems.signals import UNKNOWN_POSE, Signal, Value
 # Rows of a file count as separated by a gap if the step exceeds this, s, and this multiple of the file's median step.
 _LEAST_GAP = 0.15
 _STEPS_OF_A_GAP = 10.0
+_WIDEST = 100.0  # extent of a palm's motion, m: a larger one must be in millimetres
 _PALM = ["time", "x", "y", "z", "qw", "qx", "qy", "qz"]
 
 
@@ -124,6 +125,11 @@ def _palm(path: Path) -> Signal:
         wrong = int(np.abs(lengths - 1.0).argmax())
         raise InvalidFileError(
             f"{path}: the quaternion at {table[wrong, 0]:g} s must have the length 1, not {lengths[wrong]:g}."
+        )
+    if (widest := float(np.ptp(p, axis=0).max())) > _WIDEST:
+        raise InvalidFileError(
+            f"{path}: the positions x, y, z, must be within {_WIDEST:g} m of each other, not {widest:g} m apart. "
+            "Multiply by 0.001 what is in millimetres."
         )
     turns = [Quaternion(q / length) for q, length in zip(table[:, 4:], lengths, strict=True)]
     poses = [RigidTransform(*pose) for pose in zip(turns, p, strict=True)]

@@ -84,3 +84,18 @@ def test_a_pose_that_was_handed_out_is_not_the_priors_own() -> None:
     assert prior.X_PO.IsExactlyEqualTo(X_PO)
     np.testing.assert_array_equal(prior.mean, X_PO.GetAsMatrix34())
     assert prior == tp.PosePrior(X_PO, 0.02, 0.1)
+
+
+def test_a_sigma_that_is_probably_in_another_unit_is_remarked_once(caplog: pytest.LogCaptureFixture) -> None:
+    for _ in range(2):
+        tp.PosePrior(X_PO, sigma_translation=33.0, sigma_rotation=16.0)
+    assert [record.getMessage() for record in caplog.records] == [
+        "PosePrior: sigma_translation is 33 m, with which the prior says nothing. Multiply by 0.001 what is in "
+        "millimetres.",
+        "PosePrior: sigma_rotation is 16 rad, with which the prior says nothing. Multiply by pi / 180 what is in "
+        "degrees.",
+    ]
+    caplog.clear()
+    tp.PosePrior(X_PO, sigma_translation=1.0, sigma_rotation=math.pi)
+    tp.PosePrior(X_PO, sigma_translation=1000.0, sigma_rotation=1000.0)  # Nothing is known.
+    assert not caplog.records

@@ -101,7 +101,8 @@ def test_where_the_palm_is_is_not_known_in_a_gap_of_its_file(scenario: Scenario,
     write_csv(recorded, tmp_path / "run.csv")
     assert ",nan,nan,nan,nan,nan,nan,nan" in (tmp_path / "run.csv").read_text()
     write_mcap(recorded, tmp_path / "run.mcap")
-    assert len(messages(tmp_path / "run.mcap")["/palm_pose"]) == 1
+    places = [said.pose.position.x for _, said in messages(tmp_path / "run.mcap")["/palm_pose"]]
+    np.testing.assert_array_equal(np.isnan(places), [False, True])
 
 
 @pytest.mark.parametrize(
@@ -112,6 +113,10 @@ def test_where_the_palm_is_is_not_known_in_a_gap_of_its_file(scenario: Scenario,
         (
             f"{HEADER}, qv\n0.0, 0, 0, 0, 1.0, 0, 0, 0, 0\n",
             "must have the columns .*, not time, x, y, z, qw, qx, qy, qz, qv",
+        ),
+        (
+            f"{HEADER}\n0.0, 400, 0, 0, 1, 0, 0, 0\n0.1, 400, 250, 0, 1, 0, 0, 0\n",
+            r"x, y, z, must be within 100 m of each other, not 250 m apart\. Multiply by 0\.001 what is in millimetres",
         ),
         (f"{HEADER}\n0.0, 0, 0\n", "row 2 must have 8 columns, not 3"),
     ],

@@ -9,8 +9,10 @@ from tactopose_drake.core.geometry_checks import in_steps, pose_near
 from tactopose_drake.core.plain_values import PlainValue, numbers
 from tactopose_drake.core.validation import FloatArray, positive_number
 
+UNKNOWN_SIGMA = 1e3
+"""Standard deviation, m and rad, of which nothing is known: the largest."""
 # m and rad. Beyond these, the information of the prior and of the touch exceed the precision of a double.
-_SIGMAS = {"sigma_translation": (1e-7, 1e3), "sigma_rotation": (1e-6, 1e3)}
+_SIGMAS = {"sigma_translation": (1e-7, UNKNOWN_SIGMA), "sigma_rotation": (1e-6, UNKNOWN_SIGMA)}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
