@@ -69,5 +69,5 @@ def _written(out: Path) -> Iterator[EstimateWriter]:
     with written_beside(out) as beside:
         with EstimateWriter(beside) as writer:
             yield writer
-        if writer.file.problem:
-            raise OSError(writer.file.problem)
+        if writer.file.error:
+            raise writer.file.error

@@ -92,14 +92,15 @@ def _behind(path: Path, outputs: list[Path]) -> Iterable[Path]:
 
 
 def _place(path: Path) -> Path:
-    """The absolute path with all symbolic links resolved.
+    """The absolute path with all symbolic links resolved, except to a pipe without a path of its own (`/dev/stdout`).
 
     Raises:
         InvalidFileError: if the path is too long or invalid, or its links lead in a circle.
     """
     try:
         place = path.resolve()
-        place.exists()
+        if not place.exists() and path.exists():
+            return path.absolute()
     except (OSError, RuntimeError, ValueError) as error:
         reason = "its links lead in a circle" if isinstance(error, RuntimeError) else "it is not a path"
         raise InvalidFileError(f"{path} cannot be used ({getattr(error, 'strerror', None) or reason}).") from None

@@ -13,7 +13,7 @@ class LineFile:
 
     Attributes:
         count: number of lines written.
-        problem: why writing has stopped, in a sentence; empty while there is no problem.
+        error: why writing has stopped; None while there is no problem.
     """
 
     def __init__(self, path: Path) -> None:
@@ -22,21 +22,27 @@ class LineFile:
         Raises:
             InvalidFileError: if it cannot be written.
         """
-        self.count, self.problem = 0, ""
+        self.count = 0
+        self.error: OSError | None = None
         self._path = path
         try:
             self._file: TextIO = path.open("w", encoding="utf-8", buffering=1)
         except OSError as error:
             raise InvalidFileError(f"{path} cannot be written ({error.strerror}).") from None
 
+    @property
+    def problem(self) -> str:
+        """Why writing has stopped, in a sentence; empty while there is no problem."""
+        return f"{self._path} ends after {self.count} lines ({self.error.strerror})." if self.error else ""
+
     def write(self, line: str) -> None:
         """Adds a line; does nothing once an earlier line could not be written."""
-        if self.problem:
+        if self.error:
             return
         try:
             self._file.write(line + "\n")
         except OSError as error:
-            self._fail(error)
+            self.error = error
         else:
             self.count += 1
 
@@ -45,10 +51,7 @@ class LineFile:
         try:
             self._file.close()
         except OSError as error:  # Closing tries once more to write what is still buffered.
-            self._fail(error)
-
-    def _fail(self, error: OSError) -> None:
-        self.problem = self.problem or f"{self._path} ends after {self.count} lines ({error.strerror})."
+            self.error = self.error or error
 
 
 def lines_of(path: Path) -> Iterator[str]:

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from tactopose_drake.cli.consoles import PlainConsole, printable, reporting
 from tactopose_drake.cli.demo_run import DemoResult, GraspFailedError
+from tactopose_drake.cli.replay_command import _written
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
 from tactopose_drake.resources import model_path
@@ -112,6 +113,26 @@ def test_what_was_there_stays_until_all_is_written(tmp_path: Path) -> None:
     with written_beside(Path("/dev/null")) as beside:
         beside.write_text("into the void")
     assert Path("/dev/null").is_char_device()
+
+
+def test_a_pipe_without_a_path_of_its_own_can_be_written() -> None:
+    reading, writing = os.pipe()
+    path = Path(f"/dev/fd/{writing}")  # as of `--out /dev/stdout | jq .` and `--out >(jq .)`
+    check_outputs([path])
+    with pytest.raises(InvalidFileError, match=f"{path} must be given for one output, not for two"):
+        check_outputs([path, path])
+    with written_beside(path) as beside:
+        beside.write_text("through it")
+    os.close(writing)
+    with open(reading) as read:
+        assert read.read() == "through it"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
+def test_a_replay_onto_a_full_disk_names_the_file_that_was_asked_for_once() -> None:
+    with pytest.raises(InvalidFileError) as raised, _written(Path("/dev/full")) as writer:
+        writer.file.write("{}")
+    assert str(raised.value) == "/dev/full cannot be written (No space left on device)."
 
 
 class Station:
