@@ -2,6 +2,8 @@
 
 import importlib
 import select
+import weakref
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectPoseMessage
@@ -74,9 +76,9 @@ class LcmInbox:
         self._last: HandSensesMessage | None = None
         self._newest: HandSensesMessage | None = None
         self._pictures = WaitingPictures[ObjectPoseMessage]()
-        connection.subscribe(senses_channel, self._on_senses).set_queue_capacity(0)  # unlimited
+        connection.subscribe(senses_channel, _weak(self._on_senses)).set_queue_capacity(0)  # unlimited
         if vision_channel:
-            connection.subscribe(vision_channel, self._on_vision)
+            connection.subscribe(vision_channel, _weak(self._on_vision))
 
     def wait(self, timeout: float) -> None:
         """Handles all received messages; waits for the first for at most `timeout` s.
@@ -145,3 +147,18 @@ class LcmInbox:
             self.remarks.append(str(error).removesuffix("."))
             return
         self._pictures.add(message.utime, message)
+
+
+def _weak(method: Callable[[str, bytes], None]) -> Callable[[str, bytes], None]:
+    """A handler that does not keep the method's inbox.
+
+    The garbage collector does not see the handlers that a connection keeps. If they kept the inbox, which keeps the
+    connection, its sockets and threads would stay for as long as the process lives.
+    """
+    weak_method = weakref.WeakMethod(method)
+
+    def handle(channel: str, data: bytes) -> None:
+        if (known := weak_method()) is not None:
+            known(channel, data)
+
+    return handle

@@ -68,6 +68,15 @@ def test_messages_come_where_the_process_has_many_files_open() -> None:
     assert newest.sequence == 4
 
 
+def test_an_inbox_that_is_dropped_closes_its_connection() -> None:
+    inbox = LcmInbox(open_lcm("memq://"), "SENSES", "VISION")
+    descriptor = inbox._connection.fileno()
+    assert os.fstat(descriptor)
+    del inbox
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(descriptor)
+
+
 def test_what_is_missing_is_counted_and_said_once() -> None:
     link = open_lcm("memq://")
     inbox = LcmInbox(link, "SENSES")
