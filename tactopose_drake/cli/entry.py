@@ -1,7 +1,9 @@
 """The entry point of `tactopose`; loading the rest takes seconds, during which an interrupt may arrive."""
 
+import io
 import os
 import signal
+import sys
 import threading
 from types import FrameType
 
@@ -9,8 +11,13 @@ _AGAIN = 0.05  # s until a postponed interrupt is raised again
 
 
 def start() -> None:
-    """Runs the command line; an interrupt at any time gives one line and the exit status 1."""
+    """Runs the command line; an interrupt at any time gives one line and the exit status 1.
+
+    Characters that the locale's encoding lacks are printed escaped, as on stderr.
+    """
     signal.signal(signal.SIGINT, _leave)
+    if isinstance(sys.stdout, io.TextIOWrapper):  # It is None if it is closed.
+        sys.stdout.reconfigure(errors="backslashreplace")
     from tactopose_drake.cli.main import main
 
     signal.signal(signal.SIGINT, _interrupt)

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import shutil
+import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -64,7 +65,7 @@ def check_outputs(
 def written_beside(path: Path) -> Iterator[Path]:
     """Yields a temporary file in the same folder, which replaces the file once the context ends without an error.
 
-    A device or pipe is written directly.
+    Processes and threads that write the same file have one each. A device or pipe is written directly.
 
     Raises:
         InvalidFileError: if the file cannot be written; an existing one is then unchanged.
@@ -74,7 +75,7 @@ def written_beside(path: Path) -> Iterator[Path]:
         if place.exists() and not place.is_file():
             yield place
             return
-        beside = place.with_name(f".{os.getpid()}-{place.name[-100:]}")
+        beside = place.with_name(f".{os.getpid()}-{threading.get_ident()}-{place.name[-50:]}")
         try:
             yield beside
             if beside.exists():

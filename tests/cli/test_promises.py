@@ -4,7 +4,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,6 +25,7 @@ from tactopose_drake.runs.stepping import RunView
 from tests.cli.test_cli import run
 from tests.listening import IS_KNOWN, Watch
 
+FULL = Path("/dev/full")  # Linux' own: every write finds no space left
 START = "from tactopose_drake.cli.entry import start; print('begin', flush=True); start()"
 CONTACTS = "contacts: [{position: [0, 0, 0.02]}, {position: [0.02, 0, 0]}, {position: [0, 0.02, 0]}]"
 
@@ -128,11 +131,38 @@ def test_a_pipe_without_a_path_of_its_own_can_be_written() -> None:
         assert read.read() == "through it"
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
-def test_a_replay_onto_a_full_disk_names_the_file_that_was_asked_for_once() -> None:
-    with pytest.raises(InvalidFileError) as raised, _written(Path("/dev/full")) as writer:
-        writer.file.write("{}")
-    assert str(raised.value) == "/dev/full cannot be written (No space left on device)."
+def test_threads_write_one_file_each_by_itself(tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    both = threading.Barrier(2, timeout=60)
+
+    def write(text: str) -> None:
+        with written_beside(path) as beside:
+            both.wait()
+            beside.write_text(text)
+            both.wait()
+            assert beside.read_text() == text
+
+    with ThreadPoolExecutor(2) as executor:
+        list(executor.map(write, ("one", "two")))
+    assert path.read_text() in ("one", "two")
+    assert os.listdir(tmp_path) == ["result.json"]
+
+
+def test_a_long_name_of_wide_characters_can_be_written(tmp_path: Path) -> None:
+    path = tmp_path / ("\u6587" * 83)
+    with written_beside(path) as beside:
+        beside.write_text("new")
+    assert path.read_text() == "new"
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="the system has no device that is always full")
+def test_a_replay_that_cannot_be_written_names_its_file_once() -> None:
+    def fail() -> None:
+        with _written(FULL) as writer:
+            writer.file.write("{}")
+
+    with pytest.raises(InvalidFileError, match=r"^/dev/full cannot be written \(No space left on device\)\.$"):
+        fail()
 
 
 class Station:
@@ -304,6 +334,14 @@ def test_results_are_written_though_nobody_reads_what_is_printed(command: str, f
     process.stdout.close()
     assert process.wait(timeout=120) == 1
     assert out.is_file()
+
+
+def test_characters_that_the_locale_lacks_are_printed_escaped(files: Path) -> None:
+    call = [sys.executable, "-c", START, "estimate", *map(str, inputs(files))]
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(call, capture_output=True, text=True, env=environment, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert r"\xb1" in done.stdout  # Plus or minus, of the table's head.
 
 
 def test_what_was_found_is_printed_though_it_cannot_be_written(capsys: pytest.CaptureFixture[str]) -> None:
