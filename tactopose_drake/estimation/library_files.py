@@ -81,11 +81,13 @@ def read_library(path: Path) -> tuple[list[LibraryEntry], list[SkippedObject]]:
     its file's name.
 
     Raises:
-        InvalidFileError: if there is no such folder or file, or the manifest is not a mapping.
+        InvalidFileError: if there is no such folder or file, it is a mesh, or the manifest is not a mapping.
     """
     if os.path.isdir(path):
         return _read_manifest(path / MANIFEST) if os.path.isfile(path / MANIFEST) else _read_folder(path)
     if os.path.isfile(path):
+        if path.suffix.lower() in _MESHES:
+            raise InvalidFileError(f"{path} must be a folder of meshes, or a YAML file that lists some, not a mesh.")
         return _read_manifest(path)
     raise InvalidFileError(f"{path}: there is no such folder or manifest.")
 

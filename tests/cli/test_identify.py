@@ -151,11 +151,13 @@ def test_unusable_input_has_status_two_and_one_line(folder: Path, capsys: pytest
     empty = folder / "empty"
     empty.mkdir()
     (folder / "none.yaml").write_text("contacts: []\n")
+    mesh = folder / "library" / "box.stl"
     planes = "planes: [{point: [0, 0, 0], normal: [0, 0, 1]}]\n"
     (folder / "planes.yaml").write_text((folder / "contacts.yaml").read_text() + planes)
     for library, contacts, said in [
         (empty, folder / "contacts.yaml", "must hold at least one object that can be used, but holds none"),
         (folder / "missing", folder / "contacts.yaml", "there is no such folder or manifest"),
+        (mesh, folder / "contacts.yaml", f"{mesh} must be a folder of meshes, or a YAML file that lists some, not a"),
         (folder / "library", folder / "none.yaml", "contacts must be a list of at least one contact, not"),
         (folder / "library", folder / "missing.yaml", "cannot be read"),
         (
