@@ -47,7 +47,7 @@ def read_body(path: Path) -> SimulatedBody:
             as it is in the file.
     """
     with passing_builder() as builder:
-        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, plant=MultibodyPlant(time_step=0.001))
         instance = add_model(make_parser(plant), path)
         plant.Finalize()
         body = _only_body(path, plant, instance)

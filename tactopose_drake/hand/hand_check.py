@@ -85,7 +85,7 @@ def _entries(config: HandConfig, check: HandCheck) -> tuple[Entry, ...]:
 
 def _check(config: HandConfig, complaints: list[str]) -> HandCheck:
     builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.001)
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, plant=MultibodyPlant(time_step=0.001))
     leave_friction_out(scene_graph)
     try:
         hand = add_fixed_hand(plant, config)

@@ -1,5 +1,7 @@
 """A hand's links in each other are found in any posture."""
 
+import gc
+import re
 from pathlib import Path
 
 import numpy as np
@@ -29,3 +31,18 @@ def test_coupled_joints_follow(tmp_path: Path, ratio: float, meet: bool) -> None
     yaml = YAML.replace("joints: [right_slide]", f"joints: [left_slide]\n  {coupling}")
     touches_itself = SelfCollision(load_hand_config(write_gripper(tmp_path, mimic=mimic, yaml=yaml)))
     assert touches_itself({"left": np.array([0.035]), "right": np.array([0.035])}) is meet
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="/proc says how much memory a process has")
+def test_what_it_made_is_freed() -> None:
+    config = load_hand_config("shadow_like")
+
+    def memory_after(repeats: int) -> int:
+        """Memory of the process that is in no file, kB."""
+        for _ in range(repeats):
+            SelfCollision(config)
+            gc.collect()
+        return int(re.findall(r"RssAnon:\s+(\d+)", Path("/proc/self/status").read_text())[0])
+
+    before = memory_after(3)
+    assert memory_after(20) - before < 3000  # A diagram that stays takes 450 kB.
