@@ -6,7 +6,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import LATEST, positive_number
+from tactopose_drake.core.validation import LATEST, instance_of, positive_number
 from tactopose_drake.drivers.lcm_inbox import LcmInbox, open_lcm
 from tactopose_drake.drivers.ros2_link import Ros2Link
 from tactopose_drake.errors import InvalidInputError
@@ -51,6 +51,7 @@ def run_scenario(
         InvalidInputError: if the scenario cannot be run.
         DriverError: if a bus cannot be opened, or a device cannot be tared.
     """
+    instance_of("scenario", scenario, Scenario)
     scenario.validate()
     duration = None if duration is None else positive_number("duration", duration, most=LATEST)
     for kind, run_of_kind, bus, recorder in _MESSAGES:

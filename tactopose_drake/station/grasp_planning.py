@@ -6,6 +6,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from tactopose_drake.core.grasping.grasp_plan import GraspPlan, Refusals
 from tactopose_drake.core.grasping.grasp_planner import plan_grasps
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import instance_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
@@ -21,6 +22,8 @@ def plan_scenario(scenario: Scenario, model: ObjectModel | None = None) -> list[
     Raises:
         InvalidInputError: if no grasp is found, or a joint's rest position is beyond its limits.
     """
+    instance_of("scenario", scenario, Scenario)
+    instance_of("model", model, ObjectModel, type(None))
     scenario.validate()
     config = load_hand_config(scenario.hand)
     model = scenario.object_model() if model is None else model

@@ -8,7 +8,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, Syste
 from pydrake.systems.primitives import PassThrough
 
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import known_name
+from tactopose_drake.core.validation import instance_of, known_name
 from tactopose_drake.drivers.barrett_hand import BarrettHand
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.errors import InvalidInputError
@@ -80,6 +80,8 @@ def make_hardware_station(
     Raises:
         InvalidInputError: if the scenario cannot be built, or a signal does not fit the hand.
     """
+    instance_of("scenario", scenario, Scenario)
+    instance_of("model", model, ObjectModel, type(None))
     scenario.validate()
     model = scenario.object_model() if model is None else model
     config = scenario.hand_config()

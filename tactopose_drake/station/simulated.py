@@ -19,6 +19,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventSta
 
 from tactopose_drake.core.grasping.grasp_plan import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import instance_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_properties import let_overlap, make_compliant, make_meshes_rigid, rigid_shapes
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
@@ -117,6 +118,9 @@ def make_station(
     Raises:
         InvalidInputError: if the scenario cannot be built.
     """
+    instance_of("scenario", scenario, Scenario)
+    instance_of("plan", plan, GraspPlan, type(None))
+    instance_of("model", model, ObjectModel, type(None))
     scenario.validate()
     # A diagram and its builder refer to each other and hold a hundred megabytes in few Python objects, so that Python
     # collects such garbage too rarely: a hundred grasps in sequence would need gigabytes.

@@ -1,5 +1,6 @@
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pydrake.common.yaml import yaml_dump_typed
@@ -9,6 +10,8 @@ from tactopose_drake.core.calibration.offset_refinement import OffsetRefinementP
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.resources import model_path, resource_root
 from tactopose_drake.runs.scenario_run import run_scenario
+from tactopose_drake.station.grasp_planning import plan_scenario
+from tactopose_drake.station.hardware import make_hardware_station
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.simulated import make_station
 from tactopose_drake.station.simulated_errors import SimulatedErrors
@@ -93,6 +96,19 @@ def test_a_fault_is_one_line_with_the_file_and_what_is_allowed(tmp_path: Path, t
 def test_a_scenario_made_in_python_is_checked_too(name: str, value: float) -> None:
     with pytest.raises(InvalidInputError, match=f"Scenario.{name} must be .*, not {value}"):
         Scenario(**{name: value}).validate()
+
+
+def test_what_is_no_scenario_plan_or_model_is_named() -> None:
+    wrong: Any = "shadow_like"
+    for call, message in (
+        (lambda: make_station(wrong), "scenario must be a Scenario, not"),
+        (lambda: run_scenario(wrong), "scenario must be a Scenario, not"),
+        (lambda: plan_scenario(wrong), "scenario must be a Scenario, not"),
+        (lambda: make_hardware_station(Scenario(), model=wrong), "model must be an ObjectModel or None, not"),
+        (lambda: make_station(Scenario(), wrong), "plan must be a GraspPlan or None, not"),
+    ):
+        with pytest.raises(InvalidInputError, match=message):
+            call()
 
 
 def test_shapes_that_say_nothing_of_their_contact_are_compliant(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 
 from tactopose_drake.core.grasping.grasp_plan import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import finite_array, positive_number
+from tactopose_drake.core.validation import finite_array, instance_of, positive_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_in_plant import Hand, add_hand
 from tactopose_drake.resources import add_model, fixed_pose, make_parser
@@ -140,6 +140,9 @@ def make_arm_station(
     Raises:
         InvalidInputError: if scenario or setup cannot be built, or the scenario has a grip or an exploration.
     """
+    instance_of("scenario", scenario, Scenario)
+    instance_of("plan", plan, GraspPlan)
+    instance_of("model", model, ObjectModel, type(None))
     scenario.validate()
     setup.validate()
     for name in ("grip", "exploration"):
