@@ -38,7 +38,7 @@ from tactopose_drake.core.posterior.mode_cover import (
 from tactopose_drake.core.posterior.mode_moments import with_moments
 from tactopose_drake.core.posterior.mode_moments_kernels import Weighted
 from tactopose_drake.core.posterior.posterior import Posterior
-from tactopose_drake.core.posterior.student_t_mixture import Increments, StudentTMixture, find_increments
+from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture
 from tactopose_drake.core.shape.free_spin import TURN_VOLUME
 from tactopose_drake.core.validation import FloatArray
 
@@ -49,7 +49,6 @@ class Samples(NamedTuple):
     Attributes:
         X_PO: poses, shape (B, 3, 4).
         cost: their exact costs, shape (B,).
-        increments: from the sampled modes to the poses.
         density: of each mode's proposals at the samples, times the number of all samples, shape (B, g).
         by_contact: the same of the draws by a single contact, in parts; none without. Each counts for the nearest mode.
         proposals: the mixtures sampled so far: one for each round that adapted the proposal.
@@ -62,7 +61,6 @@ class Samples(NamedTuple):
 
     X_PO: FloatArray
     cost: FloatArray
-    increments: Increments
     density: FloatArray
     by_contact: tuple[FloatArray, ...]
     proposals: tuple[StudentTMixture, ...]
@@ -160,7 +158,7 @@ def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples
     mass = masses.sum()
     if not mass > 0.0:  # No sample counts, nor has a mode that was not sampled any weight.
         return modes
-    weighted = Weighted(samples.increments.u, weights)
+    weighted = Weighted(cover.X_PO, samples.X_PO, weights)
     found = with_moments(modes, close[worthy], masses / mass, weighted, families, posterior)
     if found is None:
         return modes  # One sample outweighs all others; Laplace's approximation is more reliable.
@@ -174,14 +172,13 @@ def _first_round(cover: Cover, families: Families, posterior: Posterior, generat
     proposal, g = cover.proposal, len(cover.X_PO)
     X_tiles = proposal.sample(generator)
     X_PO = np.concatenate([cover.by_contact.X_PO, X_tiles])
-    increments, density = find_increments(cover.X_PO, X_PO), np.zeros((len(X_PO), g))
-    proposal.add_to(density, increments)
+    density = np.zeros((len(X_PO), g))
+    proposal.add_to(density, X_PO)
     cost = np.concatenate([cover.cost_by_contact, cost_within_modes(X_tiles, cover.X_PO, posterior)])
-    evaluated = X_PO, cost, increments, density
-    by_contact = density_by_contact(X_PO, increments, cover, posterior)
+    by_contact = density_by_contact(X_PO, cover, posterior)
     nothing = Weighed(cover.lowest, 0.0, 0.0, 0.0)
     times, drawn = np.ones(g, dtype=np.intp), (proposal.count,)
-    samples = Samples(*evaluated, by_contact, (proposal,), times, drawn, density, density[0], nothing)
+    samples = Samples(X_PO, cost, density, by_contact, (proposal,), times, drawn, density, density[0], nothing)
     return _weighed_anew(samples, cover, families, posterior)
 
 
@@ -218,7 +215,7 @@ def _next_round(
         proposal = tile_samples(samples.X_PO, samples.weights, cover, count, posterior)
         joined = _append(samples, proposal.sample(generator), cover, posterior)
         joined = joined._replace(proposals=(*samples.proposals, proposal), drawn=(*samples.drawn, proposal.count))
-        proposal.add_to(joined.density, joined.increments)
+        proposal.add_to(joined.density, joined.X_PO)
     return _weighed_anew(joined, cover, families, posterior)
 
 
@@ -257,13 +254,12 @@ def _sample_again(
 
 def _append(samples: Samples, X_PO: FloatArray, cover: Cover, posterior: Posterior) -> Samples:
     """Appends poses (B, 3, 4) with the densities of all proposals there; the weights are left as they are."""
-    increments, density = find_increments(cover.X_PO, X_PO), np.zeros((len(X_PO), len(cover.X_PO)))
+    density = np.zeros((len(X_PO), len(cover.X_PO)))
     for proposal in samples.proposals:
-        proposal.add_to(density, increments)
+        proposal.add_to(density, X_PO)
     return samples._replace(
         X_PO=np.concatenate([samples.X_PO, X_PO]),
         cost=np.concatenate([samples.cost, cost_within_modes(X_PO, cover.X_PO, posterior)]),
-        increments=Increments(*map(np.concatenate, zip(samples.increments, increments, strict=True))),
         density=np.concatenate([samples.density, density]),
-        by_contact=(*samples.by_contact, *density_by_contact(X_PO, increments, cover, posterior)),
+        by_contact=(*samples.by_contact, *density_by_contact(X_PO, cover, posterior)),
     )

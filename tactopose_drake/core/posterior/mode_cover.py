@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.kernels.mode_kernels import one_of_each
+from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior import importance_sampling_kernels
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.joined_modes import Families, Landscape, find_families
 from tactopose_drake.core.posterior.joining_kernels import Lengths
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.single_contact import ContactDraws
-from tactopose_drake.core.posterior.student_t_mixture import Increments, StudentTMixture, across_turns, draw, in_chart
+from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture, across_turns, draw, in_chart
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.validation import FloatArray
 
@@ -119,9 +120,7 @@ def join_modes(cover: Cover, posterior: Posterior, X_between: FloatArray | None 
     )
 
 
-def density_by_contact(
-    X_PO: FloatArray, increments: Increments, cover: Cover, posterior: Posterior
-) -> tuple[FloatArray, ...]:
+def density_by_contact(X_PO: FloatArray, cover: Cover, posterior: Posterior) -> tuple[FloatArray, ...]:
     """The density of the draws by a single contact at poses (B, 3, 4), times their number, shape (B, g).
 
     It is that of the nearest mode, and zero for the others; there is none without such draws.
@@ -129,8 +128,8 @@ def density_by_contact(
     contact, scale = posterior.single_contact, cover.by_contact.scale
     if contact is None or scale == 0.0:
         return ()
-    density = np.zeros(increments.volume.shape)
-    nearest = np.square(increments.u / posterior.units).sum(axis=2).argmin(axis=1)
+    density, u = np.zeros((len(X_PO), len(cover.X_PO))), increments_between(cover.X_PO, X_PO[:, None])
+    nearest = np.square(u / posterior.units).sum(axis=2).argmin(axis=1)
     density[np.arange(len(X_PO)), nearest] = scale * contact.density(X_PO)
     return (density,)
 

@@ -22,7 +22,7 @@ from tactopose_drake.core.kernel_types import (
     OutLongs1,
 )
 from tactopose_drake.core.kernels.matrix_kernels import cholesky, invert
-from tactopose_drake.core.kernels.pose_kernels import retract_one
+from tactopose_drake.core.kernels.pose_kernels import increment_between, retract_one
 from tactopose_drake.core.posterior.joining_kernels import Image, find_nearest_image
 
 
@@ -63,9 +63,10 @@ class Minima(NamedTuple):
 
 
 class Weighted(NamedTuple):
-    """Samples: their increments from the modes, shape (B, g, 6), and their weights, shape (B, g)."""
+    """Samples of g modes: the modes' poses, shape (g, 3, 4), and the samples' poses (B, 3, 4) and weights (B, g)."""
 
-    increments: Floats3
+    X_mode: Floats3
+    X: Floats3
     weights: Floats2
 
 
@@ -135,7 +136,8 @@ def try_means(minima: Minima, samples: Weighted, way: Floats1, chance: float, jo
 @part
 def add_moments(samples: Weighted, effective_samples: OutFloats1, first: OutFloats2, second: OutFloats3) -> None:
     """Fills the effective sample sizes (g,), means (g, 6) and second moments (g, 6, 6); these are zero on entry."""
-    increment, weights = samples
+    X_mode, X, weights = samples
+    u = np.empty(6)
     for g in range(weights.shape[1]):
         mass, squares = 0.0, 0.0
         for b in range(weights.shape[0]):
@@ -144,7 +146,8 @@ def add_moments(samples: Weighted, effective_samples: OutFloats1, first: OutFloa
         effective_samples[g] = mass * mass / squares if squares > 0.0 else 0.0
         for b in range(weights.shape[0]):
             if weights[b, g] > 1e-12 * mass:
-                share, u = weights[b, g] / mass, increment[b, g]
+                share = weights[b, g] / mass
+                increment_between(X_mode[g], X[b], u)
                 for i in range(6):
                     part = share * u[i]
                     first[g, i] += part

@@ -224,45 +224,38 @@ def _turn_translations(R: Floats2, A: Floats2, out: OutFloats2) -> None:
 
 
 @kernel
-def find_increments(X_group: Floats3, X: Floats3, increment: OutFloats3, volume: OutFloats2) -> None:
-    """Fills increments from each group's pose (g, 3, 4) to each pose (B, 3, 4), and the volume ratio of the two.
-
-    The ratio is the determinant of the right Jacobian of the rotation.
-    """
-    for b in range(X.shape[0]):
-        for g in range(X_group.shape[0]):
-            u = increment[b, g]
-            pose_kernels.increment_between(X_group[g], X[b], u)
-            angle2 = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
-            volume[b, g] = 1.0 - angle2 / 12.0 if angle2 < 1e-4 else 2.0 * (1.0 - np.cos(np.sqrt(angle2))) / angle2
-
-
-@kernel
 def add_densities(
-    components: Components, freedom: int, power: int, increment: Floats3, volume: Floats2, density: OutFloats2
+    components: Components, freedom: int, power: int, X_group: Floats3, X: Floats3, density: OutFloats2
 ) -> None:
-    """Adds each component's scale (f / (f + d^T H d))^(power / 2), with d from its centre, over the volume of poses.
+    """Adds each group's density at poses X (B, 3, 4) to density (B, g): of each of its components, with d from its
+    centre, scale (f / (f + d^T H d))^(power / 2) over the volume of poses.
 
-    The poses within a group's reach are gathered block by block, as a structure of arrays, so that the density of a
-    component is vectorised over poses.
+    The volume of increments over that of poses is the determinant of the right Jacobian of the rotation. The poses
+    within a group's reach are gathered block by block, as a structure of arrays, so that the density of a component is
+    vectorised over poses.
     """
     first, center, information, reach, scale = components
-    near, lanes = np.empty(_LANES, dtype=np.int64), np.empty((9, _LANES))
-    for begin in range(0, increment.shape[0], _LANES):
+    near, lanes, u = np.empty(_LANES, dtype=np.int64), np.empty((10, _LANES)), np.empty(6)
+    for begin in range(0, X.shape[0], _LANES):
         for g in range(reach.shape[0]):
             count = 0
-            for b in range(begin, min(begin + _LANES, increment.shape[0])):
-                u = increment[b, g]
-                if u[3] ** 2 + u[4] ** 2 + u[5] ** 2 > reach[g]:
+            for b in range(begin, min(begin + _LANES, X.shape[0])):
+                square = 0.0
+                for i in range(3):
+                    square += (X[b, i, 3] - X_group[g, i, 3]) ** 2
+                if square > reach[g]:
                     continue
-                near[count], lanes[8, count] = b, 0.0
+                pose_kernels.increment_between(X_group[g], X[b], u)
+                angle2 = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
+                volume = 1.0 - angle2 / 12.0 if angle2 < 1e-4 else 2.0 * (1.0 - np.cos(np.sqrt(angle2))) / angle2
+                near[count], lanes[8, count], lanes[9, count] = b, 0.0, volume
                 for i in range(6):
                     lanes[i, count] = u[i]
                 count += 1
             for j in range(first[g], first[g + 1]):
                 _add_density(center[j], information[j], scale[j], freedom, power, lanes, count)
             for k in range(count):
-                density[near[k], g] += lanes[8, k] / volume[near[k], g]
+                density[near[k], g] += lanes[8, k] / lanes[9, k]
 
 
 @part
@@ -271,7 +264,7 @@ def _add_density(
 ) -> None:
     """Adds one component's density, without the volume, at `count` increments.
 
-    lanes (9, n): six rows of increments, two of scratch, and the sums that the density is added to.
+    lanes (10, n): six rows of increments, two of scratch, the sums that the density is added to, and one not used here.
     """
     c, H, f = center, information, float(freedom)
     c0, c1, c2, c3, c4, c5 = c[0], c[1], c[2], c[3], c[4], c[5]

@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,26 +17,6 @@ from numpy.typing import NDArray
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.posterior import student_t_kernels
 from tactopose_drake.core.validation import FloatArray
-
-
-class Increments(NamedTuple):
-    """Increments from the poses of groups to other poses.
-
-    Attributes:
-        u: increments (w, v), shape (B, g, 6).
-        volume: volume of increments over that of poses, shape (B, g).
-    """
-
-    u: FloatArray
-    volume: FloatArray
-
-
-def find_increments(X_group: FloatArray, X_PO: FloatArray) -> Increments:
-    """The increments from poses (g, 3, 4) to poses (B, 3, 4)."""
-    shape = len(X_PO), len(X_group)
-    increments = Increments(np.empty((*shape, 6)), np.empty(shape))
-    student_t_kernels.find_increments(X_group, X_PO, *increments)
-    return increments
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,14 +55,14 @@ class StudentTMixture:
         white /= np.sqrt(generator.chisquare(self.freedom, size=(most, 1)) / self.freedom)
         return draw(self.X_PO, self.group, self.center, self.information, self.count, white, opposed=True)
 
-    def add_to(self, density: FloatArray, increments: Increments) -> None:
-        """Adds each group's density to density (B, g), at poses given by their increments from the groups' poses.
+    def add_to(self, density: FloatArray, X_PO: FloatArray) -> None:
+        """Adds each group's density at poses (B, 3, 4) to density (B, g).
 
         Densities are with respect to the volume of poses (rotations as small turns measure them, and translations,
         rad^3 m^3), times the number of samples: those of several mixtures thus add up to that of all their samples.
         """
         power = self.freedom + 6 - self.turns.shape[2]
-        student_t_kernels.add_densities(self._components, self.freedom, power, *increments, density)
+        student_t_kernels.add_densities(self._components, self.freedom, power, self.X_PO, X_PO, density)
 
     @functools.cached_property
     def _components(self) -> student_t_kernels.Components:

@@ -16,7 +16,6 @@ from tactopose_drake.core.posterior.joined_modes import Families
 from tactopose_drake.core.posterior.mode_moments import with_moments
 from tactopose_drake.core.posterior.mode_moments_kernels import Weighted
 from tactopose_drake.core.posterior.posterior_params import PosteriorParams, SamplingParams
-from tactopose_drake.core.posterior.student_t_mixture import find_increments
 from tactopose_drake.core.validation import FloatArray
 from tests.core.posterior.valleys import SIGMAS, Valley, modes, moments_of, pose, posterior
 
@@ -69,14 +68,13 @@ def test_the_spread_is_about_the_pose_wherever_it_ends(count: int) -> None:
     start = modes(valley, pose()[None])
     normal = np.random.default_rng(1).normal(size=(count, 6)) + np.array([0.9, 0, 0, 0, 0, 0])
     X_PO, weights = retract(pose(), 0.5 * normal * SIGMAS), np.ones((count, 1))
-    u = find_increments(pose()[None], X_PO).u
     alone, told = Families(pose()[None], np.zeros(1, dtype=int), np.eye(3, 4)[None], 0.1), posterior(valley)
-    found = with_moments(start, np.array([0]), np.ones(1), Weighted(u, weights), alone, told)
+    found = with_moments(start, np.array([0]), np.ones(1), Weighted(pose()[None], X_PO, weights), alone, told)
     assert found is not None
     moved, scale = found.mixture.X_PO, np.outer(SIGMAS, SIGMAS)
-    share = increments_between(pose(), moved[0])[0] / u[:, 0, 0].mean()
+    share = increments_between(pose(), moved[0])[0] / increments_between(pose(), X_PO)[:, 0].mean()
     assert share == pytest.approx(0.0) if count == 15 else 0.1 < share < 1.0
-    second = moments_of(find_increments(moved, X_PO).u, weights).second[0]
+    second = moments_of(moved, X_PO, weights).second[0]
     expected = second + told.params.moments.pseudo_samples / count * start.mixture.covariance[0]
     np.testing.assert_allclose(found.mixture.covariance[0] / scale, expected / scale, atol=0.01)
 
@@ -84,7 +82,7 @@ def test_the_spread_is_about_the_pose_wherever_it_ends(count: int) -> None:
 def test_modes_of_which_only_one_sample_counts_have_no_moments() -> None:
     valley, X_PO = Valley(pose(), SIGMAS), retract(pose(), np.diag(SIGMAS)[:2])
     alone = Families(pose()[None], np.zeros(1, dtype=int), np.eye(3, 4)[None], 0.1)
-    samples = Weighted(find_increments(pose()[None], X_PO).u, np.array([[1.0], [0.0]]))
+    samples = Weighted(pose()[None], X_PO, np.array([[1.0], [0.0]]))
     start, masses = modes(valley, pose()[None]), np.ones(1)
     assert with_moments(start, np.array([0]), masses, samples, alone, posterior(valley)) is None
 
@@ -218,7 +216,7 @@ def test_a_spread_that_doubles_do_not_hold_stays_as_it_was() -> None:
 
 def test_the_worth_of_samples_is_their_number_where_they_weigh_the_same() -> None:
     X_PO = retract(pose(), np.random.default_rng(0).normal(size=(50, 6)) * SIGMAS)
-    moments = moments_of(find_increments(pose()[None], X_PO).u, np.full((50, 1), 0.3))
+    moments = moments_of(pose()[None], X_PO, np.full((50, 1), 0.3))
     assert moments.effective_samples[0] == pytest.approx(50.0)
     u = increments_between(pose(), X_PO)
     np.testing.assert_allclose(moments.first[0], u.mean(axis=0), rtol=1e-9)
@@ -291,7 +289,7 @@ def test_proposals_that_are_good_enough_are_drawn_from_again_as_they_are() -> No
     density = np.zeros_like(last.density)
     for proposal in last.proposals:
         often = dataclasses.replace(proposal, count=last.times[proposal.group] * proposal.count)
-        often.add_to(density, last.increments)
+        often.add_to(density, last.X_PO)
     np.testing.assert_allclose(last.density, density, rtol=1e-9)
     assert sum(count.sum() for count in last.drawn) == len(last.X_PO)
 
@@ -329,5 +327,5 @@ def test_proposals_that_are_not_are_made_anew_first() -> None:
     assert worths[1] > 2.0 * worths[0]
     density = np.zeros_like(last.density)
     for proposal in last.proposals:
-        proposal.add_to(density, last.increments)
+        proposal.add_to(density, last.X_PO)
     np.testing.assert_allclose(last.density, last.times * density, rtol=1e-9)

@@ -10,7 +10,6 @@ from tactopose_drake.core.posterior.joined_modes import Families, Landscape, fin
 from tactopose_drake.core.posterior.joining_kernels import Lengths
 from tactopose_drake.core.posterior.mode_moments_kernels import Joined, join
 from tactopose_drake.core.posterior.posterior_params import MomentParams
-from tactopose_drake.core.posterior.student_t_mixture import find_increments
 from tactopose_drake.core.validation import FloatArray
 from tests.core.posterior.valleys import moments_of
 
@@ -265,9 +264,9 @@ def test_the_joint_moments_are_those_of_the_samples_together() -> None:
     samples = retract(np.repeat(X, 4000, axis=0), u.reshape(-1, 6))
     weights = np.zeros((8000, 2))
     weights[:4000, 0], weights[4000:, 1] = 0.6 / 4000, 0.4 / 4000
-    joint = moments_of(find_increments(X, samples).u, weights)._replace(mass=np.array([0.6, 0.4]))
+    joint = moments_of(X, samples, weights)._replace(mass=np.array([0.6, 0.4]))
     join_all(all_one(X), [0.0, 0.0], joint)
-    together = moments_of(find_increments(X[:1], samples).u, weights.sum(axis=1, keepdims=True))
+    together = moments_of(X[:1], samples, weights.sum(axis=1, keepdims=True))
     np.testing.assert_allclose(joint.mass, [1.0, 0.0])
     np.testing.assert_allclose(joint.first[0] / SIGMAS, together.first[0] / SIGMAS, atol=0.02)
     np.testing.assert_allclose(joint.second[0] / SCALE, together.second[0] / SCALE, atol=0.05)

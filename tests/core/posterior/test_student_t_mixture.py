@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.poses import compose, increments_between, make_poses, random_rotations, retract
-from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture, find_increments, in_chart
+from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture, in_chart
 
 TAILS = (6, 1500.0)  # degrees of freedom, and the squared distance beyond which there is nothing
 
@@ -22,7 +22,7 @@ def information(count: int) -> np.ndarray:
 
 def densities(mixture: StudentTMixture, X_PO: np.ndarray) -> np.ndarray:
     density = np.zeros((len(X_PO), len(mixture.X_PO)))
-    mixture.add_to(density, find_increments(mixture.X_PO, X_PO))
+    mixture.add_to(density, X_PO)
     return density / mixture.count.sum()
 
 

@@ -57,9 +57,9 @@ def pose() -> FloatArray:
     return make_poses(exp_so3(np.array([0.4, -1.0, 2.0])), np.array([0.1, 0.0, -0.2]))
 
 
-def moments_of(increments: FloatArray, weights: FloatArray) -> Joined:
-    """Moments of samples from their increments (B, g, 6) from g modes and their weights (B, g)."""
+def moments_of(X_mode: FloatArray, X_PO: FloatArray, weights: FloatArray) -> Joined:
+    """Moments of samples (B, 3, 4) by their increments from modes (g, 3, 4) and their weights (B, g)."""
     g = weights.shape[1]
     moments = Joined(weights.sum(axis=0), np.empty(g), np.zeros((g, 6)), np.zeros((g, 6, 6)))
-    add_moments(Weighted(increments, weights), *moments[1:])
+    add_moments(Weighted(X_mode, X_PO, weights), *moments[1:])
     return moments
