@@ -44,12 +44,11 @@ import numpy as np
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contact_reading import ContactReading
-from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.hypotheses import increments_of_one_metre
-from tactopose_drake.core.searches.pose_problem import make_problem
+from tactopose_drake.core.searches.touch_space import TouchSpace
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking import gain_kernels
 from tactopose_drake.core.tracking.contact_errors import BiasModel
@@ -266,7 +265,7 @@ def begin_modes(
     n, sources = len(X_PO), len(reading.sources)
     if not n:
         return TrackedModes.empty(sources)
-    X_near, spread = X_PO, np.linalg.inv(make_problem(model, Evidence(reading.contacts)).space.information)
+    X_near, spread = X_PO, np.linalg.inv(TouchSpace(model, reading.contacts).information)
     if near is not None:
         X_near, spread = np.tile(near.X_PO, (n, 1, 1)), near.covariance
     priors = TrackedModes.independent(X_near, np.tile(spread, (n, 1, 1)), sources)

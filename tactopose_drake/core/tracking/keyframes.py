@@ -19,6 +19,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.motion.rigid_motion import Motion
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
+from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.poses import point_jacobians
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import averaged_variances, calibration_excess
@@ -93,7 +94,7 @@ class Keyframe:
             n_PC = normals + (n_PC - normals) / frames
             n_PC = n_PC / np.sqrt(np.einsum("ki,ki->k", n_PC, n_PC))[:, None]
         p_PC = points + (now.p_PC - points) / frames
-        return Keyframe(p_PC, n_PC, now.variances, now.sources, now.X_PP, now.covariance, frames)
+        return copied(now, p_PC=p_PC, n_PC=n_PC, frames=frames)
 
     def tells_other_than(self, now: "Keyframe", params: WindowParams) -> bool:
         """Whether other fingers touch now, or one of them touches elsewhere on the object."""
@@ -139,14 +140,10 @@ def move_keyframes(keyframes: tuple[Keyframe, ...], motion: Motion) -> tuple[Key
         return ()
     adjoint = motion.adjoint
     return tuple(
-        Keyframe(
-            frame.p_PC,
-            frame.n_PC,
-            frame.variances,
-            frame.sources,
-            motion.of_poses(frame.X_PP),
-            adjoint @ frame.covariance @ adjoint.T + motion.covariance,
-            frame.frames,
+        copied(
+            frame,
+            X_PP=motion.of_poses(frame.X_PP),
+            covariance=adjoint @ frame.covariance @ adjoint.T + motion.covariance,
         )
         for frame in keyframes
     )

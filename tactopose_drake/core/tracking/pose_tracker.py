@@ -11,6 +11,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernel_library import make_kernels_ready
 from tactopose_drake.core.motion.object_motion import move_freely, move_with_fingertips, move_with_palm
 from tactopose_drake.core.motion.rigid_motion import Motion, MotionHistory
+from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.plain_values import copied, seal
 from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior.moved_origin import has_far_origin, mixture_of_origin
@@ -56,12 +57,9 @@ class PoseTracker:
             params: what is assumed.
         """
         instance_of("model", model, ObjectModel)
-        self._params = PoseTrackerParams() if params is None else params
-        instance_of("params", self._params, PoseTrackerParams)
-        self._params.validate()
+        self._params = params_of(PoseTrackerParams, params)
         self._p_OC = model.middle if has_far_origin(model) else None
         self._model = model if self._p_OC is None else model.about_middle
-        self._plausibility = self._params.plausibility
         make_kernels_ready()
         self._model.make_ready(surest_position(self._params))
 
@@ -102,7 +100,7 @@ class PoseTracker:
         reading = as_doubted(read_contacts(frame, belief.sources, belief.contacts, belief.errors, params))
         belief = self._predict(belief, frame, reading, duration)
         belief, is_outlier = see(self._model, belief, frame, reading, params.vision)
-        explanation = Explanation(self._model, reading.evidence, self._plausibility)
+        explanation = Explanation(self._model, reading.evidence, params.plausibility)
         if reading.is_new:
             belief = self._update_with_touch(belief, frame, reading, duration, explanation, is_outlier=is_outlier)
         elif reading.has_contact:
