@@ -1,5 +1,6 @@
 """Descent on contacts with the distance field, robust or not, with an optional prior and hand, in one compiled loop."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +12,8 @@ from tactopose_drake.core.kernels.grid_kernels import Grid
 from tactopose_drake.core.kernels.hand_sphere_kernels import NO_SPHERES, Spheres
 from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
 from tactopose_drake.core.kernels.prior_kernels import Prior
-from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts
-from tactopose_drake.core.objectives.objective import Descent, NormalEquations
+from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts, contact_costs
+from tactopose_drake.core.objectives.objective import Descent, NormalEquations, SmoothObjective
 from tactopose_drake.core.objectives.pose_prior import NO_PRIOR
 from tactopose_drake.core.validation import FloatArray
 
@@ -48,6 +49,12 @@ class CompiledDescent(NamedTuple):
     hand: Spheres = NO_SPHERES
     trimmed: bool = False
 
+    def cost_as_told(self, X_PO: FloatArray) -> FloatArray:
+        """Costs (B,) of poses (B, 3, 4) with all contacts as told and the prior, without the hand's volume."""
+        cost = np.empty(len(X_PO))
+        contact_costs(self.grid, self.touch, self.prior, np.ascontiguousarray(X_PO), cost)
+        return cost
+
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
         ends = self._run(_STANDING, np.array(X_PO, order="C"))
@@ -71,3 +78,18 @@ class CompiledDescent(NamedTuple):
         )
         descend(self.grid, self.touch, self.doubts, self.prior, self.hand, rule, self.trimmed, X_PO, ends)
         return ends
+
+
+class CompiledObjective(SmoothObjective):
+    """Base class of objectives whose derivatives and descents are those of the compiled loop with their arguments."""
+
+    _compiled: CompiledDescent
+
+    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
+        """Cost, exact gradient, and the Gauss-Newton Hessian along the smooth normals, at poses (B, 3, 4)."""
+        return self._compiled.normal_equations(X_PO)
+
+    @property
+    def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
+        """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
+        return self._compiled.descend

@@ -15,7 +15,6 @@ Assoc. 84, 1989. [HRM16] D. Hogg, J. Bovy, D. Lang, Data analysis recipes: fitti
 
 import functools
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,9 +27,7 @@ from tactopose_drake.core.kernels import contact_alternatives_kernels
 from tactopose_drake.core.kernels.contact_judgement_kernels import Exact, Judged, judge
 from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts
 from tactopose_drake.core.kernels.contact_odds_kernels import Measured, find_odds
-from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
-from tactopose_drake.core.objectives.compiled_descent import CompiledDescent
-from tactopose_drake.core.objectives.objective import Descent, NormalEquations, SmoothObjective
+from tactopose_drake.core.objectives.compiled_descent import CompiledDescent, CompiledObjective
 from tactopose_drake.core.objectives.penetration import Penetration
 from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
@@ -57,7 +54,7 @@ class Judgement(NamedTuple):
     is_false: NDArray[np.bool_]
 
 
-class ContactMixture(SmoothObjective):
+class ContactMixture(CompiledObjective):
     """The mixture likelihood of contacts; like that of `SurfaceContact`, zero if all lie exactly on the surface."""
 
     def __init__(
@@ -90,15 +87,6 @@ class ContactMixture(SmoothObjective):
 
     def _with_overlap(self, cost: FloatArray, X_PO: FloatArray) -> FloatArray:
         return cost if self._hand is None else cost + self._hand.cost(X_PO)
-
-    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
-        """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4), by the distance field."""
-        return self._compiled.normal_equations(X_PO)
-
-    @property
-    def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
-        """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
-        return self._compiled.descend
 
     def alternatives(self, X_PO: FloatArray, hessian: FloatArray) -> FloatArray:
         """The part of a cost's Hessians (B, 6, 6) that remains with one contact false, shape (B, 2 k, 6, 6)."""

@@ -1,24 +1,14 @@
 """Contacts against the signed distance grid: a smooth likelihood that is fast to evaluate."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernels import surface_contact_kernels
 from tactopose_drake.core.kernels.hand_sphere_kernels import NO_SPHERES
-from tactopose_drake.core.kernels.least_squares_kernels import DescentRule
-from tactopose_drake.core.kernels.prior_kernels import Prior
 from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts
-from tactopose_drake.core.objectives.compiled_descent import CompiledDescent
-from tactopose_drake.core.objectives.objective import (
-    Descent,
-    LeastSquaresObjective,
-    NormalEquations,
-    SmoothObjective,
-    SumObjective,
-)
+from tactopose_drake.core.objectives.compiled_descent import CompiledDescent, CompiledObjective
+from tactopose_drake.core.objectives.objective import LeastSquaresObjective, SumObjective
 from tactopose_drake.core.objectives.penetration import Penetration
 from tactopose_drake.core.objectives.pose_prior import NO_PRIOR, PriorObjective
 from tactopose_drake.core.poses import axes_across
@@ -26,7 +16,7 @@ from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray
 
 
-class SurfaceContact(LeastSquaresObjective):
+class SurfaceContact(CompiledObjective, LeastSquaresObjective):
     """Distance of each contact to the surface, and the difference of its normal from the surface's.
 
     Residuals of contact m, with q = R_PO^T (p_PC - p_PO) the contact in the object's frame:
@@ -46,11 +36,11 @@ class SurfaceContact(LeastSquaresObjective):
             read_only(1.0 / contacts.sigma_position),
             read_only((1.0 if self._has_normals else 0.0) / contacts.sigma_normal),
         )
-        self._count = len(contacts)
+        self._compiled, self._count = CompiledDescent(self.grid, self.touch), len(contacts)
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
-        return _cost(self, NO_PRIOR, X_PO)
+        return self._compiled.cost_as_told(X_PO)
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, 5 k), or (B, k) without normals, of poses (B, 3, 4)."""
@@ -72,17 +62,8 @@ class SurfaceContact(LeastSquaresObjective):
         )
         return residuals, jacobian
 
-    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
-        """Cost, exact gradient, and the Gauss-Newton Hessian along the smooth normals, at poses (B, 3, 4)."""
-        return CompiledDescent(self.grid, self.touch).normal_equations(X_PO)
 
-    @property
-    def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
-        """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
-        return CompiledDescent(self.grid, self.touch).descend
-
-
-class ContactSum(SumObjective):
+class ContactSum(CompiledObjective, SumObjective):
     """Contacts with a prior, the hand's volume, or both, added up as `SumObjective` does it, in one compiled loop."""
 
     def __init__(
@@ -93,26 +74,16 @@ class ContactSum(SumObjective):
         quick: LeastSquaresObjective | None = None,
     ) -> None:
         super().__init__([touch, *(term for term in (hand, prior) if term is not None)], quick)
-        self._touch, self._prior, self._hand = touch, NO_PRIOR if prior is None else prior.kernel_view, hand
-        spheres = NO_SPHERES if hand is None else hand.spheres
-        self._compiled = CompiledDescent(touch.grid, touch.touch, self._prior, hand=spheres)
+        known, spheres = NO_PRIOR if prior is None else prior.kernel_view, NO_SPHERES if hand is None else hand.spheres
+        self._compiled, self._hand = CompiledDescent(touch.grid, touch.touch, known, hand=spheres), hand
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
-        cost = _cost(self._touch, self._prior, X_PO)
+        cost = self._compiled.cost_as_told(X_PO)
         return cost if self._hand is None else cost + self._hand.cost(X_PO)
 
-    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
-        """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4)."""
-        return self._compiled.normal_equations(X_PO)
 
-    @property
-    def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
-        """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
-        return self._compiled.descend
-
-
-class ContactsButOne(SmoothObjective):
+class ContactsButOne(CompiledObjective):
     """Contacts without the one that each pose explains worst, which may be an outlier, and an optional prior.
 
     In a descent that contact is fixed at the start. This is least trimmed squares: P. Rousseeuw, Least median of
@@ -126,21 +97,6 @@ class ContactsButOne(SmoothObjective):
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
         return self.normal_equations(X_PO).cost
-
-    def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
-        """Cost, exact gradient, and the Gauss-Newton Hessian, at poses (B, 3, 4)."""
-        return self._compiled.normal_equations(X_PO)
-
-    @property
-    def descent(self) -> Callable[[DescentRule, FloatArray], Descent]:
-        """Levenberg-Marquardt from each of the poses (B, 3, 4) in one compiled loop."""
-        return self._compiled.descend
-
-
-def _cost(contact: SurfaceContact, prior: Prior, X_PO: FloatArray) -> FloatArray:
-    cost = np.empty(len(X_PO))
-    surface_contact_kernels.contact_costs(contact.grid, contact.touch, prior, np.ascontiguousarray(X_PO), cost)
-    return cost
 
 
 def along_normals(n_O: FloatArray, residuals: FloatArray, jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
