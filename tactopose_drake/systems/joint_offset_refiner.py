@@ -162,6 +162,5 @@ class JointOffsetRefiner(CollectableSystem):
 
 def _contacts(touch: Keyframe, rows: list[int]) -> Contacts:
     """The given rows of a keyframe's contacts."""
-    position, normal = np.ascontiguousarray(np.sqrt(touch.variances[rows]).T)
     normals = None if touch.normals is None else touch.normals[rows]
-    return Contacts(touch.points[rows], normals).with_arrays(sigma_position=position, sigma_normal=normal)
+    return Contacts(touch.points[rows], normals).with_variances(touch.variances[rows])

@@ -94,7 +94,7 @@ def refine_offsets(
     residuals, jacobian = SurfaceContact(model.grid, contacts).rows_of_contacts(X_PO[None])
     r, J = along_normals(n_PC @ X_PO[:, :3], residuals[0, :, :4], jacobian[0, :, :4])
     by_contact = -J @ _moves_of_the_object(contacts.p_PC, X_PO)
-    told = np.repeat(np.square(np.stack([contacts.sigma_position, contacts.sigma_normal], axis=1)), 3, axis=1)
+    told = np.repeat(contacts.variances, 3, axis=1)
     of_joints = np.einsum("kij,jl,kil->ki", gains, left.covariance, gains)
     other = np.maximum(told - of_joints, params.least_noise_share * told)
     noise, each = np.zeros((n, 3, n, 3)), np.arange(n)

@@ -81,10 +81,3 @@ class ContactReading(NamedTuple):
     def doubt(self) -> FloatArray:
         """Factors by which the variances of each contact's lasting error seem larger than told, shape (k,)."""
         return self.errors.doubts_of(self.names)
-
-
-def told_variances(contacts: Contacts) -> FloatArray:
-    """The told variances of k contacts' points, m^2, and of their normals, rad^2, shape (k, 2)."""
-    sigmas = np.empty((len(contacts), 2))
-    sigmas[:, 0], sigmas[:, 1] = contacts.sigma_position, contacts.sigma_normal
-    return sigmas * sigmas

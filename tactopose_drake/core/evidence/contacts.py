@@ -151,6 +151,18 @@ class Contacts(PlainValue):
         position, normal = _sigmas_of(covariance, self.n_PC)
         return self.with_arrays(covariance=covariance, sigma_position=position, sigma_normal=normal)
 
+    @property
+    def variances(self) -> FloatArray:
+        """Of each point along its normal, m^2, and of the rotation of its normal, rad^2, shape (k, 2)."""
+        sigmas = np.empty((len(self), 2))
+        sigmas[:, 0], sigmas[:, 1] = self.sigma_position, self.sigma_normal
+        return sigmas * sigmas
+
+    def with_variances(self, variances: FloatArray) -> Self:
+        """The contacts with other `variances` (k, 2) in place of sigmas and covariances; they are not checked again."""
+        position, normal = np.ascontiguousarray(np.sqrt(variances).T)
+        return self.with_arrays(covariance=None, sigma_position=position, sigma_normal=normal)
+
     def __repr__(self) -> str:
         known = [
             "points",

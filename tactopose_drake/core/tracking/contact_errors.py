@@ -14,7 +14,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tactopose_drake.core.evidence.contact_reading import ContactReading, ErrorParts, SeemingErrors, told_variances
+from tactopose_drake.core.evidence.contact_reading import ContactReading, ErrorParts, SeemingErrors
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
@@ -76,10 +76,9 @@ def declared_excess(contacts: Contacts, params: PoseTrackerParams) -> FloatArray
     """
     if contacts.covariance is None:
         return np.zeros((len(contacts), 2))
-    told = told_variances(contacts)
     frame = np.square([params.frame_position, math.radians(params.frame_normal_deg)])
     lasting = BiasModel.from_params(params).of_calibration
-    return np.asarray(np.maximum(told - frame - lasting, 0.0))
+    return np.asarray(np.maximum(contacts.variances - frame - lasting, 0.0))
 
 
 def calibration_excess(contacts: Contacts, params: PoseTrackerParams, calibration: FloatArray) -> FloatArray:
@@ -90,7 +89,7 @@ def calibration_excess(contacts: Contacts, params: PoseTrackerParams, calibratio
         params: with the told calibration.
         calibration: factors of its variances, shape (2,).
     """
-    of_hand = _of_hand(told_variances(contacts), declared_excess(contacts, params), params)
+    of_hand = _of_hand(contacts.variances, declared_excess(contacts, params), params)
     return np.asarray((calibration - 1.0) * of_hand)
 
 
@@ -102,7 +101,7 @@ def _of_hand(told: FloatArray, declared: FloatArray, params: PoseTrackerParams) 
 def averaged_variances(contacts: Contacts, params: PoseTrackerParams, frames: int) -> FloatArray:
     """Variances (k, 2) of the mean of the contacts over several frames, in which only the new errors average out."""
     bias = BiasModel.from_params(params)
-    return _averaged(told_variances(contacts), declared_excess(contacts, params), bias, frames)
+    return _averaged(contacts.variances, declared_excess(contacts, params), bias, frames)
 
 
 def _averaged(told: FloatArray, declared: FloatArray, bias: BiasModel, frames: int) -> FloatArray:
@@ -127,7 +126,7 @@ def split_errors(
         calibration: the same for the calibration's variances, shape (2,).
         params: what is assumed.
     """
-    told, declared, bias = told_variances(contacts), declared_excess(contacts, params), BiasModel.from_params(params)
+    told, declared, bias = contacts.variances, declared_excess(contacts, params), BiasModel.from_params(params)
     of_hand = _of_hand(told, declared, params)
     new = np.maximum(told - of_hand, params.contact_update.least_noise_share**2 * told)
     mean = _averaged(told, declared, bias, params.window.max_frames)
@@ -175,8 +174,7 @@ def as_doubted(reading: ContactReading) -> ContactReading:
     if not count or max(reading.doubt.max(), reading.errors.calibration.max()) < _NOTICED_DOUBT:
         return reading
     variances = reading.parts.told + reading.parts.excess - reading.parts.declared
-    position, normal = np.ascontiguousarray(np.sqrt(variances[:count]).T)
-    contacts = evidence.contacts.with_arrays(covariance=None, sigma_position=position, sigma_normal=normal)
+    contacts = evidence.contacts.with_variances(variances[:count])
     return reading._replace(evidence=evidence.with_parts(contacts, evidence.prior))
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.evidence.contact_reading import ContactReading, told_variances
+from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.motion.rigid_motion import Motion
@@ -58,7 +58,7 @@ class Keyframe:
         return cls(
             contacts.p_PC,
             contacts.n_PC,
-            told_variances(reading.evidence.touch),
+            reading.evidence.touch.variances,
             sources,
             np.eye(3, 4),
             np.zeros((6, 6)),
@@ -168,13 +168,10 @@ def make_window(keyframes: tuple[Keyframe, ...], params: WindowParams) -> TouchW
     if not added:
         return TouchWindow(now, None, np.zeros(0, dtype=np.intp), 1)
     normals = [frame.normals for frame, _ in added]
-    position, normal = np.ascontiguousarray(
-        np.sqrt(np.concatenate([frame.variances + more for frame, more in added])).T
-    )
     past = Contacts(
         np.concatenate([frame.points for frame, _ in added]),
         None if any(n is None for n in normals) else np.concatenate([n for n in normals if n is not None]),
-    ).with_arrays(sigma_position=position, sigma_normal=normal)
+    ).with_variances(np.concatenate([frame.variances + more for frame, more in added]))
     keyframe = np.repeat(np.arange(len(added)), [len(frame.p_PC) for frame, _ in added])
     return TouchWindow(now, past, keyframe, 1 + len(added))
 
@@ -202,10 +199,7 @@ class Touch(NamedTuple):
         if len(contacts) == len(now.p_PC):
             more = calibration_excess(contacts, params, self.reading.errors.calibration)
             variances = averaged_variances(contacts, params, now.frames) + more
-            position, normal = np.ascontiguousarray(np.sqrt(variances).T)
-            contacts = contacts.with_arrays(
-                p_PC=now.p_PC, n_PC=now.n_PC, covariance=None, sigma_position=position, sigma_normal=normal
-            )
+            contacts = contacts.with_arrays(p_PC=now.p_PC, n_PC=now.n_PC).with_variances(variances)
         prior = None if self.standing is None else self.standing.as_prior()
         return self.evidence.with_parts(contacts, prior)
 
