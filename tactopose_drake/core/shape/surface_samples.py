@@ -20,6 +20,7 @@ from tactopose_drake.core.shape.sampling_kernels import triangle_curve
 from tactopose_drake.core.validation import FloatArray
 
 _BITS = 10  # of each coordinate in the Morton code that sorts faces
+_CANDIDATES = 4  # in each patch, of which one becomes a sample; more make samples more even, and take longer
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,19 +45,16 @@ class SurfaceSamples:
         return self.points.mean(axis=0), float(np.linalg.norm(self.points, axis=1).max()), variance
 
 
-def sample_surface(
-    vertices: FloatArray, faces: NDArray[np.int32], count: int, candidates_per_sample: int = 4
-) -> SurfaceSamples:
+def sample_surface(vertices: FloatArray, faces: NDArray[np.int32], count: int) -> SurfaceSamples:
     """Takes `count` points, one from each of `count` patches of equal area.
 
     Args:
         vertices: shape (v, 3), m.
         faces: vertex indices, shape (f, 3); none of zero area.
         count: number of samples.
-        candidates_per_sample: of which one is taken; more give more even samples, and take longer.
     """
-    candidates, candidate_normals, _ = points_along_surface(vertices, faces, count * candidates_per_sample)
-    chosen = _spread(candidates, candidates_per_sample)
+    candidates, candidate_normals, _ = points_along_surface(vertices, faces, count * _CANDIDATES)
+    chosen = _spread(candidates)
     points, normals = candidates[chosen], candidate_normals[chosen]
     points.setflags(write=False)
     normals.setflags(write=False)
@@ -91,15 +89,15 @@ def _spatial_order(points: FloatArray) -> NDArray[np.intp]:
     return np.argsort(morton_codes(cell, _BITS), kind="stable")
 
 
-def _spread(candidates: FloatArray, per_group: int) -> NDArray[np.intp]:
-    """From each group of `per_group` consecutive candidates, the one farthest from those chosen before."""
-    groups = len(candidates) // per_group
+def _spread(candidates: FloatArray) -> NDArray[np.intp]:
+    """From each group of consecutive candidates, the one farthest from those chosen before."""
+    groups = len(candidates) // _CANDIDATES
     chosen = np.empty(groups, dtype=np.intp)
     square = np.sum(candidates**2, axis=1)
     nearest = np.full(len(candidates), np.inf)
     for group in range(groups):
-        first = group * per_group
-        pick = first + int(np.argmax(nearest[first : first + per_group]))
+        first = group * _CANDIDATES
+        pick = first + int(np.argmax(nearest[first : first + _CANDIDATES]))
         chosen[group] = pick
         np.minimum(nearest, square - 2.0 * (candidates @ candidates[pick]) + square[pick], out=nearest)
     return chosen

@@ -27,7 +27,13 @@ _USUAL = SymmetryDetectionParams()
 _NEAR_TOLERANCE, _NEAR_RADIUS_SHARE, _NEAR_OUTLIER_FACTOR = 0.025, 0.1, 2.0
 # Thresholds of likenesses. These are only tried, so they may be wide; noise of a scan tilts its faces by tens of
 # degrees.
-_ALIKE_TOLERANCE, _ALIKE_RADIUS_SHARE, _ALIKE_ANGLE, _ALIKE_MOMENTS = 0.04, 0.15, np.radians(45.0), 0.1
+_ROUGHLY = SymmetryDetectionParams(
+    tolerance=0.04,
+    radius_share=0.15,
+    normal_angle=np.radians(45.0),
+    continuous_normal_angle=np.radians(45.0),
+    equal_moments=0.1,
+)
 _CUBE_S_GROUP = 24  # number of rotations that leave a cube unchanged
 # Orders that are tried for a body with three equal moments; the others are multiples. The finite rotation groups have
 # orders up to 5, but a prism about as high as it is wide has such moments too.
@@ -111,9 +117,7 @@ def detect_near_symmetries(
     return ()
 
 
-def detect_likenesses(
-    shape: JudgedShape, found: Iterable[RotationalSymmetry], params: SymmetryDetectionParams = _USUAL
-) -> FloatArray:
+def detect_likenesses(shape: JudgedShape, found: Iterable[RotationalSymmetry]) -> FloatArray:
     """The rotations that leave the object roughly unchanged, as poses X_OO', the identity first, shape (n, 3, 4).
 
     Examples are those of a cube for a die, or for a noisy scan of a cube. A rotation counts if the 95th percentile of
@@ -127,19 +131,10 @@ def detect_likenesses(
     Args:
         shape: the object.
         found: the result of `detect_symmetries`.
-        params: how thoroughly axes are searched for; the thresholds are widened.
     """
-    loose = replace(
-        params,
-        tolerance=max(_ALIKE_TOLERANCE, params.tolerance),
-        radius_share=max(_ALIKE_RADIUS_SHARE, params.radius_share),
-        normal_angle=_ALIKE_ANGLE,
-        continuous_normal_angle=_ALIKE_ANGLE,
-        equal_moments=max(_ALIKE_MOMENTS, params.equal_moments),
-    )
-    if len(symmetry_group(found)) >= _CUBE_S_GROUP or not _others_alike(shape.principal()[0], loose).any():
+    if len(symmetry_group(found)) >= _CUBE_S_GROUP or not _others_alike(shape.principal()[0], _ROUGHLY).any():
         return identity_poses(1)
-    alike = detect_symmetries(shape, loose)
+    alike = detect_symmetries(shape, _ROUGHLY)
     return identity_poses(1) if any(symmetry.is_continuous for symmetry in alike) else symmetry_group(alike)
 
 
