@@ -153,12 +153,7 @@ def _worth_keeping(touched: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
 
     If few are touched, fewer of the others are kept, because `Patch.half_pitch` is a median over all cells.
     """
-    padded = np.pad(touched, 1)
-    rows, columns = touched.shape
-    near = np.zeros_like(touched)
-    for i in range(3):
-        for j in range(3):
-            near |= padded[i : i + rows, j : j + columns]
+    near = np.lib.stride_tricks.sliding_window_view(np.pad(touched, 1), (3, 3)).any(axis=(2, 3))
     if near.any():
         most = max(1, min(most, int(np.count_nonzero(near)) // 2))
     step = max(1, math.ceil(math.sqrt(np.count_nonzero(~near) / most)))
