@@ -16,9 +16,8 @@ methods, Statistica Sinica 21, 2011.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +33,8 @@ from tactopose_drake.core.identification.index_kernels import (
     count_features,
 )
 from tactopose_drake.core.searches.pairs.contact_pairs import spread_out
+from tactopose_drake.core.shape.model_arrays import have_layout
+from tactopose_drake.core.shape.model_cache import Arrays
 from tactopose_drake.core.shape.pair_features import pair_feature
 from tactopose_drake.core.shape.surface_samples import SurfaceSamples
 from tactopose_drake.core.validation import FloatArray
@@ -63,15 +64,13 @@ class PairCounts:
     counts: NDArray[np.uint16]
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> PairCounts | None:
+    def from_arrays(cls, arrays: Arrays) -> PairCounts | None:
         """Counts from the arrays of a file; None if these are invalid."""
-        if set(arrays) != {"bins", "counts"}:
+        if not have_layout(arrays, {"bins": (np.int32, (None,)), "counts": (np.uint16, (None,))}):
             return None
         bins, counts = arrays["bins"], arrays["counts"]
-        if bins.dtype != np.int32 or counts.dtype != np.uint16 or bins.ndim != 1 or bins.shape != counts.shape:
-            return None
-        rising = np.all(np.diff(bins) > 0)
-        return cls(bins, counts) if len(bins) and rising and bins[0] >= 0 and bins[-1] < _BINS else None
+        rising = len(bins) == len(counts) > 0 and np.all(np.diff(bins) > 0)
+        return cls(bins, counts) if rising and bins[0] >= 0 and bins[-1] < _BINS else None
 
 
 def count_pairs(samples: SurfaceSamples) -> PairCounts:
