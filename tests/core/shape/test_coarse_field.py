@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.searches.pairs.contact_tables import contact_table
+from tactopose_drake.core.searches.pairs.pair_poses import contact_table
 from tactopose_drake.core.shape.coarse_field import CoarseField, CoarseFieldParams, coarsen
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import random_surface_points

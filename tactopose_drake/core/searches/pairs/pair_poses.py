@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.searches.pairs.image_kernels import Images
 from tactopose_drake.core.searches.pairs.pair_lane_kernels import Field, Samples
 from tactopose_drake.core.searches.pairs.pair_pose_kernels import Best, Matched, keep_best
@@ -50,6 +51,22 @@ def kernel_field(field: CoarseField) -> Field:
     return Field(values, field.shape, origin, 1.0 / field.spacing, field.spacing / field.step)
 
 
+def contact_table(field: CoarseField, contacts: Contacts, sigma_position: float, sigma_normal: float) -> FloatArray:
+    """What `pair_lane_kernels.add_cost` reads of each contact to rank poses, shape (k, 8): point, normal, two weights.
+
+    The weights are those of the squared distance and the squared difference of normals. The given standard deviations
+    are the errors of the poses to be ranked; those of the sensors and of the voxels are added.
+    """
+    table = np.zeros((len(contacts), 8))
+    table[:, :3] = contacts.p_PC
+    variance = np.asarray(contacts.sigma_position) ** 2 + sigma_position**2 + field.spacing**2 / 12.0
+    table[:, 6] = field.step**2 / variance
+    if contacts.n_PC is not None:
+        table[:, 3:6] = contacts.n_PC
+        table[:, 7] = 1.0 / (np.asarray(contacts.sigma_normal) ** 2 + sigma_normal**2)
+    return table
+
+
 class BestPoses(NamedTuple):
     """The best poses (n, 3, 4), and their coarse costs (n,), ascending; random where these are not significant."""
 
@@ -79,7 +96,7 @@ def best_poses(
         pairs: contacts and their matches.
         features: the object's pairs of samples.
         field: the object's coarse field.
-        table: all contacts, from `contact_tables.contact_table`.
+        table: all contacts, from `contact_table`.
         counts: most poses of each kind.
         center: the pose from which the reach is measured, shape (3, 4).
         reach: the largest rotation from there, rad, and the largest translation, m.
