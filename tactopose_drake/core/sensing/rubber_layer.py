@@ -23,8 +23,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.sensing.tactile_layout import TactileLayout
-from tactopose_drake.core.validation import FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray
 
 _MOST_CONFINEMENT = 10.0  # m
 _RIM = 0.02  # share of the highest pressure below which a cell is at a contact's rim
@@ -45,9 +46,8 @@ class RubberLayer:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a number is out of its range."""
-        positive_number("RubberLayer.confinement", self.confinement, allow_zero=True, most=_MOST_CONFINEMENT)
-        positive_number("RubberLayer.half_pressure", self.half_pressure)
-        positive_number("RubberLayer.hysteresis", self.hysteresis, allow_zero=True, most=_MOST_HYSTERESIS)
+        most = {"confinement": _MOST_CONFINEMENT, "hysteresis": _MOST_HYSTERESIS}
+        check_numbers("RubberLayer", self, may_be_zero=most, most=most)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

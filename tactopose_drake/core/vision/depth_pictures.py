@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, maximum_filter
 
+from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, positive_number, whole_number
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.core.vision.rasterizer import Camera, inverse_depths
 from tactopose_drake.errors import InvalidInputError
 
@@ -36,12 +37,8 @@ class DepthCameraModel:
 
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
-        for name in ("width", "height"):
-            whole_number(f"DepthCameraModel.{name}", getattr(self, name), least=1)
-        for name in ("focal_length", "nearest", "farthest"):
-            positive_number(f"DepthCameraModel.{name}", getattr(self, name))
-        positive_number("DepthCameraModel.depth_noise", self.depth_noise, allow_zero=True)
-        positive_number("DepthCameraModel.common_share", self.common_share, allow_zero=True, most=1.0)
+        may_be_zero = ("depth_noise", "common_share")
+        check_numbers("DepthCameraModel", self, may_be_zero=may_be_zero, most={"common_share": 1.0})
         if self.nearest >= self.farthest:
             raise InvalidInputError(
                 f"DepthCameraModel.nearest must be less than `farthest`, {self.farthest:g} m, not {self.nearest:g} m."

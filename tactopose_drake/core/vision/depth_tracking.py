@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, flag, positive_number, whole_number
+from tactopose_drake.core.validation import FloatArray, flag
 from tactopose_drake.core.vision.depth_pictures import DepthPicture, expected_picture, fit_to_picture
 
 _REACH = 0.05  # distance beyond the object's size from its expected place up to which a point may be its own, m
@@ -46,12 +47,8 @@ class DepthTrackerModel:
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         flag("DepthTrackerModel.knows_hand", self.knows_hand)
-        for name in ("least_pixels", "narrowing_steps", "last_steps"):
-            whole_number(f"DepthTrackerModel.{name}", getattr(self, name), least=1)
-        for name in ("gate", "sigma_translation", "sigma_rotation_deg", "first_width"):
-            positive_number(f"DepthTrackerModel.{name}", getattr(self, name))
-        for name in ("most_hidden", "most_seen_through", "width_factor"):
-            positive_number(f"DepthTrackerModel.{name}", getattr(self, name), most=1.0)
+        shares = dict.fromkeys(("most_hidden", "most_seen_through", "width_factor"), 1.0)
+        check_numbers("DepthTrackerModel", self, most=shares)
 
     @property
     def widths(self) -> list[float]:
