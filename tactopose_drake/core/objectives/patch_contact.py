@@ -15,6 +15,9 @@ from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.validation import FloatArray, positive_number
 
+SIGMA_DEPTH, SHARE = 0.0005, 0.2
+"""Usual standard deviations of each cell's depth, m, and of a depth as a share of it."""
+
 # Standard deviation of a position that carries no information, m.
 _ANYWHERE = 1e3
 # Standard deviations added to every pad's misplacement, whose covariance may be singular: rad, m.
@@ -126,8 +129,8 @@ class PatchContact(SumObjective):
         grid: DistanceGrid,
         patches: Sequence[Patch],
         *,
-        sigma_depth: float = 0.0005,
-        share: float = 0.2,
+        sigma_depth: float = SIGMA_DEPTH,
+        share: float = SHARE,
         sigma_position: float = 0.0009,
         sigma_rotation: float = math.radians(5.0),
         sigma_lean: float = math.radians(30.0),

@@ -16,7 +16,7 @@ import numpy as np
 from tactopose_drake.core.evidence.contact_doubt import ContactKinds
 from tactopose_drake.core.evidence.patch_contacts import patch_contacts
 from tactopose_drake.core.objectives.objective import NormalEquations, SmoothObjective
-from tactopose_drake.core.objectives.patch_contact import PatchContact
+from tactopose_drake.core.objectives.patch_contact import SHARE, SIGMA_DEPTH, PatchContact
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -25,8 +25,6 @@ _SURROUNDINGS = 0.05  # distance from the object within which a pad on something
 # The rates of false pads are those of contacts: a displaced one counts as one on something else; a wrong normal does
 # not occur, as a pad measures none of its own.
 _KINDS = ContactKinds()
-# `PatchContact`'s standard deviations of each cell's depth, m, and of a depth as a share of it.
-_SIGMA_DEPTH, _SHARE = 0.0005, 0.2
 
 
 class PatchMixture(SmoothObjective):
@@ -72,7 +70,7 @@ def _shape_cost(pad: Patch) -> float:
     if np.isnan(pad.inward).any():  # No plane presses cells that face all directions.
         return by_noise
     depth, points = pad.alpha * pad.pressure[pad.active], pad.points[pad.active]
-    weights = 1.0 / np.hypot(_SIGMA_DEPTH, _SHARE * depth)
+    weights = 1.0 / np.hypot(SIGMA_DEPTH, SHARE * depth)
     across = np.linalg.svd(pad.inward[None])[2][1:]
     places = points - points.mean(axis=0)
     plane = np.column_stack([np.ones(len(points)), places @ across.T]) * weights[:, None]
