@@ -152,6 +152,11 @@ class Contacts(PlainValue):
         return self.with_arrays(covariance=covariance, sigma_position=position, sigma_normal=normal)
 
     @property
+    def normals_or_zeros(self) -> FloatArray:
+        """The normals, or zeros in their place if none are measured, shape (k, 3)."""
+        return np.zeros_like(self.p_PC) if self.n_PC is None else self.n_PC
+
+    @property
     def variances(self) -> FloatArray:
         """Of each point along its normal, m^2, and of the rotation of its normal, rad^2, shape (k, 2)."""
         sigmas = np.empty((len(self), 2))

@@ -112,13 +112,14 @@ def move_with_fingertips(
     of_rows[:, 0] = across = _tangential_noise(contacts, known, noise, slips)
     # Along the normal surfaces stay together, whether they slide or not.
     of_rows[:, 1], of_rows[:, 2] = noise.rolling, across * (noise.twisting / noise.rolling)
-    n_PC = np.zeros((len(known), 3)) if contacts.n_PC is None else contacts.n_PC[known]
     held = settled and not slips and len(known) > 1  # A single fingertip may touch an object lying on a table.
     freedom = _freedom(noise, contacts.p_PC[known], velocity) if held else 1.0
     rotation = noise.palm_rotation + freedom * (noise.free_rotation - noise.palm_rotation)
     translation = noise.palm_translation + freedom * (noise.free_translation - noise.palm_translation)
     information, right = np.diag(1.0 / three_each(rotation**2, translation**2)), np.zeros(6)
-    prediction_kernels.add_velocities(contacts.p_PC[known], n_PC, velocity, of_rows, information, right)
+    prediction_kernels.add_velocities(
+        contacts.p_PC[known], contacts.normals_or_zeros[known], velocity, of_rows, information, right
+    )
     covariance = inverses(information[None])[0][0]
     return Motion(covariance @ right * duration, covariance * duration)
 

@@ -43,9 +43,7 @@ class PointCloudContact(DifferencedObjective):
         """
         if normal_weight > 0 and contacts.n_PC is None:
             raise InvalidInputError("contacts must have normals n_PC for a normal_weight > 0, not None.")
-        self._p_PC = contacts.p_PC
-        self._n_PC = np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC
-        self._normal_weight = normal_weight
+        self._p_PC, self._n_PC, self._normal_weight = contacts.p_PC, contacts.normals_or_zeros, normal_weight
         guess = (contacts.p_PC - X_PO_guess[:, 3]) @ X_PO_guess[:, :3]
         _, index = cKDTree(points).query(guess, k=min(neighbours, len(points)))
         index = index.reshape(len(contacts), -1)

@@ -32,7 +32,7 @@ class SurfaceContact(CompiledObjective, LeastSquaresObjective):
         self.grid = grid.nodes
         self.touch = WeightedContacts(
             read_only(contacts.p_PC),
-            read_only(np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC),
+            read_only(contacts.normals_or_zeros),
             read_only(1.0 / contacts.sigma_position),
             read_only((1.0 if self._has_normals else 0.0) / contacts.sigma_normal),
         )

@@ -26,11 +26,10 @@ class SurfaceDensity:
     """
 
     def __init__(self, model: ObjectModel, contacts: Contacts) -> None:
-        n_PC = np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC
         sigma = np.asarray(contacts.sigma_position)
         weight_n = (0.0 if contacts.n_PC is None else 1.0) / np.asarray(contacts.sigma_normal)
         # Discs are as fine as the surest contact needs. Less certain ones have coarser discs of their own.
-        finest, every = float(sigma.min()), Measurements(contacts.p_PC, n_PC, sigma, weight_n)
+        finest, every = float(sigma.min()), Measurements(contacts.p_PC, contacts.normals_or_zeros, sigma, weight_n)
         steps = [math.floor(math.log(each / finest) / math.log(_WIDEST_SHARE)) for each in sigma.tolist()]
         self._parts = []
         for step in sorted(set(steps)):

@@ -51,7 +51,7 @@ class PairChoice:
         begins, matches = np.zeros(self.pairs + 1, dtype=np.intp), np.empty(self.poses, dtype=np.int32)
         measured = Measured(
             read_only(contacts.p_PC),
-            read_only(np.zeros_like(contacts.p_PC) if contacts.n_PC is None else contacts.n_PC),
+            read_only(contacts.normals_or_zeros),
             read_only(np.asarray(contacts.sigma_position)),
             read_only(np.asarray(contacts.sigma_normal)),
             contacts.n_PC is not None,
