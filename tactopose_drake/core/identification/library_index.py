@@ -75,9 +75,8 @@ class PairCounts:
 
 def count_pairs(samples: SurfaceSamples) -> PairCounts:
     """Counts the ordered pairs of `SAMPLES` of the samples, which must be at least as many."""
-    chosen = np.linspace(0, len(samples), SAMPLES, endpoint=False).astype(np.intp)
-    counts = np.zeros(_BINS, dtype=np.int64)
-    count_features(np.ascontiguousarray(samples.points[chosen]), np.ascontiguousarray(samples.normals[chosen]), counts)
+    some, counts = samples.thinned(SAMPLES), np.zeros(_BINS, dtype=np.int64)
+    count_features(some.points, some.normals, counts)
     bins = np.flatnonzero(counts)
     return PairCounts(bins.astype(np.int32), np.minimum(counts[bins], 2**16 - 1).astype(np.uint16))
 

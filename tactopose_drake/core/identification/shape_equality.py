@@ -66,10 +66,10 @@ def find_alignment(
 
 def _touch(model: ObjectModel, count: int, params: ShapeEqualityParams) -> Contacts:
     """Evenly spread surface samples as contacts in the object's own frame."""
-    chosen = np.linspace(0, len(model.samples), count, endpoint=False).astype(np.intp)
-    points, normals = model.samples.points[chosen], model.samples.normals[chosen]
-    sigma_position = np.full(len(points), params.tolerance * model.size)
-    return Contacts(points, normals, sigma_normal=params.sigma_normal).with_arrays(sigma_position=sigma_position)
+    some, sigma_position = model.samples.thinned(count), np.full(count, params.tolerance * model.size)
+    return Contacts(some.points, some.normals, sigma_normal=params.sigma_normal).with_arrays(
+        sigma_position=sigma_position
+    )
 
 
 def _are_alike(a: ObjectModel, b: ObjectModel, params: ShapeEqualityParams) -> bool:

@@ -67,8 +67,8 @@ def build_pair_features(
             only one is kept.
         max_points: most samples that are used: memory and time are quadratic in it.
     """
-    chosen = np.linspace(0, len(samples), min(max_points, len(samples)), endpoint=False).astype(np.intp)
-    points, normals = np.ascontiguousarray(samples.points[chosen]), np.ascontiguousarray(samples.normals[chosen])
+    some = samples.thinned(min(max_points, len(samples)))
+    points, normals = some.points, some.normals
     firsts = fundamental_points(points, symmetry_poses)
     length = _largest_distance(points)
     count = len(firsts) * (len(points) - 1)

@@ -38,6 +38,11 @@ class SurfaceSamples:
     def __len__(self) -> int:
         return len(self.points)
 
+    def thinned(self, count: int) -> SurfaceSamples:
+        """This number of the samples, evenly chosen, in new arrays."""
+        chosen = np.linspace(0, len(self), count, endpoint=False).astype(np.intp)
+        return SurfaceSamples(self.points[chosen], self.normals[chosen])
+
     @cached_property
     def spread(self) -> tuple[FloatArray, float, float]:
         """The points' mean (3,), m, the largest distance from O's origin, m, and a coordinate's mean variance, m^2."""
