@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.geometry_checks import in_steps, pose_near
 from tactopose_drake.core.plain_values import PlainValue, numbers
 from tactopose_drake.core.validation import FloatArray, positive_number
@@ -47,12 +48,14 @@ class GaussianPrior(PlainValue):
 
     def rounded(self) -> "GaussianPrior":
         """The prior with its pose rounded to a nanometre and a nanoradian."""
-        other, mean = object.__new__(GaussianPrior), in_steps(self.mean)
-        mean.setflags(write=False)
-        object.__setattr__(other, "mean", mean)
-        for name in _SIGMAS:
-            object.__setattr__(other, name, getattr(self, name))
-        return other
+        return GaussianPrior.unchecked(in_steps(self.mean), self.sigma_translation, self.sigma_rotation)
+
+    @staticmethod
+    def unchecked(mean: FloatArray, sigma_translation: float, sigma_rotation: float) -> "GaussianPrior":
+        """A prior of values that are known to be valid."""
+        prior = object.__new__(GaussianPrior)
+        vars(prior).update(mean=read_only(mean), sigma_translation=sigma_translation, sigma_rotation=sigma_rotation)
+        return prior
 
     @property
     def sigmas(self) -> FloatArray:

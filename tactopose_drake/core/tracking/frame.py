@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.geometry_checks import pose_matrix, pose_near
@@ -20,7 +19,6 @@ from tactopose_drake.errors import InvalidInputError
 FASTEST = 1e4  # upper bound on a fingertip's speed, rad/s and m/s
 _LEAST_SIGMA, _MOST_VARIANCE = 1e-7, 1e12
 _W, _V = slice(0, 3), slice(3, 6)
-_ANY_PRIOR = GaussianPrior(np.eye(3, 4))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -92,8 +90,7 @@ class PoseMeasurement(ReadOnlyCopies):
         """A prior that is at least as wide in every direction of rotation and of translation."""
         parts = np.stack([self.covariance[part, part] for part in (_W, _V)])
         rotation, translation = np.sqrt(eigenpairs(parts)[0].max(axis=1)).tolist()
-        mean = read_only(self.X_PO)
-        return copied(_ANY_PRIOR, mean=mean, sigma_rotation=rotation, sigma_translation=translation)
+        return GaussianPrior.unchecked(self.X_PO, translation, rotation)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
