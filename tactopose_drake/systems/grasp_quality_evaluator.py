@@ -59,8 +59,9 @@ class GraspQualityEvaluator(CollectableSystem):
         - force_closure
         - probability
 
-    All inputs are read, and all outputs change, at each period. Before the first, and while the hypotheses' status is
-    "no_solution", outputs are those without contacts: `object_pose`, which may be held, is then not an estimate.
+    All inputs are read, and all outputs change, at each period. Before the first, and while the hypotheses are None or
+    their status is "no_solution", outputs are those without contacts: `object_pose`, which may be held or that of
+    nothing known, is then not an estimate.
 
     - contacts: `Contacts` in P.
     - object_pose: `RigidTransform` X_PO.
@@ -92,7 +93,8 @@ class GraspQualityEvaluator(CollectableSystem):
     def _update(self, context: Context, state: State) -> EventStatus:
         contacts = eval_input(self._contacts, context, Contacts)
         estimate = eval_optional_input(self._hypotheses, context, PoseEstimate)
-        if estimate is not None and estimate.status == "no_solution":
+        is_estimate = estimate is not None and estimate.status != "no_solution"
+        if self._hypotheses.HasValue(context) and not is_estimate:
             state.get_mutable_abstract_state(self._quality).set_value(None)
             state.get_mutable_discrete_state(self._numbers).SetFromVector(_NOTHING_HELD)
             return EventStatus.Succeeded()

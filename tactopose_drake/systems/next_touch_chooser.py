@@ -95,6 +95,7 @@ class NextTouchChooser(CollectableSystem):
         name: NextTouchChooser
         input_ports:
         - hypotheses
+        - hypotheses_status
         - contacts
         - fingers_in_contact
         - joint_positions
@@ -109,13 +110,15 @@ class NextTouchChooser(CollectableSystem):
     moving finger only the fingertip may touch the object.
 
     - hypotheses: `PoseEstimate` of an estimate or a belief, X_PO, or None while there is none.
+    - hypotheses_status: str, the status of the `PoseEstimator` that gives them. While it starts with "held", they are
+      those of an earlier touch, possibly of another grasp, and count as no estimate. May stay unconnected.
     - contacts: `Contacts` in P of the fingers that hold the object.
     - fingers_in_contact: tuple of their names.
     - joint_positions: of the hand, in the order of a plant of the hand alone, shape (nq,), rad.
     - deciding: shape (1,), above 0 while a motion is asked for; if unconnected, a motion is always asked for.
     - next_touch: `GuardedMove`; None if no touch is needed, no motion is allowed, or a joint position is unknown.
     - resolved: the probability that the object is within the tolerance of one pose, shape (1,); 0 while there is no
-      estimate, or none that explains the touch.
+      estimate of the current touch, or none that explains it.
     - status: str, "chosen", "resolved" if that probability is at least `enough`, or "held: " and why there is no
       choice.
     """
@@ -140,6 +143,7 @@ class NextTouchChooser(CollectableSystem):
         self._joints = {name: tuple(hand.finger(name).joints) for name in self._fingers}
         self._places = {name: joints.positions(names) for name, names in self._joints.items()}
         self._hypotheses = self.DeclareAbstractInputPort("hypotheses", AbstractValue.Make(None))
+        self._of_hypotheses = self.DeclareAbstractInputPort("hypotheses_status", AbstractValue.Make(""))
         self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(Contacts.empty()))
         self._holding = self.DeclareAbstractInputPort("fingers_in_contact", AbstractValue.Make(()))
         self._positions = self.DeclareVectorInputPort("joint_positions", plant.num_positions())
@@ -157,7 +161,10 @@ class NextTouchChooser(CollectableSystem):
             return EventStatus.Succeeded()
         touch, share, status = None, 0.0, "held: no estimate yet"
         estimate = eval_optional_input(self._hypotheses, context, PoseEstimate)
-        if estimate is not None and estimate.status == "no_solution":
+        told = eval_optional_input(self._of_hypotheses, context, str) or ""
+        if told.startswith("held"):
+            status = told
+        elif estimate is not None and estimate.status == "no_solution":
             status = "held: no pose explains the touch"
         elif estimate is not None:
             share = resolved_share(self._model, estimate.modes, self._criterion.tolerance)

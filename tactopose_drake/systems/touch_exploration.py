@@ -136,6 +136,7 @@ def _connect(inner: DiagramBuilder, systems: _Systems) -> None:
         (explorer, "untouched", estimator, "untouched"),
         (volume, "hand", estimator, "hand"),
         (estimator, "hypotheses", chooser, "hypotheses"),
+        (estimator, "status", chooser, "hypotheses_status"),
         (explorer, "deciding", chooser, "deciding"),
         (chooser, "next_touch", explorer, "next_touch"),
     ):
