@@ -6,14 +6,13 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.posterior.hypotheses import free_directions
 from tactopose_drake.core.posterior.moved_origin import about_middle, has_far_origin
-from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.statuses import STATUS_OF_BELIEF
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.far_origins import directions_of_origin
 from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
-from tactopose_drake.estimation.results import PoseEstimate
+from tactopose_drake.estimation.results import PoseEstimate, status_of
 
 
 def estimate_of(belief: PoseBelief, model: ObjectModel, duration: float = 0.0) -> PoseEstimate | None:
@@ -35,8 +34,8 @@ def estimate_of(belief: PoseBelief, model: ObjectModel, duration: float = 0.0) -
         )
     )
     status = STATUS_OF_BELIEF[belief.status]
-    if status == "ok" and belief.probability[0] < DEFAULT_PARAMS.modes.answer_share:
-        status = "ambiguous"
+    # A slipping belief may have several poses, or none that explains the touch.
+    status = status_of(hypotheses, undetermined=False) if status == "ok" else status
     return PoseEstimate(hypotheses, status, duration)
 
 

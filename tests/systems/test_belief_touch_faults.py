@@ -31,6 +31,20 @@ def test_an_object_that_is_taken_away_is_said_to_be_gone(box: ObjectModel) -> No
     assert run.read("hypotheses").status == "no_solution"
 
 
+def test_hypotheses_that_do_not_explain_the_touch_are_no_solution(box: ObjectModel) -> None:
+    """The object jumps in the hand: until it is found again, its former pose is not what is felt."""
+    jumped = X_PO @ RigidTransform(RollPitchYaw(0.0, 0.0, 0.6), [0.02, 0.0, 0.02])
+    signals = touched(lambda time: X_PO if time < 0.3 else jumped)
+    run, unexplained = Run(PoseBeliefEstimator(box), vision=begun(lambda time: None), **signals), 0
+    assert run.until(0.29).word == "ok"
+    for time in np.arange(0.3, 0.6, 0.01):
+        belief, estimate = run.until(time).belief, run.read("hypotheses")
+        unexplained += not belief.explains_touch.any()
+        assert (estimate.status == "no_solution") == (not belief.explains_touch.any())
+        assert estimate.best.explains_touch or estimate.status != "ok"
+    assert unexplained > 0
+
+
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("with_vision", [False, True])
 def test_an_object_that_comes_back_elsewhere_is_found_anew(box: ObjectModel, seed: int, with_vision: bool) -> None:
