@@ -69,8 +69,10 @@ def detect_by_motion(
         time: of the frame, s.
         duration: since the last frame, s.
     """
-    if tip_velocity is None or duration <= 0.0:
+    if tip_velocity is None:
         return RigidityTest(noise=test.noise), False
+    if duration <= 0.0:  # Nothing has moved since.
+        return test, False
     names, noise = reading.sources, params.velocity_noise**2 if test.noise is None else test.noise
     touching = frozenset(frame_names := [names[s] for s in reading.source])
     stay = [row for row, name in enumerate(frame_names) if name in test.touching and name in tip_velocity]

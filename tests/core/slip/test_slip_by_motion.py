@@ -158,6 +158,15 @@ def test_a_fingertip_on_its_way_to_the_object_is_bound_by_nothing() -> None:
     assert not any(calls(velocities, [few] * 10 + [touch()] * 11))
 
 
+def test_frames_that_come_twice_at_the_same_time_hide_no_slide() -> None:
+    generator, sliding = np.random.default_rng(0), np.zeros((6, 3))
+    sliding[2] = 0.05 * ALONG[3:]
+    velocities = [moves(TWIST, sliding + 0.002 * generator.normal(size=(6, 3))) for _ in range(40)]
+    twice = calls([velocity for velocity in velocities for _ in range(2)], durations=np.tile([PERIOD, 0.0], 40))
+    assert twice[::2] == calls(velocities)
+    assert any(twice)
+
+
 def test_unknown_velocities_say_nothing() -> None:
     test, slides = detect_by_motion(PARAMS, RigidityTest(noise=1e-6), touch(), None, 1.0, PERIOD)
     assert (test, slides) == (RigidityTest(noise=1e-6), False)
