@@ -2,18 +2,24 @@
 
 import dataclasses
 
+import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from tactopose_drake.core.parameter_checks import check_parts, params_of
+from tactopose_drake.core.plain_values import numbers
+from tactopose_drake.core.sensing.force_torque import GRAVITY_W
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.collision import HandCollision
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.systems.plant_senses import add_with_plant, told_hand
 from tactopose_drake.systems.pose_estimator import PoseEstimator, PoseEstimatorParams
 from tactopose_drake.systems.touch_sensing import TouchParams, add_touch
+
+_MOST_OTHER_GRAVITY = 0.05  # m/s^2; on the earth it differs by less
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -92,10 +98,13 @@ def AddPoseEstimation(
 
     Raises:
         InvalidInputError: if a parameter is out of its range, another system of the builder has the name, or the plant
-            is not finalized, is not in the builder, or does not hold exactly one such hand.
+            is not finalized, is not in the builder, does not hold exactly one such hand, or with `balance` has another
+            gravity than the earth's along -z.
     """
     hand = told_hand(hand, plant, simulated_senses)
     estimation = MakePoseEstimation(hand, model, params)
+    if plant is not None and params is not None and params.estimator.balance:
+        _check_gravity(plant)
     return add_with_plant(builder, name, estimation, hand, plant, simulated_senses)
 
 
@@ -113,3 +122,15 @@ def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimat
     diagram = builder.Build()
     diagram.set_name("pose_estimation")
     return diagram
+
+
+def _check_gravity(place: MultibodyPlant | Hand) -> None:
+    """Raises InvalidInputError unless the plant's gravity is the one that the balance of forces assumes."""
+    plant = place.palm_frame.GetParentPlant() if isinstance(place, Hand) else place
+    instance_of("plant", plant, MultibodyPlant)
+    gravity = plant.gravity_field().gravity_vector()
+    if np.linalg.norm(gravity - GRAVITY_W) > _MOST_OTHER_GRAVITY:
+        raise InvalidInputError(
+            f"plant must have a gravity of {numbers(GRAVITY_W, 2)} m/s^2 with PoseEstimatorParams.balance, not "
+            f"{numbers(gravity, 2)} m/s^2."
+        )

@@ -107,8 +107,9 @@ class PoseEstimator(CollectableSystem):
     - planes: tuple of `PlaneContact` in P, planes of the world that the held object rests against now or has rested
       against since it was grasped; may stay unconnected.
     - joint_positions: of the hand, shape (nq,), rad; the port exists only if collisions are checked.
-    - palm_pose: `RigidTransform` X_WP, z of the world upwards; the port exists only with `balance`. The balance is used
-      while the pose is finite, a contact is felt, and no patch is felt, since its force is unknown.
+    - palm_pose: `RigidTransform` X_WP, z of the world upwards; the port exists only with `balance`. The balance, with a
+      gravity of 9.81 m/s^2, is used while the pose is finite, a contact is felt, and no patch is felt, since its force
+      is unknown.
     - object_pose: `RigidTransform` X_PO, the most probable hypothesis; held between updates, and while the touch gives
       no solution. Before the first estimate it is the prior's pose, and the identity before the first prior.
     - hypotheses: `PoseEstimate`, the last one; None before the first. Hypotheses that collide with the hand are

@@ -6,6 +6,7 @@ import trimesh
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
@@ -20,7 +21,7 @@ from tactopose_drake.station.hardware import make_hardware_station
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated import make_station
 from tactopose_drake.systems.palm_on_base import PalmOnBase
-from tactopose_drake.systems.pose_estimation import PoseEstimationParams
+from tactopose_drake.systems.pose_estimation import AddPoseEstimation, PoseEstimationParams
 from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
 from tests.core.models import brick
 from tests.systems.pose_estimator_bench import X_PO, Bench
@@ -95,6 +96,22 @@ def test_an_object_of_unknown_mass_is_refused_at_once() -> None:
         Bench(light, balance=True)
     with pytest.raises(InvalidInputError, match=r"friction must be .*, not -0\.1"):
         PoseEstimatorParams(friction=-0.1).validate()
+
+
+@pytest.mark.parametrize("gravity", [[0.0, 0.0, -1.62], [0.0, -9.81, 0.0], [0.0, 0.0, -9.83]])
+def test_a_plant_with_another_gravity_than_the_balances_is_refused(box: ObjectModel, gravity: list[float]) -> None:
+    config, builder = load_hand_config("shadow_like"), DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(time_step=0.001))
+    add_hand(plant, config, RigidTransform())
+    plant.mutable_gravity_field().set_gravity_vector(gravity)
+    plant.Finalize()
+    params = PoseEstimationParams(estimator=PoseEstimatorParams(balance=True))
+    if gravity[2] < -9.0:
+        AddPoseEstimation(builder, config, box, params, plant=plant)
+        return
+    with pytest.raises(InvalidInputError, match=r"plant must have a gravity of \[0\.00, 0\.00, -9\.81\] m/s\^2 with"):
+        AddPoseEstimation(builder, config, box, params, plant=plant)
+    AddPoseEstimation(builder, config, box, plant=plant)
 
 
 def test_the_palm_on_a_fixed_base_is_where_the_plant_has_it() -> None:
