@@ -4,8 +4,10 @@ Exit status: 0 if an estimate was made, or a hand is usable; 2 for unusable inpu
 and where; 1 for anything else.
 """
 
+import errno
 import importlib
 import logging
+import os
 import signal
 import sys
 from typing import Any, NoReturn
@@ -84,7 +86,8 @@ def main() -> None:
     except InvalidInputError as error:
         _fail(str(error))
     except (TactoposeError, OSError) as error:
-        _fail(str(error), status=1)
+        is_full = isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None
+        _fail(f"standard output cannot be written ({os.strerror(errno.ENOSPC)})." if is_full else str(error), status=1)
     except (InterruptedRunError, click.Abort):
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Cleanup must not be interrupted again.
         _fail("interrupted", status=1)

@@ -165,6 +165,17 @@ def test_a_replay_that_cannot_be_written_names_its_file_once() -> None:
         fail()
 
 
+@pytest.mark.skipif(not FULL.exists(), reason="the system has no device that is always full")
+def test_a_full_standard_output_is_named_and_results_are_written(files: Path) -> None:
+    code = "from tactopose_drake.cli.entry import start; start()"
+    call = [sys.executable, "-c", code, "estimate", *map(str, inputs(files)), "--out", str(files / "result.json")]
+    with FULL.open("w") as full:
+        done = subprocess.run(call, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert "error: standard output cannot be written (No space left on device).\n" in done.stderr
+    assert (files / "result.json").is_file()
+
+
 class Station:
     """All of whose ports give the estimate."""
 
