@@ -111,7 +111,8 @@ class PoseBeliefEstimator(CollectableSystem):
       before the first mode.
     - hypotheses: `PoseEstimate`, all modes; None before the first.
     - status: str, that of `PoseBelief` ("ok", "ambiguous", "slipping", "no_contact", "lost"), possibly with ": " and
-      remarks on vision, the sensors, and the clock. The pose is an estimate only for the first three.
+      remarks on vision, the sensors, and the clock. The pose is an estimate only for the first three, and not while it
+      is "slipping" with the remark that the best pose does not explain the touch.
     - belief: `PoseBelief`.
 
     The outputs change once a period, `latency` after the inputs are read; object_pose_in_world also with palm_pose.
