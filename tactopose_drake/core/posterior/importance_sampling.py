@@ -210,7 +210,7 @@ def _next_round(
         joined = _sample_again(samples, times, cover, posterior, generator)
     else:
         count = max(params.round_of(cover.tiles), int(params.growth * drawn))
-        if drawn + count > params.most_samples:
+        if drawn + count > posterior.most_samples:
             return None
         proposal = tile_samples(samples.X_PO, samples.weights, cover, count, posterior)
         joined = _append(samples, proposal.sample(generator), cover, posterior)
@@ -232,9 +232,9 @@ def _times_wanted(samples: Samples, posterior: Posterior) -> NDArray[np.intp]:
     noise = np.sqrt(squares)
     shares = 0.5 * (count / drawn + noise / max(noise.sum(), 1e-300))
     wanted = float((squares / shares).sum()) / max(params.standard_error, 1e-9) ** 2
-    wanted = min(max(wanted, drawn + params.samples), params.most_samples)
+    wanted = min(max(wanted, drawn + params.samples), posterior.most_samples)
     more = np.maximum(shares * wanted / once - samples.times, 0.0)
-    room = max(params.most_samples - drawn, 0)
+    room = max(posterior.most_samples - drawn, 0)
     if np.ceil(more) @ once > room:
         more = np.floor(more * min(1.0, room / (more @ once)))
     return np.asarray(samples.times + np.ceil(more).astype(np.intp))

@@ -38,6 +38,7 @@ class Posterior:
         size: the object's size, m.
         sigma: the smallest standard deviation of the positions of contacts and pads, m.
         params: how it is sampled.
+        contacts: number of contacts, which limits that of the samples.
         false_ones: tells which contacts and pads poses (B, 3, 4) take for false, shape (B, k); None if there is none.
         single_contact: the contact or pad from which poses can be drawn; None if there is more of either.
         excludes_out_of_touch: whether poses that take all contacts and pads for false belong to no mode. They may be
@@ -54,9 +55,16 @@ class Posterior:
     size: float
     sigma: float
     params: PosteriorParams = DEFAULT_PARAMS
+    contacts: int = 0
     false_ones: Callable[[FloatArray], NDArray[np.bool_]] | None = None
     single_contact: SingleContact | None = None
     excludes_out_of_touch: bool = False
+
+    @property
+    def most_samples(self) -> int:
+        """The number of samples after which there is no further round."""
+        params = self.params.sampling
+        return min(params.most_samples, params.most_densities // max(self.contacts, 1))
 
     def turn_directions(self, X_PO: FloatArray) -> FloatArray:
         """The increments of turns about the axes at poses (B, 3, 4), shape (B, 6, c)."""
@@ -125,7 +133,8 @@ def make_posterior(
         symmetry_poses=model.symmetry_poses if images is None else images,
         size=model.size,
         sigma=float(np.min(evidence.touch.sigma_position)),
-        params=_for_contacts(params, len(evidence.contacts)),
+        params=params,
+        contacts=len(evidence.contacts),
         false_ones=problem.false_ones,
         single_contact=_single_contact(model, evidence),
         excludes_out_of_touch=evidence.prior is None and len(evidence.touch) < params.modes.fewest_contacts,
@@ -138,11 +147,3 @@ def _single_contact(model: ObjectModel, evidence: Evidence) -> SingleContact | N
     if len(touch) != 1 or touch.n_PC is None or float(np.max(touch.sigma_normal)) >= _NO_NORMAL:
         return None
     return SingleContact(model, touch, evidence.prior)
-
-
-@functools.lru_cache
-def _for_contacts(params: PosteriorParams, count: int) -> PosteriorParams:
-    """The parameters with the number of samples limited for this number of contacts."""
-    sampling = params.sampling
-    most = min(sampling.most_samples, sampling.most_densities // max(count, 1))
-    return dataclasses.replace(params, sampling=dataclasses.replace(sampling, most_samples=most))
