@@ -1,5 +1,7 @@
 """The decisions of hand over and place, with a planner that needs no arm."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
@@ -198,6 +200,24 @@ def test_a_rod_that_cannot_be_met_is_to_be_offered_anew(planner: Planner, mispla
     bench.hold()
     bench.set_object(hypotheses=estimate(misplaced=misplaced))
     assert bench.run(0.15) == "again"
+
+
+def test_no_motion_is_planned_from_a_pose_that_does_not_explain_the_touch() -> None:
+    unexplained = dataclasses.replace(estimate(misplaced=0.02), status="no_solution")
+    bench = Bench(Planner())
+    bench.hold(hypotheses=unexplained)
+    assert bench.run(0.15) == "again"
+    bench = Bench(Planner())
+    bench.hold()
+    assert bench.run(0.15) == "feel"
+    bench.set_object(hypotheses=dataclasses.replace(estimate(), status="no_solution"))
+    assert bench.run(1.0) == "failed: no pose of the rod explains the touch"
+    np.testing.assert_array_equal(bench.arm, np.zeros(4))
+    bench = Bench(Planner())
+    bench.hold()
+    assert bench.run(0.4) == "move"
+    bench.set_object(hypotheses=dataclasses.replace(estimate(0.006), status="no_solution"))
+    assert bench.run(0.5) == "insert"
 
 
 def test_a_grip_that_is_not_firm_is_tried_again_and_then_given_up() -> None:
