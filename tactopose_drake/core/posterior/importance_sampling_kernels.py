@@ -215,6 +215,25 @@ def find_nearest_images(X: Floats3, X_mode: Floats3, symmetries: Floats3, arm: f
 
 
 @kernel
+def find_nearest_modes(X: Floats3, X_mode: Floats3, arm: float, nearest: OutLongs1) -> None:
+    """Finds the nearest mode (g, 3, 4) to each pose X (B, 3, 4). Rotations are weighted by a lever arm, m."""
+    for b in range(X.shape[0]):
+        least = np.inf
+        for g in range(X_mode.shape[0]):
+            square, trace = 0.0, 0.0
+            for i in range(3):
+                square += (X[b, i, 3] - X_mode[g, i, 3]) ** 2
+            if square >= least:
+                continue
+            for i in range(3):
+                for j in range(3):
+                    trace += X[b, i, j] * X_mode[g, i, j]
+            square += (arm * np.arccos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))) ** 2
+            if square < least:
+                least, nearest[b] = square, g
+
+
+@kernel
 def step_down(
     gradient: Floats2, hessian: Floats3, soft: Floats1, units: Floats1, longest: float, X: OutFloats3
 ) -> None:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.kernels.mode_kernels import one_of_each
-from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior import importance_sampling_kernels
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.joined_modes import Families, Landscape, find_families
@@ -128,8 +127,8 @@ def density_by_contact(X_PO: FloatArray, cover: Cover, posterior: Posterior) -> 
     contact, scale = posterior.single_contact, cover.by_contact.scale
     if contact is None or scale == 0.0:
         return ()
-    density, u = np.zeros((len(X_PO), len(cover.X_PO))), increments_between(cover.X_PO, X_PO[:, None])
-    nearest = np.square(u / posterior.units).sum(axis=2).argmin(axis=1)
+    density, nearest = np.zeros((len(X_PO), len(cover.X_PO))), np.empty(len(X_PO), dtype=np.intp)
+    importance_sampling_kernels.find_nearest_modes(X_PO, cover.X_PO, 0.5 * posterior.size, nearest)
     density[np.arange(len(X_PO)), nearest] = scale * contact.density(X_PO)
     return (density,)
 
