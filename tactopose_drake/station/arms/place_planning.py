@@ -200,7 +200,7 @@ class PlacePlanner:
             p_PE=held.point(farthest),
             down_P=-lean.n_P,
             p_WQ=self._p_WTable,
-            highest=max(reach + params.table_clearance, lean.least_end * tilt),
+            highest=max(reach, lean.least_end * tilt) + params.table_clearance,
             lowest=lean.least_end * tilt,
             clear=floor,
             near=0.0,

@@ -189,6 +189,23 @@ def test_the_rod_leans_on_the_table_and_the_hand_stays_off_it(planner: PlacePlan
     assert seen[1] > 30.0
 
 
+@pytest.mark.parametrize("end", [0.03, 0.01])
+def test_a_rod_too_short_to_touch_the_table_is_lowered_until_the_hand_is_near_it(
+    planner: PlacePlanner, end: float
+) -> None:
+    """The task then tells that the rod does not reach the table."""
+    params, q_hand = PlaceParams(), np.zeros(planner.num_hand_positions)
+    held = dataclasses.replace(GRIP, end=end, sigma=0.001, sigma_end=0.001)
+    touched = planner.touch_table(Q, q_hand, held, either_end_up(pencil(), 0.001))
+    assert touched is not None
+    move, lower, _ = touched
+    np.testing.assert_allclose(move.value(move.end_time()), lower.value(0.0), atol=1e-9)
+    first, last = (palm_in_world(lower.value(time)[:, 0], q_hand) for time in (0.0, lower.end_time()))
+    fallen = first.multiply(held.p_PQ)[2] - last.multiply(held.p_PQ)[2]
+    assert fallen == pytest.approx(params.table_clearance, abs=5e-4)
+    assert last.multiply(held.point(held.end))[2] > 0.0  # The rod's end is still off the table.
+
+
 @pytest.mark.parametrize(
     ("name", "value", "allowed"),
     [
