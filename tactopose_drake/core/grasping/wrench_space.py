@@ -196,7 +196,7 @@ class WrenchSpace:
         edge = along.argmax(axis=2)
         best = np.take_along_axis(along, edge[..., None], axis=2)[..., 0]  # (m, k)
         wrench = self.primitives[np.arange(len(self.primitives)), edge]  # (m, k, 6)
-        if self.norm == "L1":
+        if self.norm == "L1" and len(self.primitives):
             contact = best.argmax(axis=1)[:, None]
             best = np.take_along_axis(best, contact, axis=1)
             wrench = np.take_along_axis(wrench, contact[..., None], axis=1)

@@ -163,6 +163,13 @@ def test_flat_wrench_spaces_have_no_content(norm: str, fingers: int) -> None:
     assert space.radius == space.volume == 0.0
 
 
+@pytest.mark.parametrize("norm", ["L1", "Linf"])
+def test_without_contacts_the_space_extends_nowhere(norm: str) -> None:
+    reach, points = WrenchSpace(np.zeros((0, 8, 6)), norm).support(np.eye(6))
+    np.testing.assert_array_equal(reach, np.zeros(6))
+    np.testing.assert_array_equal(points, np.zeros((6, 6)))
+
+
 def test_the_polytopes_of_the_axes_are_known() -> None:
     axes = np.concatenate([np.eye(6), -np.eye(6)])
     corner = np.ones((1, 6))
