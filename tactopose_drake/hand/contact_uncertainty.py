@@ -50,9 +50,7 @@ class ContactUncertainty:
         # Change of the plant's positions by one standard deviation of each measured joint's offset, shape (nq, k).
         self._offsets = gains * offset_sigmas(plant, hand, uncertainty)
         self._frames, self._errors = hand.sensor_frames, uncertainty
-        self._variances = HandVariances(
-            uncertainty.mounting**2, math.radians(uncertainty.mounting_deg) ** 2, uncertainty.fingertip_radius**2
-        )
+        self._variances = HandVariances(uncertainty.mounting**2, math.radians(uncertainty.mounting_deg) ** 2)
         self._surfaces, self._layers = hand.surfaces, hand.layers
         self._calibrated: dict[str, _Calibrated] = {}
         # Variance of each fingertip's surface along an axis, without the joints' offsets. A rotation moves the middle
@@ -96,6 +94,7 @@ class ContactUncertainty:
             layer=self._layers.get(finger),
             sigma_moment=self._errors.sensor_moment,
             sigma_force=self._errors.sensor_force,
+            sigma_radius=self._errors.fingertip_radius,
         )
         X, covariance = np.ascontiguousarray(X_PS.GetAsMatrix34()), np.empty((6, 6))
         contact = SensedContact(solution.p_SC, solution.n_S, *map(read_only, by_sensor))

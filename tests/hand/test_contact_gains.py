@@ -38,6 +38,21 @@ def test_the_gains_are_those_of_the_noise(surface: Surface, layer: SoftLayer | N
     )
 
 
+@pytest.mark.parametrize("layer", [None, LAYER], ids=["rigid", "soft"])
+@pytest.mark.parametrize("surface", SURFACES[:2], ids=lambda surface: type(surface).__name__)
+def test_the_covariance_by_the_radius_is_that_of_its_gains(surface: Surface, layer: SoftLayer | None) -> None:
+    gains = contact_gains(pushes(surface, 5), surface, layer)
+    found = contact_covariance(
+        gains.solutions, surface, layer=layer, sigma_moment=0.0, sigma_force=0.0, sigma_radius=1e-3
+    )
+    moved, turned = 1e-3 * gains.point[:, :, 6], 1e-3 * gains.turn[:, :, 6]
+    changed = np.cross(turned, gains.solutions.n_S)
+    assert np.linalg.norm(changed, axis=1).max() > 0.01  # by friction
+    for told, a, b in ((found.p, moved, moved), (found.n, changed, changed), (found.pn, moved, changed)):
+        expected = np.einsum("ki,kj->kij", a, b)
+        np.testing.assert_allclose(told, expected, atol=1e-4 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize("surface", SURFACES, ids=lambda surface: type(surface).__name__)
 def test_the_gains_say_which_way_a_contact_moves(surface: Surface) -> None:
     wrench, change = pushes(surface, 1)[0], np.array([3e-6, -2e-6, 1e-6, -3e-4, 4e-4, 2e-4])

@@ -143,17 +143,19 @@ def test_a_calibration_narrows_whatever_its_errors_move() -> None:
     assert after == pytest.approx(0.1 * before, rel=1e-3)
 
 
-def test_a_thicker_fingertip_moves_the_point_along_its_normal_and_a_mounting_anywhere() -> None:
+def test_a_thicker_fingertip_moves_the_point_along_the_force_and_a_mounting_anywhere() -> None:
     plant, hand = make_hand_plant(load_hand_config("shadow_like"))
     kinematics = HandKinematics(plant, hand.palm_frame)
     finger = hand.fingers[0]
-    _, solution = touch(hand, finger)
+    wrench, solution = touch(hand, finger)
     X_PS = kinematics.poses(hand.sensor_frames)[finger]
-    n = X_PS.rotation() @ solution.n_S
+    # On the side of a capsule, with friction along its axis: the point slides along that, and the normal does not turn.
+    moved = X_PS.rotation() @ (wrench[3:] / (wrench[3:] @ solution.n_S))
+    assert np.linalg.norm(moved) > 1.1
     thick = ContactUncertainty(plant, hand, HandUncertainty(**NONE | {"fingertip_radius": 0.001}))
     said = thick.covariance(finger, solution, X_PS, kinematics)
-    np.testing.assert_allclose(said[:3, :3], 1e-6 * np.outer(n, n), atol=1e-15)
-    np.testing.assert_array_equal(said[3:], 0.0)
+    np.testing.assert_allclose(said[:3, :3], 1e-6 * np.outer(moved, moved), atol=1e-15)
+    np.testing.assert_allclose(said[3:], 0.0, atol=1e-15)
     mounted = ContactUncertainty(plant, hand, HandUncertainty(**NONE | {"mounting": 0.002}))
     said = mounted.covariance(finger, solution, X_PS, kinematics)
     np.testing.assert_allclose(said[:3, :3], 4e-6 * np.eye(3), atol=1e-15)
@@ -286,10 +288,11 @@ def test_an_uncertainty_of_another_unit_is_refused(name: str, value: float, allo
 def test_a_pose_is_used_as_given() -> None:
     plant, hand = make_hand_plant(load_hand_config("shadow_like"))
     kinematics = HandKinematics(plant, hand.palm_frame)
-    _, solution = touch(hand, hand.fingers[0])
+    wrench, solution = touch(hand, hand.fingers[0])
     uncertainty = ContactUncertainty(plant, hand, HandUncertainty(**NONE | {"fingertip_radius": 0.001}))
     said = uncertainty.covariance(hand.fingers[0], solution, RigidTransform(), kinematics)
-    np.testing.assert_allclose(said[:3, :3], 1e-6 * np.outer(solution.n_S, solution.n_S), atol=1e-15)
+    moved = wrench[3:] / (wrench[3:] @ solution.n_S)
+    np.testing.assert_allclose(said[:3, :3], 1e-6 * np.outer(moved, moved), atol=1e-15)
 
 
 def test_the_hands_surface_is_off_by_what_moves_its_fingertips() -> None:

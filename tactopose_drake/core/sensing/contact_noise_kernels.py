@@ -26,10 +26,11 @@ class Found(NamedTuple):
 
 
 class WrenchNoise(NamedTuple):
-    """Variances of each component of the moment, (N m)^2, and of the force, N^2; the layer's compliance, m/N."""
+    """Variances of each moment, (N m)^2, and force, N^2, and of the radius, m^2; the layer's compliance, m/N."""
 
     moment: float
     force: float
+    radius: float
     compliance: float
 
 
@@ -44,8 +45,8 @@ class Covariances(NamedTuple):
 class SensedContact(NamedTuple):
     """A contact's point and the fingertip's normal there, in S, shape (3,), and their covariances.
 
-    These are due to the sensor's noise: of the point, of the normal, and of the point (rows) with the normal, shape
-    (3, 3).
+    These are due to the sensor's noise and the radius: of the point, of the normal, and of the point (rows) with the
+    normal, shape (3, 3).
     """
 
     p: Floats1
@@ -56,11 +57,10 @@ class SensedContact(NamedTuple):
 
 
 class HandVariances(NamedTuple):
-    """Variances of a fingertip's position, m^2, and rotation, rad^2, by axis, and of its radius, m^2."""
+    """Variances of a fingertip's position, m^2, and rotation, rad^2, by axis."""
 
     place: float
     turn: float
-    radius: float
 
 
 class _Work(NamedTuple):
@@ -139,6 +139,7 @@ def fill_covariances(
         _add_noise(work.of_point, work.of_point_by_force, work.of_point, work.of_point_by_force, noise, out.point[b])
         _add_noise(gain, work.product, gain, work.product, noise, out.normal[b])
         _add_noise(work.of_point, work.of_point_by_force, gain, work.product, noise, out.both[b])
+        _add_radius(n, across, noise.radius, work, out.point[b], out.normal[b], out.both[b])
 
 
 @kernel
@@ -152,7 +153,7 @@ def fill_hand_covariance(
         contact: the contact from the sensor.
         by_joints: rotation and displacement of the contact by one standard deviation of each joint's offset, shape
             (6, k).
-        errors: variances of the fingertip's pose and size.
+        errors: variances of the fingertip's pose.
         out: output.
     """
     p, n, by_point, by_normal, by_both = contact
@@ -177,7 +178,7 @@ def fill_hand_covariance(
         out[3 + i, (i + 1) % 3] -= errors.turn * a[(i + 2) % 3]
         out[3 + i, (i + 2) % 3] += errors.turn * a[(i + 1) % 3]
         for k in range(i + 1):
-            out[i, k] += errors.radius * m[i] * m[k] - errors.turn * a[i] * a[k]
+            out[i, k] -= errors.turn * a[i] * a[k]
     transform(R, by_point, turned, rotation)
     for i in range(3):
         for k in range(i + 1):
@@ -261,6 +262,24 @@ def _add_noise(
                 by_moment += moment[i, c] * other_moment[k, c]
                 by_force += force[i, c] * other_force[k, c]
             out[i, k] = noise.moment * by_moment + noise.force * by_force
+
+
+@part
+def _add_radius(
+    n: Floats1, across: Floats1, variance: float, work: _Work, point: OutFloats2, normal: OutFloats2, both: OutFloats2
+) -> None:
+    """Adds those by the radius: a surface that is thicker by d moves points by d n, and a moment d n x f is lacking."""
+    moved, changed = work.g, work.step[0]
+    for i in range(3):
+        moved[i], changed[i] = n[i], 0.0
+        for k in range(3):
+            moved[i] -= work.of_point[i, k] * across[k]
+            changed[i] -= work.gain[i, k] * across[k]
+    for i in range(3):
+        for k in range(3):
+            point[i, k] += variance * moved[i] * moved[k]
+            normal[i, k] += variance * changed[i] * changed[k]
+            both[i, k] += variance * moved[i] * changed[k]
 
 
 @inlined

@@ -77,7 +77,7 @@ def test_a_batch_is_as_its_items_and_invalid_ones_have_none() -> None:
         np.testing.assert_allclose(single.n, covariance.n[i], rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["sigma_moment", "sigma_force"])
+@pytest.mark.parametrize("name", ["sigma_moment", "sigma_force", "sigma_radius"])
 def test_a_negative_sigma_is_refused(name: str) -> None:
     solution = solve_contact([0, 0, 0, 0, 0, -2.0], Sphere(radius=0.009))
     with pytest.raises(InvalidInputError, match=f"{name} must be .*, not -1"):
@@ -94,11 +94,10 @@ def test_a_hands_errors_turn_and_move_a_contact_together() -> None:
     arm, normal = R @ p_SC, R @ n_S
     by_noise = np.block([[R, np.zeros((3, 3))], [np.zeros((3, 3)), skew(normal) @ R]])
     by_turn = np.vstack([-skew(arm), np.eye(3)])
-    thicker = np.append(normal, np.zeros(3))
     expected = by_noise @ noise @ by_noise.T + np.roll(by_joints, 3, axis=0) @ np.roll(by_joints, 3, axis=0).T
-    expected += 0.3 * by_turn @ by_turn.T + 0.2 * np.diag([1.0, 1, 1, 0, 0, 0]) + 0.1 * np.outer(thicker, thicker)
+    expected += 0.3 * by_turn @ by_turn.T + 0.2 * np.diag([1.0, 1, 1, 0, 0, 0])
     found = np.empty((6, 6))
     blocks = (np.ascontiguousarray(block) for block in (noise[:3, :3], noise[3:, 3:], noise[:3, 3:]))
     contact = SensedContact(p_SC, n_S, *blocks)
-    fill_hand_covariance(make_poses(R, p_PS), contact, by_joints, HandVariances(0.2, 0.3, 0.1), found)
+    fill_hand_covariance(make_poses(R, p_PS), contact, by_joints, HandVariances(0.2, 0.3), found)
     np.testing.assert_allclose(found, expected, atol=1e-9)
