@@ -4,12 +4,17 @@ At a fingertip that rolls on the object or sticks to it, the touching point has 
 fingertips these are 3 k equations in six unknowns, the loop closure of hand and object. The residual of their
 displacements within a short time is the innovation: while all hold, it comes from the noise of the measured velocities,
 which is estimated from frame-to-frame changes, and from errors of the kinematics in proportion to the fingertips'
-paths. Its normalised square is chi-square with 3 k - 6 degrees of freedom until one slides. A velocity that stays the
-same to the last bit is held over from the frame before, with its noise.
+paths. Its normalised square is chi-square with f = 3 k - 6 degrees of freedom until one slides. As the estimate of the
+noise averages a few frames only, it has h degrees of freedom itself, and their ratio has an F distribution: of that, (h
++ f / 2 - 1) log(1 + f F / h) is nearly chi-square with f degrees of freedom [B37]. A velocity that stays the same to
+the last bit is held over from the frame before, with its noise.
+
+Source: [B37] M. Bartlett, Properties of sufficiency and statistical tests, Proc. Royal Society A 160, 1937.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -102,5 +107,12 @@ def detect_by_motion(
     # Noise adds up as a random walk over readings; errors of the kinematics are proportional to the path.
     held = np.bincount(np.subtract(readings, readings[0]), weights=durations)
     variance = noise * float(held @ held) + params.way_share**2 * of_ways / (3 * steady)
-    is_news = unexplained > variance * chi_square_limit(freedom, params.false_alarm_probability)
+    is_news = unexplained > variance * _limit(freedom, params)
     return test, bool(is_news and unexplained > steady * params.least_distance**2)
+
+
+def _limit(freedom: int, params: RigidityTestParams) -> float:
+    """The sum of squares over an estimated variance that noise alone exceeds with the probability of false alarms."""
+    of_noise = freedom * (2.0 / params.noise_gain - 1.0)  # of exponential smoothing over independent frames
+    log_ratio = chi_square_limit(freedom, params.false_alarm_probability) / (of_noise + 0.5 * freedom - 1.0)
+    return of_noise * math.expm1(log_ratio)

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy import stats
 
 from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -120,6 +121,25 @@ def test_a_slide_is_one_from_a_least_distance_on_that_is_the_mean_square_of_all_
         test, slides = detect_by_motion(params, test, touch(), moves(REST, velocity), PERIOD * i, PERIOD)
         said.append(slides)
     assert said == [False] * 8 + [factor > 1.0]
+
+
+@pytest.mark.parametrize("fingers", [3, 4, 6])
+@pytest.mark.parametrize("factor", [0.99, 1.01])
+def test_a_slide_exceeds_what_is_due_to_noise_that_is_itself_estimated(fingers: int, factor: float) -> None:
+    """Of single frames: the sum of squares over the estimated variance has an F distribution."""
+    params = RigidityTestParams(time=PERIOD, least_distance=1e-9, way_share=1e-9)
+    sliding = np.zeros((6, 3))
+    sliding[2] = ALONG[3:]
+    J = np.concatenate([np.hstack([-skew(p), np.eye(3)]) for p in p_OC[:fingers]])
+    rows = sliding[:fingers].ravel()
+    left, freedom = rows - J @ np.linalg.lstsq(J, rows)[0], 3 * fingers - 6
+    limit = freedom * stats.f.isf(params.false_alarm_probability, freedom, freedom * (2.0 / params.noise_gain - 1.0))
+    speed = factor * params.velocity_noise * np.sqrt(limit) / np.linalg.norm(left)
+    test, said = RigidityTest(), []
+    for i, each in enumerate([0.0 * sliding, speed * sliding]):
+        test, slides = detect_by_motion(params, test, touch(np.arange(fingers)), moves(REST, each), PERIOD * i, PERIOD)
+        said.append(slides)
+    assert said == [False, factor > 1.0]
 
 
 def test_velocities_that_are_noisier_than_told_are_learnt_to_be() -> None:
