@@ -137,7 +137,7 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
         if exchange.thread is None and not self._is_closed:
             self._start(exchange)
         with exchange.wakened:
-            exchange.newest = reading
+            exchange.newest = _after_skipped(exchange.newest, reading)
             finished = exchange.finished
             exchange.wakened.notify()
         exchange.raise_error()
@@ -165,6 +165,16 @@ class LivePoseBeliefEstimator(PoseBeliefEstimator):
         is_late = error is not None or not 0.0 <= age <= self._params.tracker.lost_time
         belief = dataclasses.replace(belief, status="lost" if is_late else belief.status, remarks=remarks)
         return dataclasses.replace(timed, belief=belief)
+
+
+def _after_skipped(skipped: Reading | None, reading: Reading) -> Reading:
+    """The reading that replaces one that is skipped: a palm that was unknown or jumped there stays unknown in it.
+
+    Otherwise the jump would count as a motion of the palm, away from an object that nothing touches.
+    """
+    if skipped is None or skipped.frame.X_WP is not None:
+        return reading
+    return dataclasses.replace(reading, frame=dataclasses.replace(reading.frame, X_WP=None))
 
 
 def _close_all(exchanges: Iterable[_Exchange]) -> None:

@@ -359,6 +359,35 @@ def test_live_a_belief_that_falls_behind_tells_its_age_and_is_lost(
         assert keep_pace(bench, 14).split(":")[0] == "ok"
 
 
+def test_live_a_palm_that_jumps_in_a_skipped_reading_takes_what_was_in_it_with_it(
+    box: ObjectModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step, may_go_on = PoseTracker.step, threading.Event()
+
+    def wait(tracker: PoseTracker, belief: PoseBelief, frame: Frame) -> PoseBelief:
+        may_go_on.wait(20.0)
+        return step(tracker, belief, frame)
+
+    with LivePoseBeliefEstimator(box) as system:
+        bench = Bench(system)
+        bench.fix(vision=SEEN, palm_pose=RigidTransform())
+        keep_pace(bench, 14)
+        monkeypatch.setattr(PoseTracker, "step", wait)
+        bench.feel()
+        exchange = system._own.Eval(bench.context).exchange
+        while exchange.newest is not None:  # until the thread has taken a reading, which occupies it
+            time.sleep(1e-3)
+        bench.fix(contacts=Contacts.empty(), fingers_in_contact=(), palm_pose=RigidTransform([2.0, 0.0, 0.0]))
+        bench.simulator.AdvanceTo(bench.context.get_time() + 0.04)
+        now = bench.context.get_time()
+        may_go_on.set()
+        while exchange.finished.belief.time < now - 0.0101:
+            time.sleep(1e-3)
+        bench.simulator.AdvanceTo(now + 0.01)
+        assert bench.read("belief").status == "no_contact"
+        assert error(bench.read("object_pose"))[0] < 0.005
+
+
 @pytest.mark.parametrize("system", [PoseBeliefEstimator, LivePoseBeliefEstimator])
 def test_an_object_or_parameters_of_another_type_are_named(box: ObjectModel, system: type[PoseBeliefEstimator]) -> None:
     with pytest.raises(InvalidInputError, match=r"^model must be an ObjectModel, not an int"):
