@@ -59,8 +59,8 @@ class Remembered(SharedState):
         prior: the last one that was new, as a measurement with the time at which it was read.
         time: time of the last reading, s.
         palm: the palm's pose at that reading; None if it was unknown.
-        felt: what each finger or pad read, by its name, and since when, s: the norm of its force, shape (1,), N, which
-            does not change when the joints move, or without a force its point, shape (3,), m.
+        felt: what each finger or pad read, by its name, and since when, s: the norm of its force, shape (1,), N, or a
+            pad's pressures, Pa, which do not change when the joints move; without a force its point, shape (3,), m.
     """
 
     seen: PosePrior | None = None
@@ -239,10 +239,9 @@ def _jump(X_before: FloatArray, X: FloatArray, duration: float) -> str:
 
 def _readings(evidence: Evidence) -> list[FloatArray]:
     """For each source of the touch a quantity that changes with every sensor reading, as in `Remembered.felt`."""
-    points, forces = list(evidence.touch.p_PC), evidence.contacts.f_PC
-    if forces is not None:
-        points[: len(forces)] = list(np.linalg.norm(forces, axis=1, keepdims=True))
-    return points
+    contacts = evidence.contacts
+    of_contacts = contacts.p_PC if contacts.f_PC is None else np.linalg.norm(contacts.f_PC, axis=1, keepdims=True)
+    return [*of_contacts, *(patch.pressure[~patch.dead] for patch in evidence.felt)]
 
 
 def _felt_since(

@@ -254,6 +254,18 @@ def test_pressures_and_vision_that_are_left_out_are_not_those_of_before() -> Non
         assert np.isnan(tracker.diagram.GetInputPort(f"pressures_{pad.name}").Eval(tracker.context)).all()
 
 
+def test_a_pad_that_hangs_is_named_although_the_joints_are_read_on() -> None:
+    tracker = ObjectTracker(load_hand_config("barrett_like"), make_ball())
+    random = np.random.default_rng(0)
+    pressed = np.full(24, 3e4)
+    pressed[0] = np.nan  # a dead cell
+    for time in np.arange(0.0, 0.65, 0.1):
+        joints = 1e-5 * random.normal(size=len(tracker.joint_names))
+        pressures = {"finger_1": pressed * random.uniform(0.99, 1.01, 24), "finger_2": pressed}
+        belief = tracker.update({}, joints, time, pressures=pressures)
+    assert "the touch of pad finger_2 has been the same for 0.6 s" in belief.remarks
+
+
 def test_a_pause_of_the_loop_is_no_touch_that_stays_the_same(tracker: ObjectTracker) -> None:
     for time in (0.0, 0.01):
         tracker.update(noisy(0), held_cube.Q, time, vision=held_cube.prior() if time == 0.0 else None)
