@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
 from tactopose_drake.drivers.netcanoem_protocol import StatusBit
 from tactopose_drake.drivers.simulation import faults
-from tactopose_drake.drivers.simulation.simulated_netcanoem import SimulatedNetCanOem
+from tactopose_drake.drivers.simulation.simulated_netcanoem import SimulatedNetCanOem, nano17_like_calibration
 from tactopose_drake.errors import DeviceTimeoutError
 from tests.drivers.rigs import (
     CALIBRATIONS,
@@ -85,6 +85,20 @@ def test_each_answer_of_the_greeting_may_be_contradicted(opcode: int) -> None:
         assert unread(sensor) == []
         board.faults = []
         assert is_right(sensor.read(2.0))
+
+
+@pytest.mark.parametrize("delays", [(0.0, 0.001), (0.001, 0.0)], ids=["it answers later", "it answers first"])
+def test_a_second_board_of_the_same_identifiers_that_is_plugged_in_is_noticed(delays: tuple[float, float]) -> None:
+    board = make_board()
+    other = SimulatedNetCanOem(lambda time: -WRENCH, {SLOT: nano17_like_calibration(np.random.default_rng(9))}, 0x20)
+    other.faults = [faults.silence]
+    with virtual_bus(board, other) as bus, NetCanOemForceTorque(bus, calibration_slot=SLOT) as sensor:
+        run(bus, 0.5)
+        assert all(is_right(sample) for sample in unread(sensor))
+        board.faults, other.faults = ([faults.late(delay)] for delay in delays)
+        run(bus, 0.5)
+        assert len(unread(sensor)) <= 1
+        assert sensor.status.endswith("came twice, with different data")
 
 
 @pytest.mark.parametrize("fault", [faults.own_frame_echo, faults.duplicates, faults.error_frames])
