@@ -10,7 +10,6 @@ from tactopose_drake.drivers.lcm_messages import HandSensesMessage, ObjectPoseMe
 from tactopose_drake.drivers.waiting_pictures import WaitingPictures
 from tactopose_drake.errors import BusError, InvalidInputError, ProtocolError
 
-_BACK = 1_000_000  # a message that is older than the one before by more, microseconds, is of a restarted sender
 _MOST_MISSED = 10**6  # a larger gap in the sequence is taken for a restarted sender, not for lost messages
 
 
@@ -121,12 +120,10 @@ class LcmInbox:
             return
         self.received += 1
         if self._last is not None:
-            step, back = message.sequence - self._last.sequence, self._last.utime - message.utime
-            # A late message or a duplicate; sequence 0 is the first message of a sender.
-            if step <= 0 < message.sequence and 0 <= back < _BACK:
+            if message.is_late_after(self._last.utime, self._last.sequence):
                 self.passed_over += 1
                 return
-            self._count(step)
+            self._count(message.sequence - self._last.sequence)
         if self._newest is not None:
             self.passed_over += 1
         self._last = self._newest = message

@@ -15,6 +15,8 @@ from tactopose_drake.core.validation import FloatArray, instance_of, number_arra
 from tactopose_drake.drivers.lcm_codec import LcmReader, LcmWriter
 from tactopose_drake.errors import ProtocolError
 
+_BACK = 1_000_000  # a message that is older than the one before by more, microseconds, is of a restarted sender
+
 
 @dataclasses.dataclass(kw_only=True, eq=False)
 class HandSensesMessage:
@@ -43,6 +45,13 @@ class HandSensesMessage:
         self.joints = {name: float(position) for name, position in joints.items()}
         self.wrenches = _arrays("HandSensesMessage.wrenches", self.wrenches, (6,))
         self.pressures = _arrays("HandSensesMessage.pressures", self.pressures, (None,))
+
+    def is_late_after(self, utime: int, sequence: int) -> bool:
+        """Whether it is the message of this time and number once more, or was overtaken by it.
+
+        It is not if its sender has begun anew: a sender's first message has the number 0.
+        """
+        return 0 < self.sequence <= sequence and 0 <= utime - self.utime < _BACK
 
     def encode(self) -> bytes:
         """The message as LCM sends it."""

@@ -106,7 +106,7 @@ class LcmBelief(CollectableSystem):
             return EventStatus.DidNothing()
         # If the clock went back, messages with a later time are dropped.
         kept = self._remembered_in(context).between(now - _REMEMBERED, now)
-        if kept and (senses.utime, senses.sequence) == (kept[-1].utime, kept[-1].sequence):
+        if kept and ((senses.utime, senses.sequence) == kept[-1][1:] or senses.is_late_after(*kept[-1][1:])):
             return EventStatus.DidNothing()
         remembered = _Remembered((*kept, _Heard(now, senses.utime, senses.sequence)))
         state.get_mutable_abstract_state(self._remembered).set_value(remembered)

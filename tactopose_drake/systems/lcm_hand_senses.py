@@ -47,7 +47,7 @@ class LcmHandSenses(CollectableSystem):
         - status
 
     - message: `HandSensesMessage`, of an `LcmSubscriberSystem`; read once a period. Of several messages that arrive
-      between two reads only the last one counts.
+      between two reads only the last one counts; one that was overtaken by the message before it is ignored.
     - wrench_<finger>: F_S on each fingertip with a force-torque sensor, shape (6,), N m and N. NaN where the message
       has none, or is older than `max_age`.
     - pressures_<pad>: of each pad's cells, Pa; NaN likewise.
@@ -102,7 +102,8 @@ class LcmHandSenses(CollectableSystem):
     def _look(self, context: Context, state: State) -> EventStatus:
         message = eval_input(self._message, context, HandSensesMessage)
         before, now = self._last(context), context.get_time()
-        is_new = (message.utime, message.sequence) != (before.message.utime, before.message.sequence)
+        last = before.message.utime, before.message.sequence
+        is_new = (message.utime, message.sequence) != last and not message.is_late_after(*last)
         # Copied, because a sender may reuse one message object, which would then be compared with itself.
         message = copy.deepcopy(message) if is_new else before.message
         came = now if is_new and message.sequence >= 0 else before.time

@@ -79,6 +79,20 @@ def test_senses_come_to_their_ports_and_grow_old() -> None:
     assert np.all(np.isnan(wired.value("wrench_first")))
 
 
+def test_a_message_that_was_overtaken_is_not_taken_for_a_new_one() -> None:
+    wired = Wired("shadow_like")
+    context = wired.belief.GetMyMutableContextFromRoot(wired.simulator.get_mutable_context())
+    belief = PoseTracker(ObjectModel.from_sphere(0.03), PoseTrackerParams()).start(1.0)
+    wired.belief.GetInputPort("belief").FixValue(context, AbstractValue.Make(belief))
+    wired.run(0.03, HandSensesMessage(utime=20_000, sequence=2, wrenches={"thumb": np.full(6, 2.0)}))
+    wired.run(0.03, HandSensesMessage(utime=10_000, sequence=1, wrenches={"thumb": np.full(6, 1.0)}))
+    np.testing.assert_array_equal(wired.value("wrench_thumb"), np.full(6, 2.0))
+    assert wired.value("age") > 0.05
+    assert wired.got[-1].sequence == 2
+    wired.run(0.01, HandSensesMessage(utime=5_000, sequence=0, wrenches={"thumb": np.full(6, 3.0)}))
+    np.testing.assert_array_equal(wired.value("wrench_thumb"), np.full(6, 3.0))  # of a sender that begins anew
+
+
 def test_a_message_of_before_the_clock_went_back_is_not_fresh() -> None:
     wired = Wired("shadow_like")
     wired.run(2.0)
