@@ -14,6 +14,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.spatial import cKDTree
 
 from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.validation import FloatArray
@@ -90,15 +91,20 @@ class FusedVolume:
         found: FloatArray = map_coordinates(self.values, places, order=1, mode="nearest")
         return found
 
-    def surface(self) -> tuple[FloatArray, NDArray[np.int32]]:
-        """The closed mesh of the zero level, its largest part: vertices (v, 3), m, and faces (f, 3).
+    def surface(self, p_OQ: FloatArray) -> tuple[FloatArray, NDArray[np.int32]]:
+        """The closed mesh of the zero level, its part that is seen: vertices (v, 3), m, and faces (f, 3).
+
+        What lies outside of all images is solid, too, and may be larger.
+
+        Args:
+            p_OQ: points seen, shape (n, 3), m, most of which lie on that part.
 
         Raises:
             InvalidInputError: if there is none.
         """
         for smoothing in _SMOOTHINGS:
             smooth = gaussian_filter(self.values, smoothing, mode="nearest")
-            vertices, faces = _zero_level(smooth, self.origin, self.spacing)
+            vertices, faces = _zero_level(smooth, self.origin, self.spacing, p_OQ)
             # Coincident vertices count as one: an edge of four faces would not be watertight.
             if trimesh.Trimesh(vertices, faces).is_watertight:
                 return vertices, faces
@@ -109,13 +115,18 @@ def _nothing_left() -> InvalidInputError:
     return InvalidInputError("views must leave something of the object, but the poses of the cameras do not fit.")
 
 
-def _zero_level(values: FloatArray, origin: FloatArray, step: float) -> tuple[FloatArray, NDArray[np.int32]]:
-    """The mesh of the largest component in which values on a grid are negative."""
+def _zero_level(
+    values: FloatArray, origin: FloatArray, step: float, p_OQ: FloatArray
+) -> tuple[FloatArray, NDArray[np.int32]]:
+    """The mesh of the component nearest to most points (n, 3) of those in which values on a grid are negative."""
     corner = float(origin[0]), float(origin[1]), float(origin[2])
     inside = functools.partial(depth_inside, np.ascontiguousarray(values), corner, step)
     end = origin + step * (np.array(values.shape) - 1)
     parts = manifold3d.Manifold.level_set(inside, [*corner, *end.tolist()], step).decompose()
     if not parts:
         raise _nothing_left()
-    mesh = max(parts, key=lambda part: part.volume()).to_mesh64()
-    return np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int32)
+    meshes = [part.to_mesh64() for part in parts]
+    vertices = [np.array(mesh.vert_properties[:, :3]) for mesh in meshes]
+    owner = np.repeat(np.arange(len(parts)), [len(each) for each in vertices])
+    most = int(np.bincount(owner[cKDTree(np.concatenate(vertices)).query(p_OQ)[1]]).argmax())
+    return vertices[most], np.array(meshes[most].tri_verts, dtype=np.int32)

@@ -74,7 +74,7 @@ def reconstruct(
         raise InvalidInputError(f"views must be at least 2, not {len(views)}.")
     box = _box(views, bounds, params)
     volume = FusedVolume.of(views, params, box)
-    vertices, faces = volume.surface()
+    vertices, faces = volume.surface(np.concatenate([view.p_OQ for view in views]))
     seen = _is_seen(vertices, views, params)
     unseen_share = float(np.average(1.0 - seen[faces].mean(axis=1), weights=face_areas(vertices, faces)))
     off = np.concatenate([volume.distance(view.p_OQ) for view in views])
@@ -98,10 +98,11 @@ def _left_out_error(views: Sequence[DepthView], params: FusionParams, box: Float
     given this image, their error is their distance from anything that is seen.
     """
     off, coarse = [np.zeros(0)], dataclasses.replace(params, spacing=2.0 * params.spacing)
-    seen = cKDTree(np.concatenate([view.p_OQ for view in views]))
+    p_OQ = np.concatenate([view.p_OQ for view in views])
+    seen = cKDTree(p_OQ)
     for i, view in enumerate(views):
         others = [*views[:i], *views[i + 1 :]]
-        vertices = FusedVolume.of(others, coarse, box).surface()[0]
+        vertices = FusedVolume.of(others, coarse, box).surface(p_OQ)[0]
         closing = vertices[~_is_seen(vertices, others, params)]
         judged = closing[view.depth_behind(closing) > -0.5 * params.truncation]
         off.append(np.asarray(seen.query(judged)[0]))

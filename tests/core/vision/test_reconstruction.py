@@ -100,6 +100,15 @@ def test_what_cannot_be_fused_is_refused(box: ObjectModel) -> None:
         reconstruct(seen, params=FusionParams(spacing=1e-5))
 
 
+def test_what_lies_outside_of_all_images_is_not_taken_for_the_object() -> None:
+    """An object that reaches near the images' upper end: the space above, which no image shows, is larger."""
+    tall = trimesh.creation.box((0.06, 0.07, 0.14), trimesh.transformations.translation_matrix([0.0, 0.0, 0.07]))
+    model = ObjectModel.from_mesh(tall, cache=False)
+    found = reconstruct(views_of(model, 120.0), np.array([[-np.inf, -np.inf, 0.0], [np.inf] * 3]))
+    assert found.unseen_share < 0.4
+    assert np.sqrt(np.mean(model.grid.distance(found.vertices[found.seen]) ** 2)) < 1.5 * found.seen_sigma
+
+
 def test_an_image_beside_the_object_says_nothing_of_it(box: ObjectModel) -> None:
     seen = views_of(box, 120.0)
     aside = np.column_stack([seen[0].X_CO[:, :3], seen[0].X_CO[:, 3] + [5.0, 0.0, 0.0]])
