@@ -55,7 +55,7 @@ def scene(model: ObjectModel, estimate: PoseEstimate) -> Scene:
     )
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")  # A page that is left open draws on and on, beside all tests that follow.
 def browser() -> Iterator[Browser]:
     with Browser() as running:
         yield running
