@@ -334,21 +334,27 @@ def test_live_an_exception_reaches_the_loop(box: ObjectModel, monkeypatch: pytes
     system.close()
 
 
-def test_live_a_belief_that_falls_behind_tells_its_age_and_is_lost(
-    box: ObjectModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def hold_up(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """Each further step of a tracker waits until the event is set."""
     step, may_go_on = PoseTracker.step, threading.Event()
 
     def wait(tracker: PoseTracker, belief: PoseBelief, frame: Frame) -> PoseBelief:
         may_go_on.wait(20.0)
         return step(tracker, belief, frame)
 
+    monkeypatch.setattr(PoseTracker, "step", wait)
+    return may_go_on
+
+
+def test_live_a_belief_that_falls_behind_tells_its_age_and_is_lost(
+    box: ObjectModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with LivePoseBeliefEstimator(box) as system:
         bench = Bench(system)
         bench.fix(vision=SEEN)
 
         assert keep_pace(bench, 14) == "ok"
-        monkeypatch.setattr(PoseTracker, "step", wait)
+        may_go_on = hold_up(monkeypatch)
         bench.feel(12)
         assert re.match(r"ok: the belief is 0\.1\d s old$", str(bench.read("status")))
         bench.feel(20)
@@ -362,17 +368,11 @@ def test_live_a_belief_that_falls_behind_tells_its_age_and_is_lost(
 def test_live_a_palm_that_jumps_in_a_skipped_reading_takes_what_was_in_it_with_it(
     box: ObjectModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    step, may_go_on = PoseTracker.step, threading.Event()
-
-    def wait(tracker: PoseTracker, belief: PoseBelief, frame: Frame) -> PoseBelief:
-        may_go_on.wait(20.0)
-        return step(tracker, belief, frame)
-
     with LivePoseBeliefEstimator(box) as system:
         bench = Bench(system)
         bench.fix(vision=SEEN, palm_pose=RigidTransform())
         keep_pace(bench, 14)
-        monkeypatch.setattr(PoseTracker, "step", wait)
+        may_go_on = hold_up(monkeypatch)
         bench.feel()
         exchange = system._own.Eval(bench.context).exchange
         while exchange.newest is not None:  # until the thread has taken a reading, which occupies it

@@ -227,10 +227,10 @@ def _turn_translations(R: Floats2, A: Floats2, out: OutFloats2) -> None:
 def add_densities(
     components: Components, freedom: int, power: int, X_group: Floats3, X: Floats3, density: OutFloats2
 ) -> None:
-    """Adds each group's density at poses X (B, 3, 4) to density (B, g): of each of its components, with d from its
-    centre, scale (f / (f + d^T H d))^(power / 2) over the volume of poses.
+    """Adds each group's density at poses X (B, 3, 4) to density (B, g).
 
-    The volume of increments over that of poses is the determinant of the right Jacobian of the rotation. The poses
+    It is the sum over components of scale (f / (f + d^T H d))^(power / 2), with d from the component's centre, over the
+    determinant of the right Jacobian of the rotation, which is the volume of increments over that of poses. The poses
     within a group's reach are gathered block by block, as a structure of arrays, so that the density of a component is
     vectorised over poses.
     """

@@ -145,9 +145,9 @@ class PlaceTask(CollectableSystem):
             return self._fail(context, before, f"no good grip in {self._params.tries} tries: {reason}")
         after = dataclasses.replace(before.to("again", time), tried=before.tried + 1)
         # Meeting the rod helps only if the estimate is more exact than the misplacement.
-        is_exact = held is not None and max(held.sigma, self._params.most_misplaced) < misplacement
-        if held is not None and is_exact and self._explains(context):
-            meet = self._planner.meet(before.q, self._positions.Eval(context), held)
+        explained = self._explained(context)
+        if explained is not None and max(explained.sigma, self._params.most_misplaced) < misplacement:
+            meet = self._planner.meet(before.q, self._positions.Eval(context), explained)
             if meet is not None:
                 return dataclasses.replace(after, phase="open", ahead=(meet,))
         return after
@@ -161,8 +161,8 @@ class PlaceTask(CollectableSystem):
         waited = context.get_time() - before.since
         if waited < self._params.settle_time:
             return before
-        held, explains = self._held(context), self._explains(context)
-        if held is not None and explains and held.sigma <= self._params.most_sigma:
+        held = self._explained(context)
+        if held is not None and held.sigma <= self._params.most_sigma:
             if not self._params.is_known(held) and len(before.touches) < self._params.touches:
                 return self._set_upon_table(context, before, held)
             if held.sigma_end <= self._params.most_sigma_end:
@@ -171,9 +171,9 @@ class PlaceTask(CollectableSystem):
         if waited < self._params.patience:
             return before
         if held is None:
-            return self._fail(context, before, "nothing is felt in the hand")
-        if not explains:
-            return self._fail(context, before, "no pose of the rod explains the touch")
+            is_felt = self._held(context) is not None
+            reason = "no pose of the rod explains the touch" if is_felt else "nothing is felt in the hand"
+            return self._fail(context, before, reason)
         deviations = f"{1e3 * held.sigma:.1f} mm across and {1e3 * held.sigma_end:.1f} mm along it only"
         return self._fail(context, before, f"ambiguous: the rod's end is known to {deviations}")
 
@@ -252,10 +252,8 @@ class PlaceTask(CollectableSystem):
 
     def _align(self, context: Context, before: TaskState) -> TaskState | None:
         """Plans again above the hole if the rod is known to have slipped on the way; None if it is well aligned."""
-        held = self._held(context)
+        held = self._explained(context)
         if held is None or held.sigma > self._params.most_sigma or before.aligned >= self._params.alignments:
-            return None
-        if not self._explains(context):
             return None
         assert before.held is not None
         if self._planner.end_distance(held, before.held) <= self._params.most_offset:
@@ -268,10 +266,10 @@ class PlaceTask(CollectableSystem):
         contacts = eval_input(self._contacts, context, Contacts)
         return None if estimate is None or len(contacts) < 2 else self._planner.held_axis(estimate, contacts)
 
-    def _explains(self, context: Context) -> bool:
-        """Whether the hypotheses explain the touch, so that motions may be planned from them."""
+    def _explained(self, context: Context) -> HeldAxis | None:
+        """The same from which motions may be planned: None if no hypothesis explains the touch."""
         estimate = eval_optional_input(self._hypotheses, context, PoseEstimate)
-        return estimate is not None and estimate.status != "no_solution"
+        return None if estimate is None or estimate.status == "no_solution" else self._held(context)
 
     def _lost(self, context: Context, before: TaskState) -> str:
         """Why the hold is lost; empty while the rod's lower end is where it was."""
