@@ -86,6 +86,19 @@ def test_compiled_retract_equals_the_plain_one(seed: int) -> None:
     np.testing.assert_allclose(out, poses.retract(X, increments), atol=1e-12)
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 1.0, 2.99, 3.0, 3.01, 3.1, np.pi - 1e-6, np.pi])
+def test_the_compiled_increment_leads_from_one_pose_to_the_other(angle: float) -> None:
+    """Above 172 degrees the axis comes from the symmetric part of the rotation."""
+    generator = np.random.default_rng(2)
+    axes = generator.normal(size=(20, 3))
+    w, out = angle * axes / np.linalg.norm(axes, axis=1, keepdims=True), np.empty(6)
+    X = random_poses(2, 1)[0]
+    for Y in poses.retract(X, np.concatenate([w, axes], axis=1)):
+        pose_kernels.increment_between(X, Y, out)
+        np.testing.assert_allclose(poses.retract(X, out), Y, atol=1e-12)
+        assert np.linalg.norm(out[:3]) == pytest.approx(angle, abs=1e-7)
+
+
 @pytest.mark.parametrize("angle", [0.0, 1e-6, 0.9e-3, 1.1e-3, 1.0, 3.0])
 def test_the_right_jacobian_turned_is_the_left_one(angle: float) -> None:
     w = angle * np.array([0.36, -0.48, 0.8])

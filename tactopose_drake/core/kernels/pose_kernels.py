@@ -123,13 +123,13 @@ def increment_between(X, Y, out):
     if cosine > -0.99:
         scale = angle / sine if sine > 1e-12 else 1.0
         out[0], out[1], out[2] = scale * x, scale * y, scale * z
-    else:  # Near a half turn the axis comes from the largest column of R + 1.
+    else:  # Near a half turn the axis n comes from the largest column of (R + R^T) / 2 - cos = (1 - cos) n n^T.
         if r00 >= r11 and r00 >= r22:
-            a, b, c = r00 + 1.0, 0.5 * (r01 + r10), 0.5 * (r02 + r20)
+            a, b, c = r00 - cosine, 0.5 * (r01 + r10), 0.5 * (r02 + r20)
         elif r11 >= r22:
-            a, b, c = 0.5 * (r01 + r10), r11 + 1.0, 0.5 * (r12 + r21)
+            a, b, c = 0.5 * (r01 + r10), r11 - cosine, 0.5 * (r12 + r21)
         else:
-            a, b, c = 0.5 * (r02 + r20), 0.5 * (r12 + r21), r22 + 1.0
+            a, b, c = 0.5 * (r02 + r20), 0.5 * (r12 + r21), r22 - cosine
         scale = angle / np.sqrt(a * a + b * b + c * c)
         if a * x + b * y + c * z < 0.0:
             scale = -scale
