@@ -51,9 +51,10 @@ class Samples(NamedTuple):
         cost: their exact costs, shape (B,).
         density: of each mode's proposals at the samples, times the number of all samples, shape (B, g).
         by_contact: the same of the draws by a single contact, in parts; none without. Each counts for the nearest mode.
-        proposals: the mixtures sampled so far: one for each round that adapted the proposal.
+        proposal: what has been sampled so far: the proposals of all rounds in one mixture.
         times: how many times the proposals of each mode have been sampled, shape (g,).
-        drawn: number of samples of each component, one array for each time a proposal was sampled, in sample order.
+        each: number of samples of each component, in sample order, shape (n,); one that is sampled again counts anew.
+        group: the mode of each of these, shape (n,).
         weights: importance weights split among the modes, relative to the density exp(lowest - cost), shape (B, g).
         variance: contribution of each mode's samples to the variance of the noisiest family's probability, shape (g,).
         weighed: summary of the weights.
@@ -63,9 +64,10 @@ class Samples(NamedTuple):
     cost: FloatArray
     density: FloatArray
     by_contact: tuple[FloatArray, ...]
-    proposals: tuple[StudentTMixture, ...]
+    proposal: StudentTMixture
     times: NDArray[np.intp]
-    drawn: tuple[NDArray[np.intp], ...]
+    each: NDArray[np.intp]
+    group: NDArray[np.intp]
     weights: FloatArray
     variance: FloatArray
     weighed: Weighed
@@ -73,8 +75,7 @@ class Samples(NamedTuple):
     @property
     def draws(self) -> Draws:
         """The samples as the weighting kernel reads them; the draws by a contact come first, as another component."""
-        groups = [each.group for each in self.proposals] * (len(self.drawn) // len(self.proposals))
-        count, group, density = np.concatenate(self.drawn), np.concatenate(groups), self.density
+        count, group, density = self.each, self.group, self.density
         if self.by_contact:
             count, group = np.insert(count, 0, len(self.cost) - count.sum()), np.insert(group, 0, 0)
             density = density + np.concatenate(self.by_contact)
@@ -82,9 +83,8 @@ class Samples(NamedTuple):
 
     @property
     def once(self) -> NDArray[np.intp]:
-        """How many samples one pass over all proposals draws for each mode, shape (g,)."""
-        count, group = (np.concatenate([getattr(each, name) for each in self.proposals]) for name in ("count", "group"))
-        return np.bincount(group, count, len(self.times)).astype(np.intp)
+        """How many samples one pass over the proposal draws for each mode, shape (g,)."""
+        return np.bincount(self.proposal.group, self.proposal.count, len(self.times)).astype(np.intp)
 
 
 class Weighing(NamedTuple):
@@ -177,8 +177,8 @@ def _first_round(cover: Cover, families: Families, posterior: Posterior, generat
     cost = np.concatenate([cover.cost_by_contact, cost_within_modes(X_tiles, cover.X_PO, posterior)])
     by_contact = density_by_contact(X_PO, cover, posterior)
     nothing = Weighed(cover.lowest, 0.0, 0.0, 0.0)
-    times, drawn = np.ones(g, dtype=np.intp), (proposal.count,)
-    samples = Samples(X_PO, cost, density, by_contact, (proposal,), times, drawn, density, density[0], nothing)
+    drawn = np.ones(g, dtype=np.intp), proposal.count, proposal.group
+    samples = Samples(X_PO, cost, density, by_contact, proposal, *drawn, density, density[0], nothing)
     return _weighed_anew(samples, cover, families, posterior)
 
 
@@ -213,9 +213,10 @@ def _next_round(
         if drawn + count > posterior.most_samples:
             return None
         proposal = tile_samples(samples.X_PO, samples.weights, cover, count, posterior)
-        joined = _append(samples, proposal.sample(generator), cover, posterior)
-        joined = joined._replace(proposals=(*samples.proposals, proposal), drawn=(*samples.drawn, proposal.count))
-        proposal.add_to(joined.density, joined.X_PO)
+        density = samples.density.copy()
+        proposal.add_to(density, samples.X_PO)
+        whole = samples._replace(density=density, proposal=samples.proposal.joined(proposal))
+        joined = _append(whole, proposal, cover, posterior, generator)
     return _weighed_anew(joined, cover, families, posterior)
 
 
@@ -244,22 +245,23 @@ def _sample_again(
     samples: Samples, times: NDArray[np.intp], cover: Cover, posterior: Posterior, generator: np.random.Generator
 ) -> Samples:
     """Samples the proposals again until those of each mode have been sampled `times` (g,) times in all."""
-    more = times - samples.times
-    again = [copied(each, count=more[each.group] * each.count) for each in samples.proposals]
-    X_PO = np.concatenate([each.sample(generator) for each in again])
-    joined = _append(samples._replace(density=samples.density / samples.times), X_PO, cover, posterior)
-    drawn = *samples.drawn, *(each.count for each in again)
-    return joined._replace(density=times * joined.density, times=times, drawn=drawn)
+    again = copied(samples.proposal, count=(times - samples.times)[samples.proposal.group] * samples.proposal.count)
+    joined = _append(samples._replace(density=samples.density / samples.times), again, cover, posterior, generator)
+    return joined._replace(density=times * joined.density, times=times)
 
 
-def _append(samples: Samples, X_PO: FloatArray, cover: Cover, posterior: Posterior) -> Samples:
-    """Appends poses (B, 3, 4) with the densities of all proposals there; the weights are left as they are."""
+def _append(
+    samples: Samples, sampled: StudentTMixture, cover: Cover, posterior: Posterior, generator: np.random.Generator
+) -> Samples:
+    """Appends samples of a mixture, with the density of the whole proposal there; the weights are left as they are."""
+    X_PO = sampled.sample(generator)
     density = np.zeros((len(X_PO), len(cover.X_PO)))
-    for proposal in samples.proposals:
-        proposal.add_to(density, X_PO)
+    samples.proposal.add_to(density, X_PO)
     return samples._replace(
         X_PO=np.concatenate([samples.X_PO, X_PO]),
         cost=np.concatenate([samples.cost, cost_within_modes(X_PO, cover.X_PO, posterior)]),
         density=np.concatenate([samples.density, density]),
         by_contact=(*samples.by_contact, *density_by_contact(X_PO, cover, posterior)),
+        each=np.concatenate([samples.each, sampled.count]),
+        group=np.concatenate([samples.group, sampled.group]),
     )

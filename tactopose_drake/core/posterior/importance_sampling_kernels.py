@@ -104,14 +104,14 @@ def weigh(
                 weights[b, g] *= most / each[b]
             each[b] = most
         total += each[b]
-    together = np.zeros(weights.shape)
+    together = np.zeros((family.shape[0], cost.shape[0]))
     for b in range(cost.shape[0]):
         each[b] /= total
         for g in range(family.shape[0]):
-            together[b, family[g]] += weights[b, g] / total
+            together[family[g], b] += weights[b, g] / total
     largest, own = 0.0, np.empty(family.shape[0])
     for g in range(family.shape[0]):
-        whole = _variance(together, g, each, draws, own) if family[g] == g else 0.0
+        whole = _variance(together[g], each, draws, own) if family[g] == g else 0.0
         if whole > largest:
             largest = whole
             for k in range(family.shape[0]):
@@ -120,8 +120,8 @@ def weigh(
 
 
 @part
-def _variance(weights: Floats2, g: int, each: Floats1, draws: Draws, variance: OutFloats1) -> float:
-    """The variance of a family's probability, from its weights (B, g) and the total weights (B,), which sum to 1.
+def _variance(weights: Floats1, each: Floats1, draws: Draws, variance: OutFloats1) -> float:
+    """The variance of a family's probability, from its weights (B,) and the total weights (B,), which sum to 1.
 
     Fills variance (g,) with the contribution of each group's samples to it.
 
@@ -131,7 +131,7 @@ def _variance(weights: Floats2, g: int, each: Floats1, draws: Draws, variance: O
     """
     share, whole, first, count = 0.0, 0.0, 0, draws.each
     for b in range(each.shape[0]):
-        share += weights[b, g]
+        share += weights[b]
     for k in range(variance.shape[0]):
         variance[k] = 0.0
     for j in range(count.shape[0]):
@@ -139,7 +139,7 @@ def _variance(weights: Floats2, g: int, each: Floats1, draws: Draws, variance: O
         for b in range(first, first + count[j], 2):
             unit = 0.0
             for paired in range(b, min(b + 2, first + count[j])):
-                unit += weights[paired, g] - share * each[paired]
+                unit += weights[paired] - share * each[paired]
             units += 1
             total += unit
             squares += unit * unit

@@ -235,7 +235,7 @@ def add_densities(
     vectorised over poses.
     """
     first, center, information, reach, scale = components
-    near, lanes, u = np.empty(_LANES, dtype=np.int64), np.empty((10, _LANES)), np.empty(6)
+    near, lanes = np.empty(_LANES, dtype=np.int64), np.empty((19, _LANES))
     for begin in range(0, X.shape[0], _LANES):
         for g in range(reach.shape[0]):
             count = 0
@@ -245,17 +245,68 @@ def add_densities(
                     square += (X[b, i, 3] - X_group[g, i, 3]) ** 2
                 if square > reach[g]:
                     continue
-                pose_kernels.increment_between(X_group[g], X[b], u)
-                angle2 = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
-                volume = 1.0 - angle2 / 12.0 if angle2 < 1e-4 else 2.0 * (1.0 - np.cos(np.sqrt(angle2))) / angle2
-                near[count], lanes[8, count], lanes[9, count] = b, 0.0, volume
-                for i in range(6):
-                    lanes[i, count] = u[i]
+                near[count], lanes[8, count] = b, 0.0
+                for i in range(3):
+                    lanes[3 + i, count] = X[b, i, 3] - X_group[g, i, 3]
+                    for c in range(3):
+                        lanes[10 + 3 * i + c, count] = X[b, i, c]
                 count += 1
+            _fill_rotations(X_group[g], lanes, count)
             for j in range(first[g], first[g + 1]):
                 _add_density(center[j], information[j], scale[j], freedom, power, lanes, count)
             for k in range(count):
                 density[near[k], g] += lanes[8, k] / lanes[9, k]
+
+
+@part
+def _fill_rotations(X: Floats2, lanes: OutFloats2, count: int) -> None:
+    """The rotation vectors from pose X to `count` rotations, and the determinants of their right Jacobians.
+
+    lanes (19, n): three rows of rotation vectors to fill, six not used here, one of determinants to fill, and nine of
+    rotations.
+
+    With a rotation's cosine c and its axis times its sine, its vector is the latter times a scale, angle / sine. The
+    angle is 16 atan(tan(angle / 16)), by three half-angle formulas from tan(angle / 2) = sine / (1 + c) and the Taylor
+    series of atan, whose first term left out is below 1e-14; the tangents cancel the sine, so small angles lose no
+    digits. The determinant is 2 (1 - c) / angle^2. These have no branches, and are vectorised. Near a half turn, where
+    the axis must be found otherwise, the vector is that of `increment_between`.
+    """
+    X00, X10, X20, X01, X11, X21 = X[0, 0], X[1, 0], X[2, 0], X[0, 1], X[1, 1], X[2, 1]
+    X02, X12, X22 = X[0, 2], X[1, 2], X[2, 2]
+    for k in range(count):
+        Y00, Y01, Y02 = lanes[10, k], lanes[11, k], lanes[12, k]
+        Y10, Y11, Y12 = lanes[13, k], lanes[14, k], lanes[15, k]
+        Y20, Y21, Y22 = lanes[16, k], lanes[17, k], lanes[18, k]
+        x = 0.5 * ((X02 * Y01 + X12 * Y11 + X22 * Y21) - (X01 * Y02 + X11 * Y12 + X21 * Y22))
+        y = 0.5 * ((X00 * Y02 + X10 * Y12 + X20 * Y22) - (X02 * Y00 + X12 * Y10 + X22 * Y20))
+        z = 0.5 * ((X01 * Y00 + X11 * Y10 + X21 * Y20) - (X00 * Y01 + X10 * Y11 + X20 * Y21))
+        trace = (X00 * Y00 + X10 * Y10 + X20 * Y20) + (X01 * Y01 + X11 * Y11 + X21 * Y21)
+        trace += X02 * Y02 + X12 * Y12 + X22 * Y22
+        half = 2.0 / (1.0 + trace)  # 1 / (1 + c)
+        tangent2 = (x * x + y * y + z * z) * half * half
+        fourth = 1.0 / (1.0 + np.sqrt(1.0 + tangent2))
+        tangent2 *= fourth * fourth
+        eighth = 1.0 / (1.0 + np.sqrt(1.0 + tangent2))
+        tangent2 *= eighth * eighth
+        sixteenth = 1.0 / (1.0 + np.sqrt(1.0 + tangent2))
+        t = -tangent2 * sixteenth * sixteenth
+        series = 1.0 / 13.0 + t * (1.0 / 15.0 + t * (1.0 / 17.0))
+        series = 1.0 / 7.0 + t * (1.0 / 9.0 + t * (1.0 / 11.0 + t * series))
+        series = 1.0 + t * (1.0 / 3.0 + t * (1.0 / 5.0 + t * series))
+        scale = 16.0 * series * half * fourth * eighth * sixteenth
+        lanes[0, k], lanes[1, k], lanes[2, k] = scale * x, scale * y, scale * z
+        lanes[6, k], lanes[9, k] = trace, 2.0 * half / (scale * scale)
+    Y, u = np.empty((3, 4)), np.empty(6)
+    for k in range(count):
+        if lanes[6, k] < -0.98:
+            for i in range(3):
+                Y[i, 3] = X[i, 3]
+                for c in range(3):
+                    Y[i, c] = lanes[10 + 3 * i + c, k]
+            pose_kernels.increment_between(X, Y, u)
+            for i in range(3):
+                lanes[i, k] = u[i]
+            lanes[9, k] = (3.0 - lanes[6, k]) / (u[0] ** 2 + u[1] ** 2 + u[2] ** 2)
 
 
 @part
@@ -264,7 +315,7 @@ def _add_density(
 ) -> None:
     """Adds one component's density, without the volume, at `count` increments.
 
-    lanes (10, n): six rows of increments, two of scratch, the sums that the density is added to, and one not used here.
+    lanes (19, n): six rows of increments, two of scratch, the sums that the density is added to, and ten not used here.
     """
     c, H, f = center, information, float(freedom)
     c0, c1, c2, c3, c4, c5 = c[0], c[1], c[2], c[3], c[4], c[5]

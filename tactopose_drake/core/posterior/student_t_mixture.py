@@ -64,6 +64,15 @@ class StudentTMixture:
         power = self.freedom + 6 - self.turns.shape[2]
         student_t_kernels.add_densities(self._components, self.freedom, power, self.X_PO, X_PO, density)
 
+    def joined(self, other: StudentTMixture) -> StudentTMixture:
+        """Returns one mixture of the components of both, which are about the same poses."""
+        order = np.concatenate([self.group, other.group]).argsort(kind="stable")
+        group, center, information, turns, count = (
+            np.concatenate([getattr(self, name), getattr(other, name)])[order]
+            for name in ("group", "center", "information", "turns", "count")
+        )
+        return StudentTMixture(self.X_PO, group, center, information, turns, count, self.freedom, self.farthest)
+
     @functools.cached_property
     def _components(self) -> student_t_kernels.Components:
         """The components as the kernels read them."""

@@ -153,8 +153,8 @@ def _next_slice(
         return SearchStep(search.ended(), _clear_of_the_hand(model, params.relocalisation, touch, weighed))
     if search.weighing is not None:
         samples = search.weighing.weighing.samples
-        parts = 0 if samples is None else len(samples.drawn)  # So that no two rounds use the same random numbers.
-        generator = np.random.default_rng([params.seed, search.searches, 1 + parts])
+        drawn = 0 if samples is None else len(samples.X_PO)  # So that no two rounds use the same random numbers.
+        generator = np.random.default_rng([params.seed, search.searches, 1 + drawn])
         weighing = _weigh_on(model, params.relocalisation, search.weighing, generator)
         return SearchStep(search._replace(weighing=weighing))
     search = search.as_of_now()

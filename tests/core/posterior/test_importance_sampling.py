@@ -283,15 +283,14 @@ def test_proposals_that_are_good_enough_are_drawn_from_again_as_they_are() -> No
     assert first.weighed.error > 0.019 >= last.weighed.error
     assert last.times.min() >= 1
     assert last.times.max() > 1
-    assert last.proposals == first.proposals
+    assert last.proposal is first.proposal
     assert len(last.X_PO) == last.times @ last.once > len(first.X_PO)
     # All samples are weighed by the density that all of them have.
     density = np.zeros_like(last.density)
-    for proposal in last.proposals:
-        often = dataclasses.replace(proposal, count=last.times[proposal.group] * proposal.count)
-        often.add_to(density, last.X_PO)
+    often = dataclasses.replace(last.proposal, count=last.times[last.proposal.group] * last.proposal.count)
+    often.add_to(density, last.X_PO)
     np.testing.assert_allclose(last.density, density, rtol=1e-9)
-    assert sum(count.sum() for count in last.drawn) == len(last.X_PO)
+    assert last.each.sum() == len(last.X_PO)
 
 
 def test_the_noisier_samples_are_the_more_of_them_are_drawn() -> None:
@@ -323,9 +322,8 @@ def test_proposals_that_are_not_are_made_anew_first() -> None:
     first, last = first_and_last(modes(Valley(pose(), SIGMAS), pose()[None]), Valley(pose(), SIGMAS), beside.cost)
     worths = [each.weighed.worth / len(each.X_PO) for each in (first, last)]
     assert worths[0] < 0.1
-    assert len(last.proposals) > 1
+    assert len(last.proposal.group) > len(first.proposal.group)
     assert worths[1] > 2.0 * worths[0]
     density = np.zeros_like(last.density)
-    for proposal in last.proposals:
-        proposal.add_to(density, last.X_PO)
+    last.proposal.add_to(density, last.X_PO)
     np.testing.assert_allclose(last.density, last.times * density, rtol=1e-9)

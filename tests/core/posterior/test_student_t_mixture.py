@@ -70,6 +70,36 @@ def test_directions_at_a_pose_are_told_by_how_the_increments_to_it_change(angle:
     np.testing.assert_allclose(moved[0].T @ local[0] @ moved[0], turns[0].T @ H[0] @ turns[0], rtol=1e-6)
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 0.5, 2.0, 2.99, 3.01, np.pi - 1e-9, np.pi])
+def test_the_density_is_right_at_any_angle(angle: float) -> None:
+    generator = np.random.default_rng(6)
+    axes = generator.normal(size=(30, 3))
+    w = angle * axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    u = np.concatenate([w, 0.01 * generator.normal(size=(30, 3))], axis=1)
+    center, H, X = 0.1 * generator.normal(size=(1, 6)), information(1), poses(1)
+    turned = StudentTMixture(X, np.array([0]), center, H, np.empty((1, 6, 0)), np.array([1]), *TAILS)
+    there = retract(X, u)
+    d = increments_between(X[0], there) - center
+    # The volume of increments over that of poses: det of the right Jacobian, 2 (1 - cos) / angle^2 = sinc^2(angle / 2).
+    volume = np.sinc(angle / (2.0 * np.pi)) ** 2
+    expected = (6.0 / (6.0 + np.einsum("bi,ij,bj->b", d, H[0], d))) ** 6 / volume
+    found = densities(turned, there)[:, 0]
+    np.testing.assert_allclose(found / found[0], expected / expected[0], rtol=1e-6)
+    at_center = densities(turned, retract(X, center))[0, 0] * np.sinc(np.linalg.norm(center[0, :3]) / (2 * np.pi)) ** 2
+    np.testing.assert_allclose(found / at_center, expected, rtol=1e-6)
+
+
+def test_a_joined_mixture_has_the_density_of_both() -> None:
+    one, other = mixture(40), dataclasses.replace(mixture(80), center=0.5 * mixture().center)
+    both, X_PO = one.joined(other), one.X_PO[:1].repeat(20, axis=0)
+    X_PO = retract(X_PO, 0.1 * np.random.default_rng(8).normal(size=(20, 6)) * [1, 1, 1, 0.1, 0.1, 0.1])
+    separate = np.zeros((20, 2))
+    one.add_to(separate, X_PO)
+    other.add_to(separate, X_PO)
+    assert (separate[:, 0] > 0.0).all()
+    np.testing.assert_allclose(densities(both, X_PO) * both.count.sum(), separate, rtol=1e-9)
+
+
 def test_the_samples_scatter_as_they_should() -> None:
     whole = mixture(80_000)
     X_PO = whole.sample(np.random.default_rng(2))
