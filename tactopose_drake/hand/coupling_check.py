@@ -44,8 +44,11 @@ def check_couplings(plant: MultibodyPlant, hand: Hand) -> Iterator[Finding]:
             if ours.follows != theirs.follows or _differ(ours, theirs):
                 yield Finding("couplings", f"the file says {_shown(ours)}, the model {_shown(theirs)}", "fault")
             elif not theirs.is_obeyed:
-                entry = f'<drake:mimic joint="{ours.follows}" multiplier="{ours.ratio}" offset="{ours.offset}"/>'
-                text = f"{_shown(ours)}, but Drake ignores the model's <mimic>: it would dangle; write {entry} instead"
+                entry = f'mimic joint="{ours.follows}" multiplier="{ours.ratio}" offset="{ours.offset}"/>'
+                text = (
+                    f"{_shown(ours)}, but Drake ignores the model's <mimic>: it would dangle; write directly in its "
+                    f"<joint> <drake:{entry}, or in a URDF <{entry}"
+                )
                 yield Finding("couplings", text, "fault")
             else:
                 yield Finding("couplings", f"{_shown(ours)}, as the model has it")

@@ -17,7 +17,8 @@ class Mimic:
     follows: str
     ratio: float
     offset: float
-    is_obeyed: bool = True  # whether Drake couples the joints; it ignores SDFormat's own entries
+    # Whether Drake couples the joints; it ignores SDFormat's own entries, and those that are not directly in a <joint>.
+    is_obeyed: bool = True
 
 
 def read_mimics(path: Path) -> tuple[Mimic, ...] | None:
@@ -43,11 +44,14 @@ def read_mimics(path: Path) -> tuple[Mimic, ...] | None:
         raise InvalidFileError(f"{path} must be XML ({error}).") from None
     if root.tag not in ("robot", "sdf"):
         return None
+    is_sdf = root.tag == "sdf"
     found = [(joint, mimic) for joint in root.iter("joint") for mimic in joint.iterfind(".//{*}mimic")]
     try:
         entries = [
-            _by_attributes(*entry) if root.tag == "robot" or entry[1].tag.startswith("{") else _by_elements(*entry)
-            for entry in found
+            _by_attributes(joint, mimic, is_obeyed=mimic in list(joint) and mimic.tag.startswith("{") == is_sdf)
+            if not is_sdf or mimic.tag.startswith("{")
+            else _by_elements(joint, mimic)
+            for joint, mimic in found
         ]
     except ValueError as error:
         raise InvalidFileError(f"{path}: a mimic entry must have valid numbers ({error}).") from None
@@ -72,10 +76,10 @@ def _of_leader(path: Path, mimic: Mimic, of_joint: dict[str, Mimic]) -> Mimic:
     return mimic
 
 
-def _by_attributes(joint: ElementTree.Element, mimic: ElementTree.Element) -> Mimic:
+def _by_attributes(joint: ElementTree.Element, mimic: ElementTree.Element, *, is_obeyed: bool) -> Mimic:
     """Reads an entry with attributes, as in a URDF and in Drake's own entries of an SDF."""
     ratio, offset = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
-    return Mimic(joint.get("name", ""), mimic.get("joint", ""), ratio, offset)
+    return Mimic(joint.get("name", ""), mimic.get("joint", ""), ratio, offset, is_obeyed)
 
 
 def _by_elements(joint: ElementTree.Element, mimic: ElementTree.Element) -> Mimic:

@@ -376,20 +376,28 @@ def test_one_motor_for_two_fingers_is_told(tmp_path: Path) -> None:
     assert note.startswith("'left_slide' moves the fingers left, right together; planned grasps take each by itself")
 
 
-def test_couplings_that_drake_ignores_are_told(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "ignored",
+    [
+        r'<mimic joint="\1"><multiplier>\2</multiplier></mimic></axis>',
+        r'<drake:mimic joint="\1" multiplier="\2" offset="0"/></axis>',
+    ],
+    ids=["of_sdformat", "in_an_axis"],
+)
+def test_couplings_that_drake_ignores_are_told(tmp_path: Path, ignored: str) -> None:
     folder = model_path("hands", "barrett_like")
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     yaml, model = tmp_path / "barrett_like.hand.yaml", tmp_path / "barrett_like.sdf"
     yaml.write_text(re.sub(r"model: .*", "model: barrett_like.sdf", yaml.read_text()))
     assert not check_hand(yaml).faults
     drakes = r'</axis><drake:mimic joint="(\w+)" multiplier="([\d.]+)" offset="0"/>'
-    own = r'<mimic joint="\1"><multiplier>\2</multiplier></mimic></axis>'
-    model.write_text(re.sub(drakes, own, model.read_text()))
+    model.write_text(re.sub(drakes, ignored, model.read_text()))
     faults = [fault.text for fault in check_hand(yaml).faults]
     assert len(faults) == 4
     assert faults[3].endswith(
-        "but Drake ignores the model's <mimic>: it would dangle; write "
-        '<drake:mimic joint="finger_3_proximal_joint" multiplier="0.333333333" offset="0.0"/> instead'
+        "but Drake ignores the model's <mimic>: it would dangle; write directly in its <joint> "
+        '<drake:mimic joint="finger_3_proximal_joint" multiplier="0.333333333" offset="0.0"/>, or in a URDF '
+        '<mimic joint="finger_3_proximal_joint" multiplier="0.333333333" offset="0.0"/>'
     )
 
 
