@@ -138,6 +138,6 @@ def identification_line(found: Identification) -> str:
         explanation = {
             "ok": f"It is {name}.",
             "ambiguous": f"That is not certain; the most probable is {name}.",
-            "no_solution": f"No object explains the touch within its noise; the nearest is {name}.",
+            "no_solution": f"Not even the most probable explains the touch within its noise: {name}.",
         }[found.status]
     return f"{found.status}: {explanation} ({1e3 * found.duration:.0f} ms)"
