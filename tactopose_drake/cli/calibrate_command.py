@@ -12,8 +12,9 @@ from rich.table import Table
 
 from tactopose_drake.cli.calibration_page import save_calibration_page
 from tactopose_drake.cli.calibration_reports import HEADINGS, calibration_rows, remaining_line
-from tactopose_drake.cli.consoles import ERRORS, progress_bar, reporting
+from tactopose_drake.cli.consoles import ERRORS, progress_bar, reporting, tell_warnings
 from tactopose_drake.cli.option_types import HAND, HAND_HELP, OBJECT, OBJECT_HELP, PATH, object_file
+from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.object_files import load_object
@@ -50,6 +51,7 @@ def calibrate(hand: str, name: str, scale: float, folder: Path, out: Path, html:
 
     The folder holds a YAML or JSON file for each grasp, or recordings of `tactopose run --record`.
     """
+    tell_warnings(MeshRepairWarning)
     config, mesh = load_hand_config(hand, with_calibration=False), object_file(name)
     is_anew = bool(config.calibration) and os.path.realpath(out) == os.path.realpath(config.calibration)
     check_outputs((out, html), inputs=(mesh, Path(hand), folder), renewed=out if is_anew else None)

@@ -2,10 +2,12 @@
 
 import contextlib
 import logging
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import click
 from rich.console import Console
 from rich.progress import Progress, ProgressColumn
 from rich.status import Status
@@ -68,6 +70,30 @@ class OnceFilter(logging.Filter):
 
 OUT = PlainConsole()
 ERRORS = PlainConsole(stderr=True, soft_wrap=True, highlight=False)
+
+
+def tell_warnings(*kinds: type[Warning]) -> None:
+    """Lets the command that runs print warnings of these kinds, each once, and without a line of the code."""
+    click.get_current_context().with_resource(_telling(kinds))
+
+
+@contextlib.contextmanager
+def _telling(kinds: tuple[type[Warning], ...]) -> Iterator[None]:
+    told: set[str] = set()
+    with warnings.catch_warnings():
+        for kind in kinds:
+            warnings.simplefilter("always", kind)
+        usual = warnings.showwarning
+
+        def tell(message: Warning | str, category: type[Warning], *place: Any, **options: Any) -> None:
+            if not issubclass(category, kinds):
+                usual(message, category, *place, **options)
+            elif str(message) not in told:
+                told.add(str(message))
+                ERRORS.print(f"warning: {message}", style="yellow", markup=False, soft_wrap=True)
+
+        warnings.showwarning = tell
+        yield
 
 
 @contextlib.contextmanager

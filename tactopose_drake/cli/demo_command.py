@@ -12,10 +12,11 @@ import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
 
-from tactopose_drake.cli.consoles import ERRORS, OUT
+from tactopose_drake.cli.consoles import ERRORS, OUT, tell_warnings
 from tactopose_drake.cli.demo_run import DemoResult, earlier_results, prepare_demo, run_demo, save_demo
 from tactopose_drake.cli.estimate_tables import fingers_table, pads_table, poses_table
 from tactopose_drake.cli.option_types import HAND, HAND_HELP, OBJECT, OBJECT_HELP, PATH
+from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.validation import either
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.descriptions import free_line, sigma_line, status_line
@@ -66,6 +67,7 @@ class _Options:
 @click.option("--no-open", is_flag=True, help="Does not open the web page at the end.")
 def demo(**given: Any) -> None:
     """Closes a simulated hand on an object and corrects the camera's uncertain pose by touch."""
+    tell_warnings(MeshRepairWarning)
     options = _Options(**given)
     out = _free_folder() if options.out is None else options.out
     replaced = prepare_demo(out)

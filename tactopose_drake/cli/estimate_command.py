@@ -1,15 +1,12 @@
 """`tactopose estimate`: the pose of an object from files."""
 
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import click
 import numpy as np
 
 from tactopose_drake import hand, visualization
-from tactopose_drake.cli.consoles import ERRORS, OUT, reporting
+from tactopose_drake.cli.consoles import ERRORS, OUT, reporting, tell_warnings
 from tactopose_drake.cli.estimate_tables import hypotheses_table
 from tactopose_drake.cli.option_types import HAND, HAND_HELP, OBJECT, OBJECT_HELP, PATH, object_file
 from tactopose_drake.cli.symmetry_option import SYMMETRY_HELP, parse_symmetries
@@ -79,6 +76,7 @@ def estimate(
     meshcat_url: str | None,
 ) -> None:
     """Estimates the pose of an object from what touches it."""
+    tell_warnings(MeshRepairWarning)
     mesh, touch = object_file(name), hand.load_touch(contacts_file)
     prior = None if prior_file is None else load_prior(prior_file)
     own_hand = None if hand_name is None else hand.load_hand_config(hand_name)
@@ -88,17 +86,18 @@ def estimate(
     of_hand = None if hand_name is None else Path(hand_name)
     check_outputs((out, html), inputs=(mesh, contacts_file, prior_file, volume_file, of_hand))
     if hand_name is not None and volume_file is None:
-        _warn("--hand is not used: it gives the hand of the joints in --hand-volume, which is missing.")
+        message = "warning: --hand is not used: it gives the hand of the joints in --hand-volume, which is missing."
+        ERRORS.print(message, style="yellow", markup=False, soft_wrap=True)
     remote = None
     if meshcat_url is not None:
         remote = click.get_current_context().with_resource(visualization.RemoteMeshcat(meshcat_url))
-    with _progress(f"reading {name}"):
+    with ERRORS.status(f"reading {name}"):
         model = _load(mesh, scale, symmetry, mass)
     if balance is not None and not model.mass_is_known:
         raise InvalidInputError(
             f"--gravity must come with a mass, but that of {name} is not known. Give it by `--mass`, kg."
         )
-    searching = _progress("searching (the first run on a machine compiles its kernels, about a minute)")
+    searching = ERRORS.status("searching (the first run on a machine compiles its kernels, about a minute)")
     with searching, naming_contacts_of(contacts_file):
         found = estimate_pose(
             model,
@@ -146,18 +145,3 @@ def _load(mesh: Path, scale: float, symmetry: tuple[str, ...], mass: float | Non
         return model
     given = parse_symmetries(symmetry, model.center_of_mass)
     return load_object(mesh, scale=scale, symmetry=given, mass=mass)
-
-
-@contextmanager
-def _progress(message: str) -> Iterator[None]:
-    """Shows a message while the work runs, on a terminal, and warnings of repaired meshes after it."""
-    with warnings.catch_warnings(record=True) as caught, ERRORS.status(message):
-        warnings.simplefilter("always", MeshRepairWarning)
-        yield
-    for warning in caught:
-        if issubclass(warning.category, MeshRepairWarning):
-            _warn(str(warning.message))
-
-
-def _warn(message: str) -> None:
-    ERRORS.print(f"warning: {message}", style="yellow", markup=False, soft_wrap=True)

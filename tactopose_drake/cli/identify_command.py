@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import warnings
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import get_args
@@ -12,7 +11,7 @@ from rich import box
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from tactopose_drake.cli.consoles import ERRORS, progress_bar, reporting
+from tactopose_drake.cli.consoles import ERRORS, progress_bar, reporting, tell_warnings
 from tactopose_drake.cli.option_types import PATH
 from tactopose_drake.cli.workers import processes
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
@@ -63,6 +62,7 @@ def identify_command(
     contacts, patches, planes = load_touch(contacts_file)
     if planes:
         raise InvalidFileError(f"{contacts_file}: planes must be left out, as they are not used to identify objects.")
+    tell_warnings(LibraryWarning, MeshRepairWarning)
     check_prior("--unknown-prior", unknown_prior)
     check_outputs((out,), inputs=(folder, contacts_file))
     with contextlib.nullcontext() if jobs == 1 else processes(jobs) as executor:
@@ -77,25 +77,15 @@ def identify_command(
 
 
 def _open(folder: Path, executor: Executor | None) -> ObjectLibrary:
-    """Opens a library with a progress bar of its indexing, and prints its warnings."""
+    """Opens a library with a progress bar of its indexing."""
     columns = (TextColumn("indexing"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with (
-        warnings.catch_warnings(record=True) as caught,
-        progress_bar(*columns) as progress,
-    ):
-        warnings.simplefilter("always", LibraryWarning)
+    with progress_bar(*columns) as progress:
         task = progress.add_task("indexing", total=None)
-        try:
-            return ObjectLibrary.open(
-                folder,
-                executor=executor,
-                on_progress=lambda done, total: progress.update(task, completed=done, total=total),
-            )
-        finally:
-            progress.stop()
-            for warning in caught:
-                if issubclass(warning.category, LibraryWarning | MeshRepairWarning):
-                    ERRORS.print(f"warning: {warning.message}", style="yellow", markup=False)
+        return ObjectLibrary.open(
+            folder,
+            executor=executor,
+            on_progress=lambda done, total: progress.update(task, completed=done, total=total),
+        )
 
 
 def _table(found: Identification) -> Table:

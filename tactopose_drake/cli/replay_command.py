@@ -6,10 +6,11 @@ from pathlib import Path
 
 import click
 
-from tactopose_drake.cli.consoles import OUT, print_written
+from tactopose_drake.cli.consoles import OUT, print_written, tell_warnings
 from tactopose_drake.cli.option_types import PATH
 from tactopose_drake.cli.run_command import print_end, showing
 from tactopose_drake.cli.titles import grasp_title
+from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
 from tactopose_drake.runs.estimate_writer import EstimateWriter
 from tactopose_drake.runs.page_recorder import PageRecorder
@@ -29,6 +30,7 @@ from tactopose_drake.station.scenario import load_scenario, scenario_file
 @click.option("--monitor", is_flag=True, help="Shows rates, ages, forces, pressures and the estimate live.")
 def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | None, monitor: bool) -> None:
     """Replays LOG, a folder by `run --record`, through the drivers; estimates are reproducible to the last bit."""
+    tell_warnings(MeshRepairWarning)
     loaded = load_scenario(scenario)
     check_outputs((out, html), inputs=(log, scenario_file(scenario)))
     written = [path for path in (out, html) if path is not None]

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import click
 
-from tactopose_drake.cli.consoles import ERRORS, OUT, print_written
+from tactopose_drake.cli.consoles import ERRORS, OUT, print_written, tell_warnings
 from tactopose_drake.cli.option_types import HAND, HAND_HELP, PATH
 from tactopose_drake.cli.titles import grasp_title
+from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.core.validation import told_of
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.output_files import check_outputs
@@ -43,6 +44,7 @@ def run(
 
     For a simulated run it prints whether the grasp is stable, and the error of the estimate.
     """
+    tell_warnings(MeshRepairWarning)
     loaded = load_scenario(scenario)
     if hand is not None:
         loaded.hand = hand

@@ -120,7 +120,12 @@ def test_equal_shapes_are_named_together(folder: Path, capsys: pytest.CaptureFix
         # Of each of two objects of one shape.
         (0.29, 0.40, "ambiguous", "That is not certain; the most probable is cup or mug, which have the same shape."),
         # The box, which is less probable, may explain it.
-        (0.40, 0.05, "no_solution", "Not even the most probable explains the touch within its noise: cup or mug, which"),
+        (
+            0.40,
+            0.05,
+            "no_solution",
+            "Not even the most probable explains the touch within its noise: cup or mug, which",
+        ),
         (0.47, 0.05, "ok", "It is cup or mug, which have the same shape."),
         (
             0.22,

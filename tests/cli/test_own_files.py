@@ -3,12 +3,14 @@
 import json
 import logging
 import re
+import warnings
 from pathlib import Path
 
+import click
 import pytest
 import trimesh
 
-from tactopose_drake.cli.consoles import OnceFilter
+from tactopose_drake.cli.consoles import OnceFilter, tell_warnings
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import model_path
 from tests.cli.test_cli import run
@@ -245,3 +247,31 @@ def test_what_drake_says_of_many_lines_of_a_model_is_shown_of_the_first() -> Non
     messages += [said.format("b.urdf:6", "no mass")]
     records = [logging.makeLogRecord({"msg": message}) for message in messages]
     assert [once.filter(record) for record in records] == [True, False, True, True]
+
+
+def test_a_repair_is_told_without_a_line_of_the_code(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    box = trimesh.creation.box((0.05, 0.04, 0.08))
+    trimesh.util.concatenate([box, box.copy().apply_translation([0.06, 0.0, 0.0])]).export(tmp_path / "two.obj")
+    (tmp_path / "grasps").mkdir()
+    assert (
+        run("calibrate", "--hand", "shadow_like", "--object", tmp_path / "two.obj", "--grasps", tmp_path / "grasps")
+        == 2
+    )
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == "warning: two: kept 2 separate bodies as one rigid object."
+    assert second.startswith("error: ")
+
+
+def test_a_warning_of_several_places_is_told_once_and_others_are_left_to_python(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def warn() -> None:
+        with click.Context(click.Command("any")):
+            tell_warnings(UserWarning)
+            warnings.warn("open", UserWarning, stacklevel=1)
+            warnings.warn("open", UserWarning, stacklevel=2)
+            warnings.warn("old", DeprecationWarning, stacklevel=1)
+
+    with pytest.warns(DeprecationWarning, match="old"):
+        warn()
+    assert capsys.readouterr().err == "warning: open\n"
