@@ -54,7 +54,9 @@ class Contacts(PlainValue):
         covariance: of each contact's point and a small rotation of its normal, shape (k, 6, 6), m and rad; None to use
             the sigmas. It replaces them: `sigma_position` is then the point's standard deviation along the normal, as
             nothing is measured across it, or the mean one if there is no normal; `sigma_normal` is the root mean square
-            of the rotations about the two axes across the normal. The correlation of point and normal is not used.
+            of the rotations about the two axes across the normal. The correlation of point and normal is not used. The
+            point's uncertainty along the surface widens both by how uneven the object's surface is over that length;
+            of `sigma_position`, only what exceeds a millimetre does, so equal values may give slightly other answers.
 
     Raises:
         InvalidInputError: values that are not finite numbers, too many contacts, a shape that does not fit, a normal
