@@ -4,6 +4,8 @@
 """
 
 import contextlib
+import functools
+import logging
 import numbers
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -34,6 +36,12 @@ MOST_ALPHA = 1.0
 """Largest depth over pressure of a soft pad, m/Pa."""
 MOST_OUTLIERS = 0.99
 """Largest probability that a contact is with something else than the object."""
+
+
+@functools.lru_cache(maxsize=64)
+def remark(text: str) -> None:
+    """Logs once that a value, though allowed, is probably not what was meant: it may be given many times."""
+    logging.getLogger("tactopose_drake").warning("%s", text)
 
 
 def finite_array(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -> FloatArray:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
-import logging
 import math
 
 from numpy.typing import ArrayLike
@@ -12,19 +10,13 @@ from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.gaussian_prior import UNKNOWN_SIGMA, GaussianPrior
 from tactopose_drake.core.geometry_checks import pose_near
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, remark
 
 # Larger standard deviations say nothing of the pose of an object in a hand, and are probably in another unit.
 _WIDEST = {
     "sigma_translation": (1.0, "m", "Multiply by 0.001 what is in millimetres"),
     "sigma_rotation": (math.pi, "rad", "Multiply by pi / 180 what is in degrees"),
 }
-
-
-@functools.lru_cache(maxsize=64)
-def _remark(text: str) -> None:
-    """Logs a remark once, as a camera's priors have the same sigmas many times."""
-    logging.getLogger("tactopose_drake").warning("PosePrior: %s", text)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -58,8 +50,8 @@ class PosePrior(GaussianPrior):
         """Takes the pose as a RigidTransform, or as an array of shape (3, 4) or (4, 4)."""
         super().__init__(pose_near("X_PO", X_PO), sigma_translation, sigma_rotation)
         for name, (most, unit, cure) in _WIDEST.items():
-            if most < getattr(self, name) < UNKNOWN_SIGMA:
-                _remark(f"{name} is {getattr(self, name):g} {unit}, with which the prior says nothing. {cure}.")
+            if most < (sigma := getattr(self, name)) < UNKNOWN_SIGMA:
+                remark(f"PosePrior: {name} is {sigma:g} {unit}, with which the prior says nothing. {cure}.")
 
     @classmethod
     def of(cls, prior: GaussianPrior) -> PosePrior:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from tactopose_drake.core.evidence.contact_variance_kernels import fill_variances
 from tactopose_drake.core.geometry_checks import in_steps, points_near, unit_vectors
 from tactopose_drake.core.plain_values import PlainValue, copied
-from tactopose_drake.core.validation import MOST_FORCE, FloatArray, kind_name, limited, positive_numbers, shown
+from tactopose_drake.core.validation import MOST_FORCE, FloatArray, kind_name, limited, positive_numbers, remark, shown
 from tactopose_drake.errors import InvalidInputError
 
 # Limits of the sigmas. Beyond them, the information of a contact and of the rest exceed the precision of a double.
@@ -19,6 +19,7 @@ _SIGMAS = {"sigma_position": (1e-7, 1e6, "m"), "sigma_normal": (1e-5, 1e6, "rad"
 _COLUMNS = (*(f"{kind}_{axis}" for kind in "pnf" for axis in "xyz"), *_SIGMAS)  # of a table of contacts
 MOST_SIGMA_POSITION = 0.1
 """The largest standard deviation of positions that is accepted, m: larger ones are useless, and probably in mm."""
+_MOST_DEGREES = 360.0  # Larger standard deviations of normals, rad, are meant to say nothing.
 # An estimate from this many takes a second; a scan's points are best thinned to fewer.
 _MOST_CONTACTS = 5000
 _MOST_COVARIANCE = 1e12
@@ -49,7 +50,7 @@ class Contacts(PlainValue):
         sigma_position: standard deviation of each coordinate of p_PC, a number or shape (k,), m, from 1e-7 to 0.1,
             as larger ones are probably in millimetres.
         sigma_normal: standard deviation of a small rotation of n_PC about each axis, a number or shape (k,),
-            rad, from 1e-5 to 1e6.
+            rad, from 1e-5 to 1e6. From pi to 360 is logged as a remark, since it is probably in degrees.
         sigma_force: standard deviation of each component of f_PC, a number or shape (k,), N, from 1e-6 to 1e6.
         covariance: of each contact's point and a small rotation of its normal, shape (k, 6, 6), m and rad; None to use
             the sigmas. It replaces them: `sigma_position` is then the point's standard deviation along the normal, as
@@ -94,6 +95,10 @@ class Contacts(PlainValue):
             **{name: _sigmas(told[name], sigmas[name], count, *limits[name]) for name in _SIGMAS},
             "covariance": covariance,
         }
+        widest = 0.0 if n_PC is None or covariance is not None else np.max(values["sigma_normal"], initial=0.0)
+        if math.pi < widest <= _MOST_DEGREES:
+            cure = "Multiply by pi / 180 what is in degrees, or leave out n_PC"
+            remark(f"Contacts: sigma_normal is {widest:g} rad, with which normals say nothing. {cure}.")
         for name, value in values.items():
             if value is not None:
                 value.setflags(write=False)

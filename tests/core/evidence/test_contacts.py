@@ -286,3 +286,19 @@ def test_what_is_no_index_is_named(index: object) -> None:
 def test_numbers_beyond_the_last_contact_are_those_of_any_sequence(index: object) -> None:
     with pytest.raises(IndexError, match="out of bounds"):
         Contacts(POINTS)[index]  # type: ignore[index]
+
+
+def test_a_sigma_of_normals_that_is_probably_in_degrees_is_remarked_once(caplog: pytest.LogCaptureFixture) -> None:
+    points, normals = np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+    for _ in range(2):
+        Contacts(points, normals, sigma_normal=[0.1, 7.5])
+    assert [record.getMessage() for record in caplog.records] == [
+        "Contacts: sigma_normal is 7.5 rad, with which normals say nothing. Multiply by pi / 180 what is in degrees, "
+        "or leave out n_PC."
+    ]
+    caplog.clear()
+    Contacts(points, normals, sigma_normal=math.pi)
+    Contacts(points, normals, sigma_normal=1e6)
+    Contacts(points, None, sigma_normal=7.25)
+    Contacts(points[:0], normals[:0], sigma_normal=7.0)
+    assert not caplog.records
