@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.multibody.inverse_kinematics import InverseKinematics
-from pydrake.multibody.optimization import CalcGridPointsOptions, Toppra
+from pydrake.multibody.optimization import CalcGridPointsOptions, Toppra, ToppraDiscretization
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.solvers import SnoptSolver
@@ -109,7 +109,8 @@ def smooth_motion(
         speed_share * plant.GetVelocityLowerLimits(), speed_share * plant.GetVelocityUpperLimits()
     )
     acceleration = np.full(plant.num_velocities(), most_acceleration)
-    toppra.AddJointAccelerationLimit(-acceleration, acceleration)
+    # With interpolation, which is more exact, Toppra finds no motion along about one path in forty.
+    toppra.AddJointAccelerationLimit(-acceleration, acceleration, ToppraDiscretization.kCollocation)
     if most_speed is not None:
         toppra.AddFrameTranslationalSpeedLimit(*most_speed)
     timing = toppra.SolvePathParameterization()
@@ -117,4 +118,18 @@ def smooth_motion(
     times = np.linspace(motion.start_time(), motion.end_time(), max(3, int(np.ceil(motion.end_time() / _STEP))))
     rates = np.hstack([motion.EvalDerivative(t, 1) for t in times])
     rates[:, [0, -1]] = 0.0
-    return PiecewisePolynomial.CubicHermite(times, np.hstack([motion.value(t) for t in times]), rates)
+    positions = np.hstack([motion.value(t) for t in times])
+    # Toppra keeps the limits only at its grid points.
+    slower = max(1.0, np.sqrt(_highest_acceleration(times, positions, rates) / most_acceleration))
+    return PiecewisePolynomial.CubicHermite(slower * times, positions, rates / slower)
+
+
+def _highest_acceleration(times: FloatArray, positions: FloatArray, rates: FloatArray) -> float:
+    """The highest acceleration of any joint on the cubics through positions (nq, n) with rates (nq, n) at times (n,).
+
+    It is linear in time on each cubic, and so highest at an end.
+    """
+    steps = np.diff(times)
+    chords, before, after = np.diff(positions) / steps, rates[:, :-1], rates[:, 1:]
+    ends = (6.0 * chords - 4.0 * before - 2.0 * after) / steps, (4.0 * after + 2.0 * before - 6.0 * chords) / steps
+    return float(np.abs(ends).max())
