@@ -165,7 +165,11 @@ class PoseTracker:
         if not len(contacts) and frame.X_WP is None and not self._is_over(belief, frame):
             return move_with_palm(noise, duration, slips=slips)
         if not len(contacts) or duration > noise.longest_gap:
-            return move_freely(noise, duration, params.mixture.max_sigma_translation, belief.X_WP, frame.X_WP)
+            motion = move_freely(noise, duration, params.mixture.max_sigma_translation, belief.X_WP, frame.X_WP)
+            # Before it is felt, the object rests in the world: late poses from vision tell as much as those of now.
+            rests = belief.touch_time == -np.inf and not len(contacts)
+            is_known = rests and belief.X_WP is not None and frame.X_WP is not None
+            return dataclasses.replace(motion, covariance=np.zeros((6, 6))) if is_known else motion
         if frame.tip_velocity is None:
             return move_with_palm(noise, duration, slips=slips)
         forces = frame.evidence.contacts if len(frame.evidence.contacts) == len(contacts) else contacts

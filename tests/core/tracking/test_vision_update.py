@@ -9,7 +9,15 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.motion.rigid_motion import Motion, MotionHistory
-from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, random_rotations, retract
+from tactopose_drake.core.poses import (
+    compose,
+    exp_so3,
+    increments_between,
+    inverse,
+    make_poses,
+    random_rotations,
+    retract,
+)
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import VisionRecord
@@ -220,6 +228,20 @@ def test_a_sure_pose_takes_the_place_of_one_that_says_nothing(box: ObjectModel) 
     after = fuse(box, nothing, Sighting(sure, 1.0), VisionParams())
     np.testing.assert_allclose(after.covariance, sure.covariance, rtol=1e-6, atol=1e-14)
     assert np.linalg.eigvalsh(after.covariance).min() > 0.0
+
+
+def test_a_late_pose_tells_as_much_of_an_object_at_rest_while_the_palm_moves(box: ObjectModel) -> None:
+    tracker, nothing, times = PoseTracker(box), Evidence(Contacts.empty()), 0.1 * np.arange(1, 11)
+    X_WP = {time: retract(X_PO, np.array([time, -0.5 * time, 0.0, 0.3 * time, 0.0, 0.2])) for time in times}
+    for late in (0, 3):
+        belief = tracker.start()
+        for step, time in enumerate(times):
+            taken = times[max(step - late, 0)]
+            vision = PoseMeasurement(taken, compose(inverse(X_WP[taken]), X_PO), SEEN) if step >= late else None
+            belief = tracker.step(belief, Frame(time, nothing, vision=vision, X_WP=X_WP[time]))
+        error = increments_between(belief.mixture.X_PO, compose(inverse(X_WP[time]), X_PO)[None])
+        assert np.abs(error).max() < 1e-6
+        assert np.all(np.diag(belief.mixture.covariance[0]) < 0.5 * np.diag(SEEN))
 
 
 def test_what_is_seen_far_away_goes_farther_with_the_palm() -> None:
