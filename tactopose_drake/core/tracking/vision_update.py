@@ -106,13 +106,16 @@ def see(
             if order[0] != 0:
                 belief = dataclasses.replace(belief, slip_test=belief.slip_test.restarted())
             modes = modes.chosen(order)
-        if is_outlier:
+        # Only vision tells where an object is that nothing has felt. If it contradicts the earlier poses for so long,
+        # the object has been moved, or the first pose was the outlier.
+        is_anew = never_felt and not reading.has_contact and frame.time > record.accepted_time + params.max_age
+        if is_outlier and not is_anew:
             record = dataclasses.replace(record, remark=_NOT_BELIEVED)
         else:
             # A prior is a guess of the same kind, which the first picture replaces.
-            is_first = begins or len(record.times) == 1
+            is_first = begins or is_outlier or len(record.times) == 1
             standing = sighting.pose if is_first else fuse(model, standing, sighting, params)
-            is_counted, told = True, record.prior if is_counted else prior
+            is_outlier, is_counted, told = False, True, record.prior if is_counted else prior
             record = dataclasses.replace(record, accepted_time=sighting.pose.time, prior=told)
     # Vision that is not believed may be an outlier, but not if nothing else has been seen for so long.
     waits = record.remark == _NOT_BELIEVED and frame.time <= record.accepted_time + params.max_age

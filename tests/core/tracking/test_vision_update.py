@@ -244,6 +244,33 @@ def test_a_late_pose_tells_as_much_of_an_object_at_rest_while_the_palm_moves(box
         assert np.all(np.diag(belief.mixture.covariance[0]) < 0.5 * np.diag(SEEN))
 
 
+@pytest.mark.parametrize(
+    ("seen_first", "back"), [(10, None), (1, None), (10, 18)], ids=["moved", "misseen", "mistaken"]
+)
+def test_an_object_that_nothing_has_felt_is_where_vision_keeps_seeing_it(
+    box: ObjectModel, seen_first: int, back: int | None
+) -> None:
+    """It was moved after ten pictures, the first picture was wrong, or vision is mistaken for eight pictures, 0.8 s."""
+    tracker, nothing, belief = PoseTracker(box), Evidence(Contacts.empty()), PoseTracker(box).start()
+    generator, elsewhere = np.random.default_rng(5), retract(X_PO, np.array([0.0, 0.0, 0.0, 0.15, 0.0, 0.0]))
+    off = []
+    for step in range(40):
+        is_first = step < seen_first or (back is not None and step >= back)
+        seen = retract(X_PO if is_first else elsewhere, generator.normal(size=6) * np.sqrt(np.diag(SEEN)))
+        time = 0.1 * (step + 1)
+        frame = Frame(time, nothing, vision=PoseMeasurement(time, seen, SEEN), X_WP=np.eye(3, 4))
+        belief = tracker.step(belief, frame)
+        off.append(float(np.linalg.norm(belief.mixture.X_PO[0, :, 3] - elsewhere[:, 3])))
+    assert min(off[:seen_first]) > 0.1
+    if back is not None:
+        assert min(off) > 0.1
+        assert belief.status == "no_contact"
+    else:
+        assert min(off[: seen_first + 9]) > 0.1  # Not yet after 0.9 s.
+        assert max(off[seen_first + 12 :]) < 0.05
+        assert belief.status == "no_contact"
+
+
 def test_what_is_seen_far_away_goes_farther_with_the_palm() -> None:
     far = PoseMeasurement(0.5, make_poses(np.eye(3), np.array([9.99, 0.0, 0.0])), SEEN)
     history = MotionHistory((0.0,)).followed_by(Motion(np.array([0, 0, 0, 0.1, 0, 0]), 1e-6 * np.eye(6)), 1.0, 1.0)
