@@ -95,8 +95,8 @@ class Contacts(PlainValue):
             **{name: _sigmas(told[name], sigmas[name], count, *limits[name]) for name in _SIGMAS},
             "covariance": covariance,
         }
-        widest = 0.0 if n_PC is None or covariance is not None else np.max(values["sigma_normal"], initial=0.0)
-        if math.pi < widest <= _MOST_DEGREES:
+        turned = values["sigma_normal"] if n_PC is not None and covariance is None else None
+        if turned is not None and math.pi < (widest := turned.max(initial=0.0)) <= _MOST_DEGREES:
             cure = "Multiply by pi / 180 what is in degrees, or leave out n_PC"
             remark(f"Contacts: sigma_normal is {widest:g} rad, with which normals say nothing. {cure}.")
         for name, value in values.items():
