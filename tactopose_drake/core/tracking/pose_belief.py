@@ -83,6 +83,7 @@ class PoseBelief(ReadOnlyCopies):
         contacts: those of the last frame; empty if nothing was touched.
         touch_time, explained_time, slip_time: when something was last touched, when a touch was last explained, and
             when the object last slipped, s.
+        changed_time: when the contacts last differed from those of the frame before, s.
         slip_sign: what revealed the last slip; empty if there was none.
         slip_test, force_test, rigidity_test: states of the slip detectors.
         errors: estimated factors of the variances of the contacts' lasting errors.
@@ -110,6 +111,7 @@ class PoseBelief(ReadOnlyCopies):
     touch_time: float = -np.inf
     explained_time: float = -np.inf
     slip_time: float = -np.inf
+    changed_time: float = -np.inf
     slip_sign: str = ""
     slip_test: SlipTest = dataclasses.field(default_factory=SlipTest)
     force_test: ForceTest = dataclasses.field(default_factory=ForceTest)

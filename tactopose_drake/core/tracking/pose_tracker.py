@@ -13,9 +13,7 @@ from tactopose_drake.core.motion.object_motion import move_freely, move_with_fin
 from tactopose_drake.core.motion.rigid_motion import Motion, MotionHistory
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.plain_values import copied, seal
-from tactopose_drake.core.poses import increments_between
 from tactopose_drake.core.posterior.moved_origin import has_far_origin, mixture_of_origin
-from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.slip.slip_by_forces import BY_FORCES, detect_by_forces
 from tactopose_drake.core.slip.slip_by_motion import BY_MOTION, detect_by_motion
@@ -34,10 +32,10 @@ from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, follow_touc
 from tactopose_drake.core.tracking.pose_belief import Explanation, PoseBelief, summarise
 from tactopose_drake.core.tracking.relocalisation import relocalise
 from tactopose_drake.core.tracking.sliced_search import search_on
-from tactopose_drake.core.tracking.tracked_modes import predict_modes
+from tactopose_drake.core.tracking.tracked_modes import has_moved, predict_modes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_update import move_standing, see
-from tactopose_drake.core.validation import FloatArray, instance_of
+from tactopose_drake.core.validation import instance_of
 from tactopose_drake.errors import InvalidInputError
 
 
@@ -102,9 +100,12 @@ class PoseTracker:
         belief, is_outlier = see(self._model, belief, frame, reading, params.vision)
         explanation = Explanation(self._model, reading.evidence, params.plausibility)
         if reading.is_new:
-            belief = self._update_with_touch(belief, frame, reading, duration, explanation, is_outlier=is_outlier)
+            belief = self._update_with_touch(belief, frame, reading, duration)
         elif reading.has_contact:
             belief = copied(belief, touch_time=frame.time, felt_time=_felt(belief, frame))
+        # Nothing is searched between the readings of a slow sensor, but by contacts that stay exactly as they are.
+        if reading.is_new or (reading.has_contact and frame.time > belief.changed_time + params.flicker_time):
+            belief = self._look_elsewhere(belief, frame, reading, duration, explanation, is_outlier=is_outlier)
         belief = summarise(self._model, params, belief, explanation, has_contact=reading.has_contact)
         if belief.explained_time == frame.time and not self._may_be_none(belief, untouched):
             untouched = None
@@ -180,16 +181,9 @@ class PoseTracker:
         )
 
     def _update_with_touch(
-        self,
-        belief: PoseBelief,
-        frame: Frame,
-        reading: ContactReading,
-        duration: float,
-        explanation: Explanation,
-        *,
-        is_outlier: bool,
+        self, belief: PoseBelief, frame: Frame, reading: ContactReading, duration: float
     ) -> PoseBelief:
-        """Updates with new contacts; `is_outlier`: the best mode has just taken vision for an outlier."""
+        """Updates with new contacts."""
         time, params, modes, slips, test = frame.time, self._params, belief.modes, False, SlipTest()
         if len(modes):
             modes = update_modes(self._model, params, reading, modes)
@@ -204,7 +198,7 @@ class PoseTracker:
         slip_sign = BY_FORCES if gives_way else BY_SURFACE if slips else belief.slip_sign
         slips = slips or gives_way or belief.slip_time == time
         now = Keyframe.of_now(reading, frame.names)
-        belief = copied(
+        return copied(
             belief,
             modes=modes,
             slip_test=test.restarted() if slips else test,
@@ -212,10 +206,26 @@ class PoseTracker:
             keyframes=follow_touch(() if slips else belief.keyframes, now, params.window),
             contacts=reading.contacts,
             touch_time=time,
+            changed_time=time,
             joined_time=time if is_new else belief.joined_time,
             slip_time=time if slips else belief.slip_time,
             slip_sign=slip_sign,
+            felt_time=_felt(belief, frame),
         )
+
+    def _look_elsewhere(
+        self,
+        belief: PoseBelief,
+        frame: Frame,
+        reading: ContactReading,
+        duration: float,
+        explanation: Explanation,
+        *,
+        is_outlier: bool,
+    ) -> PoseBelief:
+        """Advances the search for other modes; `is_outlier`: the best mode has just taken vision for an outlier."""
+        time, params, modes, slips = frame.time, self._params, belief.modes, belief.slip_time == frame.time
+        is_new = belief.joined_time == time
         X_best, explained = modes.X_PO[:1], bool(explanation.of(modes.X_PO)[:1].any())
         unsettled_time = time if is_new else belief.unsettled_time
         is_urgent = slips or is_outlier or not explained or time < unsettled_time + params.settling_time
@@ -230,10 +240,9 @@ class PoseTracker:
         modes, test = belief.modes, belief.slip_test
         if len(modes):
             modes = modes.pruned(params.mixture)
-            if not len(X_best) or self._has_moved(X_best, modes.X_PO[:1]):
+            if not len(X_best) or has_moved(self._model, params, X_best, modes.X_PO[:1]):
                 unsettled_time, test = time, test.restarted()
-        felt_time = _felt(belief, frame)
-        return copied(belief, modes=modes, slip_test=test, unsettled_time=unsettled_time, felt_time=felt_time)
+        return copied(belief, modes=modes, slip_test=test, unsettled_time=unsettled_time)
 
     def _search(
         self,
@@ -275,15 +284,6 @@ class PoseTracker:
         after = with_errors(reading, errors, self._params)
         modes = follow_lasting_errors(belief.modes, reading, after, self._params)
         return copied(belief, errors=errors, modes=modes), after
-
-    def _has_moved(self, X_before: FloatArray, X_now: FloatArray) -> bool:
-        """Whether the best mode (1, 3, 4) is another than before."""
-        if np.array_equal(X_before, X_now):
-            return False
-        X_near = nearest_images(X_now, X_before[0], self._model.symmetry_turns, self._model.symmetries)
-        u = increments_between(X_before, X_near)[0]
-        moved = np.linalg.norm(u[3:]) + self._params.lever_arm * self._model.size * np.linalg.norm(u[:3])
-        return bool(moved > self._params.settled_distance)
 
 
 def _felt(belief: PoseBelief, frame: Frame) -> dict[str, float]:

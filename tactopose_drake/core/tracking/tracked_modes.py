@@ -10,8 +10,10 @@ import numpy as np
 
 from tactopose_drake.core.motion.rigid_motion import Motion, carry, three_each
 from tactopose_drake.core.plain_values import copied
-from tactopose_drake.core.poses import RANDOM_ROTATION_VARIANCE
-from tactopose_drake.core.tracking.tracker_params import MixtureParams
+from tactopose_drake.core.poses import RANDOM_ROTATION_VARIANCE, increments_between
+from tactopose_drake.core.shape.free_spin import nearest_images
+from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.tracking.tracker_params import MixtureParams, PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 
 # Stands for unbounded information, 1/rad^2 and 1/m^2.
@@ -149,6 +151,16 @@ def predict_modes(modes: TrackedModes, motion: Motion, max_sigma_translation: fl
         covariance[b], cross[b] = shrink @ covariance[b] @ shrink.T, shrink @ cross[b]
     most = motion.increment_map @ modes.most_information @ motion.increment_map.T  # The map is orthogonal.
     return copied(modes, X_PO=X_PO, covariance=covariance, cross_covariance=cross, most_information=most)
+
+
+def has_moved(model: ObjectModel, params: PoseTrackerParams, X_before: FloatArray, X_now: FloatArray) -> bool:
+    """Whether the best mode, shape (1, 3, 4), is another than before, up to a symmetry."""
+    if np.array_equal(X_before, X_now):
+        return False
+    X_near = nearest_images(X_now, X_before[0], model.symmetry_turns, model.symmetries)
+    u = increments_between(X_before, X_near)[0]
+    moved = np.linalg.norm(u[3:]) + params.lever_arm * model.size * np.linalg.norm(u[:3])
+    return bool(moved > params.settled_distance)
 
 
 def _shrink(covariance: FloatArray, limits: FloatArray) -> FloatArray:

@@ -49,6 +49,21 @@ def test_it_starts_lost_and_finds_the_pose(tracker: PoseTracker) -> None:
     assert np.sum(belief.probability) == pytest.approx(1.0)
 
 
+def test_a_touch_that_stays_exactly_as_it_is_is_searched_on(tracker: PoseTracker) -> None:
+    """As in a simulation without noise that has come to rest, while a search has only begun."""
+    contacts, belief, searches = touch(X_PO, np.random.default_rng(0)), tracker.start(), []
+    for step in range(1, 61):
+        count = 2 if step <= 8 else 5
+        belief = tracker.step(belief, Frame(0.01 * step, Evidence(contacts[:count]), NAMES[:count]))
+        searches.append(belief.search)
+    # At first the same reading may be that of a sensor that is slower than the frames.
+    assert len({(search.searches, search.is_settled, id(search.weighing)) for search in searches[8 : 8 + FLICKER]}) == 1
+    assert belief.explained_time == belief.time
+    translation, rotation = error(belief, X_PO)
+    assert translation < 0.006
+    assert rotation < math.radians(8.0)
+
+
 @pytest.mark.parametrize("is_correlated", [False, True])
 @pytest.mark.parametrize("far", [1.8, 3.0])
 def test_where_the_frames_origin_is_decides_nothing(far: float, is_correlated: bool) -> None:
