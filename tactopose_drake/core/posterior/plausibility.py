@@ -140,12 +140,13 @@ def _false_share(outlier_probability: float) -> float:
 def most_false_contacts(count: int, share: float, chance: float) -> int:
     """The number of false ones among `count` contacts that is not exceeded with this chance; at least 3 stay true."""
     most = max(count - _FEWEST_THAT_AGREE, 0)
-    just, passed = (1.0 - share) ** count, 0.0  # The probabilities of exactly, and of at most, so many false ones.
+    # The probability of exactly so many false ones, as a logarithm because it may underflow, and of at most so many.
+    log_just, passed = count * math.log1p(-share), 0.0
     for false in range(most):
-        passed += just
+        passed += math.exp(log_just)
         if passed >= chance:
             return false
-        just *= (count - false) / (false + 1) * share / (1.0 - share)
+        log_just += math.log((count - false) / (false + 1) * share / (1.0 - share))
     return most
 
 

@@ -154,7 +154,7 @@ def test_a_contact_beside_the_object_is_not_explained() -> None:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.3])
-@pytest.mark.parametrize("count", [1, 3, 4, 5, 20, 400])
+@pytest.mark.parametrize("count", [1, 3, 4, 5, 20, 400, 5000])
 def test_as_many_contacts_may_be_false_as_the_binomial_distribution_says_and_three_stay(
     count: int, share: float
 ) -> None:
