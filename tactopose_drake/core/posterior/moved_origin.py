@@ -56,7 +56,8 @@ def arc_covariance(R_PO: FloatArray, covariance: FloatArray, p_OC: FloatArray) -
         covariance: of their increments, shape (n, 6, 6).
         p_OC: where C is, shape (3,), m.
     """
-    w = _NORMAL @ np.swapaxes(np.linalg.cholesky(covariance[:, :3, :3]), 1, 2)
+    values, vectors = np.linalg.eigh(covariance[:, :3, :3])  # Some turns may be known for certain.
+    w = _NORMAL @ ((vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]) @ np.swapaxes(vectors, 1, 2))
     left = (exp_so3(w) @ p_OC - p_OC - np.cross(w, p_OC)) @ np.swapaxes(R_PO, 1, 2)
     added = np.zeros((len(R_PO), 6, 6))
     added[:, 3:, 3:] = np.swapaxes(left, 1, 2) @ left / left.shape[1]

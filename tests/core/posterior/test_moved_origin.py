@@ -36,3 +36,11 @@ def test_what_is_known_of_the_middle_comes_back_from_the_origin() -> None:
     # A belief of the origin that leaves the arc out is one of the middle still.
     without = GaussianMixture(X_PC, middle.weights, np.tile(np.diag(np.repeat([0.1, 1e-4], 3) ** 2), (3, 1, 1)))
     assert np.linalg.eigvalsh(mixture_of_middle(without, p_OC).covariance).min() > -1e-12
+
+
+def test_a_turn_that_is_known_for_certain_does_not_move_the_origin() -> None:
+    p_OC, variances = np.array([0.5, 0.0, 0.0]), np.array([0.01, 0.0, 0.0, 1e-6, 1e-6, 1e-6])
+    middle = GaussianMixture(np.eye(3, 4)[None], np.ones(1), np.diag(variances)[None])
+    origin = mixture_of_origin(middle, p_OC)
+    np.testing.assert_allclose(origin.covariance[0], np.diag(variances), atol=1e-15)
+    np.testing.assert_allclose(mixture_of_middle(origin, p_OC).covariance[0], np.diag(variances), atol=1e-15)
