@@ -58,10 +58,12 @@ def judge(
             for i in range(k):
                 if density[first + lane, i] > least:
                     both = -np.log(density[first + lane, i])
-                    d[i, lane] = min(d[i, lane], max(both, 0.0))
-                    n[i, lane] = both - d[i, lane]
+                    below = max(both, 0.0)
                 else:
-                    n[i, lane] = max(d[i, lane] + n[i, lane], reached) - d[i, lane]
+                    both, below = max(d[i, lane] + n[i, lane], reached), np.inf
+                # Without normals, all of it is the point's: `mix` reads no other energy.
+                d[i, lane] = min(d[i, lane], below) if doubts.has_normals else both
+                n[i, lane] = both - d[i, lane]
         mix(lanes, doubts, work)
         for lane in range(lanes):
             judged.cost[first + lane] = work.cost[lane] + prior_cost(prior, X[first + lane], u)

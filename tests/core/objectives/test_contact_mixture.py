@@ -107,6 +107,20 @@ def test_the_cost_is_the_mixture_written_out(
         assert mixture.cost(X)[0] == pytest.approx(formula(blob, contacts, X, share, doubt), rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.parametrize("with_normals", [True, False])
+def test_off_edges_and_corners_the_exact_cost_is_that_of_the_exact_surface(
+    box: ObjectModel, with_normals: bool
+) -> None:
+    X_PO = pose(5)
+    p_OC = np.array([[0.0306, 0.0, 0.0656], [0.0306, 0.0456, 0.0], [0.0306, 0.0456, 0.0656]])
+    n_PC = np.tile(X_PO[0, :, 0], (3, 1)) if with_normals else None
+    contacts = Contacts(p_OC @ X_PO[0, :, :3].T + X_PO[0, :, 3], n_PC, sigma_position=0.0009)
+    mixture = ContactMixture(box, contacts, 1e-12, dataclasses.replace(DOUBT, doublings=((0, 0, 1.0),)))
+    density = mixture.density.densities(X_PO)
+    assert density.min() > math.exp(-DOUBT.reached)
+    assert mixture.exact_cost(X_PO)[0] == pytest.approx(-np.log(density).sum(), abs=1e-6)
+
+
 def test_a_contact_is_as_told_by_itself_or_beside_the_one_that_is_not(box: ObjectModel) -> None:
     X_PO = pose(1)
     contacts = touch(box, X_PO, 1, noise=1.5)
