@@ -88,7 +88,7 @@ def see(
         reading: its contacts.
         params: what is assumed about vision.
     """
-    standing, modes, is_outlier = belief.standing, belief.modes, False
+    standing, modes, is_outlier, is_anew = belief.standing, belief.modes, False, False
     never_felt = belief.touch_time == -np.inf
     prior = None if frame.evidence.prior == belief.vision.spent else frame.evidence.prior
     sighting, record = read_vision(belief.vision, frame.vision, belief.history, frame.time, params)
@@ -106,14 +106,15 @@ def see(
             if order[0] != 0:
                 belief = dataclasses.replace(belief, slip_test=belief.slip_test.restarted())
             modes = modes.chosen(order)
-        # Only vision tells where an object is that nothing has felt. If it contradicts the earlier poses for so long,
-        # the object has been moved, or the first pose was the outlier.
-        is_anew = never_felt and not reading.has_contact and frame.time > record.accepted_time + params.max_age
+        # Only vision tells where an object is that nothing feels. If it contradicts the earlier poses for so long, the
+        # object has been moved, or the first pose was the outlier.
+        latest = max(record.accepted_time, belief.touch_time)
+        is_anew = is_outlier and not reading.has_contact and frame.time > latest + params.max_age
         if is_outlier and not is_anew:
             record = dataclasses.replace(record, remark=_NOT_BELIEVED)
         else:
             # A prior is a guess of the same kind, which the first picture replaces.
-            is_first = begins or is_outlier or len(record.times) == 1
+            is_first = begins or is_anew or len(record.times) == 1
             standing = sighting.pose if is_first else fuse(model, standing, sighting, params)
             is_outlier, is_counted, told = False, True, record.prior if is_counted else prior
             record = dataclasses.replace(record, accepted_time=sighting.pose.time, prior=told)
@@ -122,9 +123,9 @@ def see(
     if not is_counted and not waits:
         is_counted, standing = True, guess
         record = dataclasses.replace(record, prior=prior, remark="")
-    if never_felt and standing is not None and not reading.has_contact:
+    if (never_felt or is_anew) and standing is not None and not reading.has_contact:
         modes = TrackedModes.independent(standing.X_PO[None], standing.covariance[None], len(reading.sources))
-        if prior is not None and is_counted:
+        if never_felt and prior is not None and is_counted:
             record = dataclasses.replace(record, accepted_time=frame.time)
     if modes is belief.modes and standing is belief.standing and record is belief.vision:
         return belief, is_outlier

@@ -19,6 +19,7 @@ from tactopose_drake.core.poses import (
     retract,
 )
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import VisionRecord
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
@@ -269,6 +270,23 @@ def test_an_object_that_nothing_has_felt_is_where_vision_keeps_seeing_it(
         assert min(off[: seen_first + 9]) > 0.1  # Not yet after 0.9 s.
         assert max(off[seen_first + 12 :]) < 0.05
         assert belief.status == "no_contact"
+
+
+def test_an_object_let_go_is_where_vision_keeps_seeing_it(box: ObjectModel) -> None:
+    """It is held until 1 s, then put down half a metre away, where vision sees it ten times a second from 1.5 s on."""
+    tracker, nothing, belief = PoseTracker(box), Evidence(Contacts.empty()), PoseTracker(box).start()
+    generator, elsewhere = np.random.default_rng(5), retract(X_PO, np.array([1.5, 0.0, 0.0, 0.4, 0.3, 0.0]))
+    off = {}
+    for step in range(1, 41):
+        time = 0.1 * step
+        touch = Evidence(touch_surface(box, X_PO, 5, np.random.default_rng(3))) if step <= 10 else nothing
+        seen = retract(elsewhere, generator.normal(size=6) * np.sqrt(np.diag(SEEN)))
+        vision = PoseMeasurement(time, seen, SEEN) if step >= 15 else None
+        belief = tracker.step(belief, Frame(time, touch, vision=vision, X_WP=np.eye(3, 4)))
+        off[step] = np.linalg.norm(belief.mixture.X_PO[0, :, 3] - elsewhere[:, 3])
+    assert min(off[step] for step in range(11, 20)) > 0.3  # Not yet 0.9 s after the last touch.
+    assert max(off[step] for step in range(22, 41)) < 0.05
+    assert belief.message == "no_contact"
 
 
 def test_what_is_seen_far_away_goes_farther_with_the_palm() -> None:
