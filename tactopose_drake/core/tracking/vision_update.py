@@ -54,8 +54,9 @@ def read_vision(
         params: how long vision counts.
     """
     if measurement is None:
-        # The remark that vision was not believed still applies to the belief; the other remarks are obsolete.
-        kept = record.remark in ("", _NOT_BELIEVED)
+        # That the last picture was not believed is said while a picture counts; the other remarks are obsolete.
+        is_recent = record.last is not None and time <= record.last.time + params.max_age
+        kept = record.remark == "" or (record.remark == _NOT_BELIEVED and is_recent)
         return None, record if kept else dataclasses.replace(record, remark="")
     age = time - measurement.time
     if age > params.max_age:

@@ -289,6 +289,19 @@ def test_an_object_let_go_is_where_vision_keeps_seeing_it(box: ObjectModel) -> N
     assert belief.message == "no_contact"
 
 
+def test_a_picture_that_was_not_believed_is_remarked_for_a_second(box: ObjectModel) -> None:
+    """One picture at 1 s is half a metre off, and vision says nothing afterwards."""
+    tracker, belief = PoseTracker(box), PoseTracker(box).start()
+    touch = Evidence(touch_surface(box, X_PO, 5, np.random.default_rng(3)))
+    far, remarked = PoseMeasurement(1.0, retract(X_PO, np.array([0, 0, 0, 0.5, 0, 0])), SEEN), []
+    for step in range(1, 31):
+        belief = tracker.step(belief, Frame(0.1 * step, touch, vision=far if step == 10 else None))
+        remarked.append("vision is not believed" in belief.remarks)
+    assert not any(remarked[:9])
+    assert all(remarked[9:19])
+    assert not any(remarked[20:])
+
+
 def test_what_is_seen_far_away_goes_farther_with_the_palm() -> None:
     far = PoseMeasurement(0.5, make_poses(np.eye(3), np.array([9.99, 0.0, 0.0])), SEEN)
     history = MotionHistory((0.0,)).followed_by(Motion(np.array([0, 0, 0, 0.1, 0, 0]), 1e-6 * np.eye(6)), 1.0, 1.0)
