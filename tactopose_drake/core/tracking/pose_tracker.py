@@ -105,7 +105,7 @@ class PoseTracker:
             belief = copied(belief, touch_time=frame.time, felt_time=_felt(belief, frame))
         # Nothing is searched between the readings of a slow sensor, but by contacts that stay exactly as they are.
         if reading.is_new or (reading.has_contact and frame.time > belief.changed_time + params.flicker_time):
-            belief = self._look_elsewhere(belief, frame, reading, duration, explanation, is_outlier=is_outlier)
+            belief = self._relocalise(belief, frame, reading, duration, explanation, is_outlier=is_outlier)
         belief = summarise(self._model, params, belief, explanation, has_contact=reading.has_contact)
         if belief.explained_time == frame.time and not self._may_be_none(belief, untouched):
             untouched = None
@@ -213,7 +213,7 @@ class PoseTracker:
             felt_time=_felt(belief, frame),
         )
 
-    def _look_elsewhere(
+    def _relocalise(
         self,
         belief: PoseBelief,
         frame: Frame,
