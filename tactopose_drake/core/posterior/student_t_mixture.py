@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import read_only
-from tactopose_drake.core.posterior import student_t_kernels
+from tactopose_drake.core.posterior import student_t_density_kernels, student_t_kernels
 from tactopose_drake.core.validation import FloatArray
 
 
@@ -62,7 +62,7 @@ class StudentTMixture:
         rad^3 m^3), times the number of samples: those of several mixtures thus add up to that of all their samples.
         """
         power = self.freedom + 6 - self.turns.shape[2]
-        student_t_kernels.add_densities(self._components, self.freedom, power, self.X_PO, X_PO, density)
+        student_t_density_kernels.add_densities(self._components, self.freedom, power, self.X_PO, X_PO, density)
 
     def joined(self, other: StudentTMixture) -> StudentTMixture:
         """Returns one mixture of the components of both, which are about the same poses."""
@@ -74,7 +74,7 @@ class StudentTMixture:
         return StudentTMixture(self.X_PO, group, center, information, turns, count, self.freedom, self.farthest)
 
     @functools.cached_property
-    def _components(self) -> student_t_kernels.Components:
+    def _components(self) -> student_t_density_kernels.Components:
         """The components as the kernels read them."""
         g, n, freedom = len(self.X_PO), 6 - self.turns.shape[2], self.freedom
         power = 0.5 * (freedom + n)
@@ -84,7 +84,7 @@ class StudentTMixture:
         )
         student_t_kernels.prepare(self.group, self.turns, self.center, self.count, constant, self.farthest, prepared)
         first, information, reach, scale = map(read_only, prepared)
-        return student_t_kernels.Components(first, read_only(self.center), information, reach, scale)
+        return student_t_density_kernels.Components(first, read_only(self.center), information, reach, scale)
 
 
 def draw(
