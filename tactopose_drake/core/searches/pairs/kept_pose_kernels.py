@@ -116,8 +116,15 @@ def drop_worse(count: int, spared: int, kept: Kept) -> int:
     for k in range(used):
         spare[k] = cost[k]
     limit, now = select(spare, used, count - 1), 0
+    # Without normals, many poses cost the same; those that cost just the limit fill the places that are left.
+    as_dear = count
     for k in range(used):
-        if cost[k] <= limit and now < count:
+        as_dear -= 1 if cost[k] < limit else 0
+    for k in range(used):
+        is_kept = cost[k] < limit
+        if cost[k] == limit and as_dear > 0:
+            is_kept, as_dear = True, as_dear - 1
+        if is_kept:
             pose[now, 0], pose[now, 1], pose[now, 2], cost[now] = pose[k, 0], pose[k, 1], pose[k, 2], cost[k]
             now += 1
     kept.limit[spared], kept.used[spared] = limit, now

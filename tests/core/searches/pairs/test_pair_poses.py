@@ -187,3 +187,15 @@ def test_a_contact_is_as_unsure_as_its_sensor_the_poses_and_the_voxel_that_stand
     np.testing.assert_allclose(table[:, 6] * (0.001 / field.step) ** 2, 0.001**2 / variance, rtol=0.01)
     np.testing.assert_allclose(table[:, 7], has_normals / (turns**2 + 0.15**2))
     np.testing.assert_array_equal(table[:, 3:6], n_PC if has_normals else np.zeros((3, 3)))
+
+
+def test_of_poses_that_cost_the_same_none_displaces_a_cheaper_one(blob: ObjectModel) -> None:
+    contacts = Contacts(touch_samples(blob, pose(5), [10, 500, 700, 900]).p_PC)
+    features, field = blob.pair_features, blob.coarse_field
+    table = contact_table(field, contacts, 0.0, 0.1)
+    pairs = matched((0, 1, every_so_many(blob, 97)), (2, 3, every_so_many(blob, 89)), spins=12)
+    every = best_poses(pairs, features, field, table, (10**6, 10**6), *EVERYWHERE)
+    for most in (100, 300, 1000):
+        best = best_poses(pairs, features, field, table, (most, most), *EVERYWHERE)
+        for few, all_of_them in zip(best, every, strict=True):
+            np.testing.assert_array_equal(few.cost, all_of_them.cost[:most])
