@@ -88,9 +88,10 @@ def fit_spins(first: Singles1, second: Singles1, lanes: int, w: OutSingles1) -> 
     first_y, first_z, second_y, second_z = first[4], first[5], second[4], second[5]
     for lane in range(np.uintp(lanes)):
         across, up = _across(w, _NORMALS + lane, AXES + lane)
-        cosine, sine = _NONE + (across * first_y + up * first_z), across * first_z - up * first_y
+        cosine, sine = across * first_y + up * first_z, across * first_z - up * first_y
         across, up = _across(w, _NORMALS + _3 + lane, AXES + lane)
-        cosine += across * second_y + up * second_z  # With normals along the line, the spin is zero.
+        cosine += across * second_y + up * second_z
+        cosine += _NONE  # With normals along the line, or that ask for opposite spins, the spin is zero.
         sine += across * second_z - up * second_y
         scale = _ONE / np.sqrt(cosine * cosine + sine * sine)
         w[COSINE + lane], w[SINE + lane] = cosine * scale, sine * scale

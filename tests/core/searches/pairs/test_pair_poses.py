@@ -199,3 +199,20 @@ def test_of_poses_that_cost_the_same_none_displaces_a_cheaper_one(blob: ObjectMo
         best = best_poses(pairs, features, field, table, (most, most), *EVERYWHERE)
         for few, all_of_them in zip(best, every, strict=True):
             np.testing.assert_array_equal(few.cost, all_of_them.cost[:most])
+
+
+def test_normals_that_ask_for_opposite_spins_leave_it_open() -> None:
+    box = brick(0.06, 0.1, 0.18)
+    features = box.pair_features
+    i, j = features.pairs.T
+    opposed = np.flatnonzero(features.normals[i, 0] * features.normals[j, 0] == -1.0)[:500].astype(np.int32)
+    assert len(opposed) == 500
+    contacts = Contacts(
+        [[0.03, -0.02, 0.05], [0.03, 0.03, -0.03], [0.03, 0.02, 0.07]], np.tile([1.0, 0.0, 0.0], (3, 1))
+    )
+    table = contact_table(box.coarse_field, contacts, 0.002, 0.2)
+    pairs = matched((0, 1, opposed))
+    (X_PO, cost), _ = best_poses(pairs, features, box.coarse_field, table, ALL, *EVERYWHERE)
+    assert len(X_PO) == 500
+    assert np.isfinite(cost).all()
+    np.testing.assert_allclose(np.linalg.det(X_PO[:, :, :3]), 1.0, atol=1e-9)
