@@ -233,9 +233,13 @@ class FingertipSolver:
         limits = read_only(np.array([least, friction, compliance, thickness, _STRONGEST]))
         object.__setattr__(self, "_conditions", contact_kernels.Conditions(limits, self.method == "newton"))
 
-    def solve(self, F_S: FloatArray) -> ContactSolution:
-        """The contact of one wrench, shape (6,), N m and N; not valid if a number is not finite."""
-        out, codes = self._run(F_S[None])
+    def solve(self, F_S: ArrayLike) -> ContactSolution:
+        """The contact of one wrench, shape (6,), N m and N; not valid if a number is not finite.
+
+        Raises:
+            InvalidInputError: a wrench of another shape.
+        """
+        out, codes = self._run(number_array("F_S", F_S, (6,))[None])
         row, code = out[0], int(codes[0])
         return ContactSolution(
             row[0:3],

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from tactopose_drake.core.sensing.intrinsic_contact import MIN_FORCE, solve_contact, solve_contacts
+from tactopose_drake.core.sensing.intrinsic_contact import MIN_FORCE, FingertipSolver, solve_contact, solve_contacts
 from tactopose_drake.core.sensing.soft_layer import SoftLayer
 from tactopose_drake.core.surfaces import Capsule, Cylinder, Sphere, Superquadric, Surface
 from tactopose_drake.errors import InvalidInputError, UnknownNameError
@@ -164,6 +164,8 @@ def test_local_torque_is_bounded_by_friction() -> None:
         (lambda s: solve_contact(np.zeros(5), s), r"F_S must have the shape \(6,\), not \(5,\)"),
         (lambda s: solve_contact(np.zeros((1, 6)), s), r"F_S must have the shape .*, not \(1, 6\)"),
         (lambda s: solve_contact("wrench", s), r"F_S.* must (be a number|consist of numbers), not"),
+        (lambda s: FingertipSolver(s).solve(np.ones(5)), r"F_S must have the shape \(6,\), not \(5,\)"),
+        (lambda s: FingertipSolver(s).solve(np.ones(9)), r"F_S must have the shape \(6,\), not \(9,\)"),
         (lambda s: solve_contacts(np.zeros(6), s), r"F_S must have the shape \(n, 6\), not \(6,\)"),
         (lambda s: solve_contacts(np.zeros((2, 3)), s), r"F_S must have the shape .*, not \(2, 3\)"),
         (lambda s: solve_contacts([["a"] * 6], s), r"F_S.* must (be a number|consist of numbers), not"),
@@ -183,3 +185,12 @@ def test_unusable_input_is_refused(call, message: str) -> None:  # type: ignore[
 def test_an_unknown_method_is_refused_with_the_known_ones() -> None:
     with pytest.raises(UnknownNameError, match=r"method must be one of auto, newton.*, not 'guess'"):
         solve_contact(np.zeros(6), Sphere(radius=0.009), method="guess")  # type: ignore[arg-type]
+
+
+def test_a_solver_takes_a_column_of_a_log_as_it_takes_a_row() -> None:
+    solver, log = FingertipSolver(Sphere(radius=0.009)), np.array([[0, 0, 0, 0, 0, -1.0], [0, 0.001, 0, 1.0, 0, -1.0]])
+    for row, column in zip(log, log.T.copy().T, strict=True):
+        expected = solver.solve(row)
+        assert expected.valid
+        for same in (column, row.tolist(), row.astype(np.float32)):
+            np.testing.assert_allclose(solver.solve(same).p_SC, expected.p_SC, rtol=1e-6, atol=1e-12)
