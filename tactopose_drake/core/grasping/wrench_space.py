@@ -23,7 +23,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
+from scipy.optimize import linprog, nnls
 from scipy.spatial import ConvexHull
 
 from tactopose_drake.core.poses import axes_across
@@ -124,12 +124,35 @@ class WrenchSpace:
     def scale(self, wrenches: FloatArray) -> float:
         """The largest multiple of disturbing wrenches (t, 6), N, that the contacts resist, each one at a time.
 
+        Contacts without force closure, such as fingers under an object, may still resist some wrenches.
         Wrenches are (torque / length, force) as in the module. Zero wrenches demand nothing; the scale of a set of
         nothing else is infinite, unless there is no force closure.
         """
         if not np.any(wrenches):
             return np.inf if self.is_force_closure else 0.0
+        if not self.is_force_closure:
+            return self._scale_without_closure(wrenches)
         return self.fit(lambda normals: _support(normals, -wrenches))
+
+    def _scale_without_closure(self, wrenches: FloatArray) -> float:
+        """`scale` of a space that may be flat, with the origin on its boundary: by a linear program for each wrench."""
+        edges, least = self.primitives.reshape(-1, 6), np.inf
+        bounded = np.repeat(np.eye(len(self.primitives)), self.primitives.shape[1], axis=1)
+        if self.norm == "L1":
+            bounded = bounded.sum(axis=0, keepdims=True)
+        bounded = np.column_stack([bounded, np.zeros(len(bounded))])
+        for size, wrench in zip(np.linalg.norm(wrenches, axis=1), wrenches, strict=True):
+            if size == 0.0:
+                continue
+            # By rounding, a program resists a little of any wrench: those outside of the cone are told first.
+            if not len(edges) or nnls(edges.T, -wrench / size)[1] > _FLAT:
+                return 0.0
+            balance = np.column_stack([edges.T, wrench / size])
+            cost = np.append(np.zeros(len(edges)), -1.0)
+            found = linprog(cost, bounded, np.ones(len(bounded)), balance, np.zeros(6))
+            assert found.x is not None, "the program is feasible, by zero forces, and bounded"
+            least = min(least, float(found.x[-1] / size))
+        return least
 
     @cached_property
     def volume(self) -> float:

@@ -146,6 +146,16 @@ def test_a_weight_is_carried_by_what_friction_can_carry(box: ObjectModel) -> Non
     assert quality.task_scale == pytest.approx(0.5, rel=1e-3)
 
 
+def test_a_weight_on_fingers_from_below_is_carried_without_force_closure(box: ObjectModel) -> None:
+    low = box.vertices[:, 2].min()
+    below = Contacts([[0.02, 0.03, low], [-0.02, 0.03, low], [0.0, -0.03, low]])
+    down, up = ([[0, 0, 0, 0, 0, force]] for force in (-1.0, 1.0))
+    quality = grasp_quality(box, below, np.eye(3, 4), friction=0.5, task=down)
+    assert not quality.force_closure
+    assert quality.task_scale == pytest.approx(1.0, rel=1e-3)
+    assert grasp_quality(box, below, np.eye(3, 4), friction=0.5, task=up).task_scale == 0.0
+
+
 @pytest.mark.parametrize("length", [None, 0.01, 0.3])
 def test_a_torque_is_resisted_by_forces_times_their_arms_in_whatever_units(
     box: ObjectModel, length: float | None

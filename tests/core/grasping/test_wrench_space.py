@@ -153,6 +153,25 @@ def test_two_fingers_without_friction_hold_nothing(norm: str) -> None:
 
 
 @pytest.mark.parametrize("norm", ["L1", "Linf"])
+@pytest.mark.parametrize("fingers", [1, 2, 3])
+def test_without_force_closure_some_wrenches_are_resisted(norm: str, fingers: int) -> None:
+    generator = np.random.default_rng(fingers)
+    p = generator.normal(size=(fingers, 3))
+    space = WrenchSpace(cone_wrenches(p, np.tile([0.0, 0.0, -1.0], (fingers, 1)), 0.6, 6, 1.0), norm)
+    assert not space.is_force_closure
+    assert space.radius == 0.0
+    shares = generator.uniform(size=(4, 6 * fingers)) * np.array([[1e-3], [1.0], [1.0], [1e3]])
+    resisted = -shares @ space.primitives.reshape(-1, 6)
+    scales = [space.scale(wrench[None]) for wrench in resisted]
+    np.testing.assert_allclose(scales, [reach_by_program(space, -wrench) for wrench in resisted], rtol=1e-5)
+    assert space.scale(np.concatenate([resisted, np.zeros((1, 6))])) == pytest.approx(min(scales))
+    assert min(scales) > 0.0
+    # Fingers from below resist no pull upwards, however weak, nor all wrenches of a set with one.
+    pull = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 1e-6]])
+    assert space.scale(pull) == space.scale(np.concatenate([resisted, pull])) == 0.0
+
+
+@pytest.mark.parametrize("norm", ["L1", "Linf"])
 @pytest.mark.parametrize("fingers", [0, 1, 2, 7])
 def test_flat_wrench_spaces_have_no_content(norm: str, fingers: int) -> None:
     # However many normals pass through the centre: no torque without friction.
