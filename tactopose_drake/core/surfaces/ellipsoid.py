@@ -27,6 +27,7 @@ class Ellipsoid(Surface):
 
     def _shape(self) -> tuple[float, ...]:
         axes = three_lengths("semi_axes", self.semi_axes)
+        object.__setattr__(self, "semi_axes", axes)
         return *axes, 1.0, 1.0, -math.inf, math.inf, max(axes)
 
     def _sample(self, generator: np.random.Generator, count: int) -> FloatArray:

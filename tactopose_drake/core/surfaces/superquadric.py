@@ -36,6 +36,8 @@ class Superquadric(Surface):
     def _shape(self) -> tuple[float, ...]:
         axes = three_lengths("semi_axes", self.semi_axes)
         e1, e2 = positive_numbers("exponents", self.exponents, (2,), least=0.1, most=1.5).tolist()
+        object.__setattr__(self, "semi_axes", axes)
+        object.__setattr__(self, "exponents", (e1, e2))
         return *axes, e1, e2, -math.inf, math.inf, math.hypot(*axes)
 
     def _sample(self, generator: np.random.Generator, count: int) -> FloatArray:

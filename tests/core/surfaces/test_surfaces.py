@@ -147,6 +147,16 @@ def test_surfaces_are_frozen() -> None:
         sphere.X_SF[0, 3] = 1.0
 
 
+@pytest.mark.parametrize("kind", [Ellipsoid, Superquadric])
+def test_surfaces_keep_no_array_of_the_caller_s(kind: type[Ellipsoid | Superquadric]) -> None:
+    semi_axes = np.array([0.008, 0.01, 0.012])
+    surface = kind(semi_axes=semi_axes)  # type: ignore[arg-type]
+    semi_axes *= 2.0
+    assert surface.semi_axes == (0.008, 0.01, 0.012)
+    points = surface.sample(np.random.default_rng(0), 10)
+    np.testing.assert_allclose(surface.value(points), 0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
