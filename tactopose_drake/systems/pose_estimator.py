@@ -14,6 +14,7 @@ from tactopose_drake.core.evidence.plane_contact import PlaneContact
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.searches.pose_problem import check_mass
 from tactopose_drake.core.sensing.force_torque import GRAVITY_W
+from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import (
@@ -33,7 +34,7 @@ from tactopose_drake.estimation.search_methods import METHODS
 from tactopose_drake.hand.collision import HandCollision, keep_clear
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.collision_input import CollisionInput, PosedHandCollision
-from tactopose_drake.systems.ports import eval_items, eval_optional_input, eval_touch, too_few
+from tactopose_drake.systems.ports import eval_items, eval_named, eval_optional_input, eval_touch, too_few
 
 _SIGMAS = 3.0  # standard deviations of the hand's surface by which the object may penetrate it
 
@@ -90,6 +91,7 @@ class PoseEstimator(CollectableSystem):
         - planes
         - joint_positions
         - palm_pose
+        - contact_solutions
         output_ports:
         - object_pose
         - hypotheses
@@ -110,6 +112,9 @@ class PoseEstimator(CollectableSystem):
     - palm_pose: `RigidTransform` X_WP, z of the world upwards; the port exists only with `balance`. The balance, with a
       gravity of 9.81 m/s^2, is used while the pose is finite, a contact is felt, and no patch is felt, since its force
       is unknown.
+    - contact_solutions: dict of `ContactSolution` by finger; the port exists only with `balance`, and may stay
+      unconnected. While a finger gives neither a contact nor says that nothing touches it, its force is unknown, and
+      the balance is not used.
     - object_pose: `RigidTransform` X_PO, the most probable hypothesis; held between updates, and while the touch gives
       no solution. Before the first estimate it is the prior's pose, and the identity before the first prior.
     - hypotheses: `PoseEstimate`, the last one; None before the first. Hypotheses that collide with the hand are
@@ -154,6 +159,8 @@ class PoseEstimator(CollectableSystem):
             if self._params.balance
             else None
         )
+        if self._params.balance:
+            self._solutions = self.DeclareAbstractInputPort("contact_solutions", AbstractValue.Make({}))
         self._collision = None if collision is None else CollisionInput(self, collision)
         self._pose = self.DeclareAbstractState(AbstractValue.Make(RigidTransform()))
         self._hypotheses = self.DeclareAbstractState(AbstractValue.Make(None))
@@ -232,8 +239,17 @@ class PoseEstimator(CollectableSystem):
         is_known = X_WP is not None and np.isfinite(X_WP.translation()).all()
         if X_WP is None or not is_known or any(patch.is_felt for patch in patches):
             return None
+        if not self._knows_all_forces(context, contacts):
+            return None
         gravity_P: FloatArray = X_WP.rotation().inverse() @ GRAVITY_W
         return ForceBalance(gravity_P)
+
+    def _knows_all_forces(self, context: Context, contacts: Contacts) -> bool:
+        """Whether every finger either is among the contacts or is untouched."""
+        if not self._solutions.HasValue(context):
+            return True
+        solutions = eval_named(self._solutions, context, ContactSolution).values()
+        return sum(not solution.is_untouched for solution in solutions) == len(contacts)
 
     def _keep_clear(
         self, context: Context, estimate: PoseEstimate, check: PosedHandCollision

@@ -10,7 +10,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
+from tactopose_drake.core.sensing.intrinsic_contact import FingertipSolver
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.surfaces import Sphere
 from tactopose_drake.core.synthetic.synthetic_patch import touch_with_pads
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.estimate import estimate_pose
@@ -88,6 +90,28 @@ def test_balance_is_left_out_where_a_force_is_missing(box: ObjectModel) -> None:
             bench.fix(palm_pose=X_WP)
         found.append(best(bench))
     np.testing.assert_array_equal(*found)
+
+
+@pytest.mark.parametrize(
+    ("wrench", "is_used"),
+    [
+        (np.zeros(6), True),
+        (np.full(6, np.nan), False),  # no reading
+        ([0.0, 0.0, 0.0, 0.0, 0.0, 2.0], False),  # a pull, which no single contact explains
+        ([0.0, 0.0, 0.0, 0.0, 0.0, -2.0], False),  # a contact that is not among those given, as of unknown joints
+    ],
+)
+def test_balance_is_left_out_while_a_fingers_force_is_unknown(
+    box: ObjectModel, wrench: list[float], is_used: bool
+) -> None:
+    solvers = {name: FingertipSolver(Sphere(radius=0.01)) for name in ("thumb", "first", "middle", "ring")}
+    felt = {name: [0.0, 0.0, 0.0, 0.0, 0.0, -2.0] for name in ("thumb", "first", "middle")}
+    solutions = {name: solver.solve(np.array(felt.get(name, wrench))) for name, solver in solvers.items()}
+    bench = Bench(box, balance=True)
+    bench.fix(contacts=pressing(), prior=PRIOR, palm_pose=X_WP, contact_solutions=solutions)
+    gravity = X_WP.rotation().matrix().T @ [0.0, 0.0, -9.81]
+    known = {"balance": ForceBalance(gravity)} if is_used else {}
+    np.testing.assert_allclose(best(bench), expected(box, **known), atol=1e-12)
 
 
 def test_an_object_of_unknown_mass_is_refused_at_once() -> None:
