@@ -52,7 +52,8 @@ def save_calibration_page(path: Path, hand: str, result: CalibrationResult, name
         f"\u201cagainst\u201d in the opposite one.</p><ul>{untold or '<li>nothing</li>'}</ul></body></html>\n"
     )
     with written_beside(path) as beside:
-        beside.write_text(text, encoding="utf-8")
+        # A file's name may have bytes that are no UTF-8.
+        beside.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def _table(title: str, headings: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:

@@ -101,9 +101,11 @@ def save_html(path: Path, meshcat: Meshcat, page: Page | None = None) -> None:
     Raises:
         InvalidFileError: if the file cannot be written.
     """
-    text = meshcat.StaticHtml()
+    static = meshcat.StaticHtml()
+    text = static if page is None else with_panel(static, page)
     with written_beside(path) as beside:
-        beside.write_text(text if page is None else with_panel(text, page), encoding="utf-8")
+        # A file's name may have bytes that are no UTF-8.
+        beside.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def with_panel(static: str, page: Page) -> str:

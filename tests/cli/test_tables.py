@@ -60,8 +60,9 @@ def test_the_page_of_a_calibration_has_millimetres_and_degrees(tmp_path: Path) -
         converged=True,
         sliding=(),
     )
-    save_calibration_page(tmp_path / "page.html", "my.hand.yaml", result, ["a", "b"])
+    save_calibration_page(tmp_path / "page.html", "my.hand.yaml", result, ["a", "b\udcfc"])  # No UTF-8.
     text = (tmp_path / "page.html").read_text()
+    assert r"<td>b\udcfc</td>" in text
     assert "<td>thumb</td><td>2.24</td><td>35.4</td><td>0.50</td><td>2.0</td>" in text
     of_distance, of_angle = re.findall(r"<h2>(?:Distance|Angle).*?</svg>", text)
     assert re.findall(r'text-anchor="middle">([^<]*)<', of_distance) == ["-1", "0", "3"]

@@ -1,13 +1,15 @@
 """The page of an estimate in numbers, without a browser."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.visualization.appearance import UNCERTAINTY
-from tactopose_drake.visualization.estimate_page import page_of
+from tactopose_drake.visualization.estimate_page import estimate_meshcat, page_of
+from tactopose_drake.visualization.page import save_html
 from tactopose_drake.visualization.picture import _handle
 from tactopose_drake.visualization.scene import Scene
 from tactopose_drake.visualization.viewpoint import choose_view, points_of_interest
@@ -33,3 +35,10 @@ def test_the_legend_says_where_regions_are_cut_off(scene: Scene, estimate: PoseE
         assert (switch.detail or UNCERTAINTY.meaning) == UNCERTAINTY.meaning + said
         label = str(_handle(UNCERTAINTY, told, "").get_label())
         assert label == UNCERTAINTY.name + (f" ({said[2:]})" if said else "")
+
+
+def test_a_page_names_a_file_whose_name_is_no_utf8(scene: Scene, estimate: PoseEstimate, tmp_path: Path) -> None:
+    model = dataclasses.replace(scene.model, name="t\udcfcte")  # As Python reads a name in Latin-1.
+    page = page_of(dataclasses.replace(scene, model=model), estimate)
+    save_html(tmp_path / "page.html", estimate_meshcat(scene), page)
+    assert r"T\udcfcte" in (tmp_path / "page.html").read_text(encoding="utf-8")
