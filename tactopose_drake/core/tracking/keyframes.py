@@ -213,13 +213,19 @@ def past_cost(model: ObjectModel, params: PoseTrackerParams, window: TouchWindow
     if window.past is None:
         return np.zeros(len(X_PO))
     touch = SurfaceContact(model.grid, window.past)
-    residuals = touch.residuals(np.ascontiguousarray(X_PO)).reshape(len(X_PO), len(window.past), -1)
+    residuals = touch.rows_of_contacts(np.ascontiguousarray(X_PO))[0]
     costs = np.zeros((window.count - 1, len(X_PO)))
     np.add.at(costs, window.keyframe, 0.5 * np.square(residuals).sum(axis=2).T)
     numbers = np.bincount(window.keyframe) * (1 if window.past.n_PC is None else 3)
     limits = 0.5 * numbers - math.log(params.window.slip_probability)
     total: FloatArray = _share(params, window) * np.minimum(costs, limits[:, None]).sum(axis=0)
     return total
+
+
+def past_objective(model: ObjectModel, params: PoseTrackerParams, window: TouchWindow) -> SurfaceContact:
+    """The objective of the past touches, of which there must be one, weighted as in `past_cost` but without its cap."""
+    assert window.past is not None
+    return SurfaceContact(model.grid, window.past.with_variances(window.past.variances / _share(params, window)))
 
 
 def past_information(

@@ -1,12 +1,14 @@
 """Relocalisation: modes found by a search of the one-shot posterior compete with those of the filter.
 
 A mode's weight is its posterior probability by the current touch, times the likelihood of the window's other touches.
-The filter's prediction does not enter: so a mode that was led astray, and since then only predicts its own error, loses
-against one that explains the touch better, whenever that is found. While the touch stays, searches weight the same
-evidence again with independent samples; their mean counts, with a forgetting factor. The filter's pose of a mode that
-it already has is kept, for it has learnt from many frames, unless the touch contradicts it. But until the next search
-it is no better known than by the posterior and the window together: the filter linearises at one place, and does not
-know how far a bent valley extends.
+If there is a prior, or vision, the mode is first moved to where these fit, too: few contacts leave long valleys, in
+which a wrong prior puts it far from where more fingers have held the object before. Without a prior it stays where the
+touch puts it, for touches from when the hand was closing may be wrong. The filter's prediction does not enter: so a
+mode that was led astray, and since then only predicts its own error, loses against one that explains the touch better,
+whenever that is found. While the touch stays, searches weight the same evidence again with independent samples; their
+mean counts, with a forgetting factor. The filter's pose of a mode that it already has is kept, for it has learnt from
+many frames, unless the touch contradicts it. But until the next search it is no better known than by the posterior and
+the window together: the filter linearises at one place, and does not know how far a bent valley extends.
 """
 
 from __future__ import annotations
@@ -18,15 +20,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.kernels.matrix_kernels import inverses
+from tactopose_drake.core.objectives.objective import SmoothObjective, SmoothSum
 from tactopose_drake.core.poses import compose, increments_between, increments_of_images
 from tactopose_drake.core.posterior.hypotheses import Modes
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_update import begin_modes
-from tactopose_drake.core.tracking.keyframes import Touch, make_window, past_cost, past_information
+from tactopose_drake.core.tracking.keyframes import (
+    Touch,
+    TouchWindow,
+    make_window,
+    past_cost,
+    past_information,
+    past_objective,
+)
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
+
+_REFINEMENT = LevenbergMarquardt(max_iterations=20, tolerance=1e-2)
 
 
 def relocalise(
@@ -49,10 +62,17 @@ def relocalise(
     kept = np.argsort(-now, kind="stable")[: params.mixture.max_modes]
     kept = kept[now[kept] > now[kept[:1]] + math.log(params.mixture.least_share)]
     X_PO, covariance, now = X_PO[kept], covariance[kept], now[kept]
-    same, within = _same_modes(model, params, X_PO, covariance, modes)
     problem = make_problem(model, touch.averaged(params))
     objective = problem.doubted(problem.objective)
-    cost, least = objective.cost(np.ascontiguousarray(modes.X_PO)), objective.cost(X_PO)
+    if window.past is not None and touch.standing is not None:
+        X_PO, now = _fit_past(model, params, window, objective, X_PO, now)
+        information = inverses(covariance)[0] + past_information(model, params, window, X_PO)
+        kept, now = _join(X_PO, information, now, params.mixture.same_sigmas)
+        X_PO, covariance = X_PO[kept], covariance[kept]
+    same, within = _same_modes(model, params, X_PO, covariance, modes)
+    cost, least = (
+        objective.cost(np.ascontiguousarray(X)) + past_cost(model, params, window, X) for X in (modes.X_PO, X_PO)
+    )
     pairs = _match(cost, same, within & (cost < least[:, None] + params.relocalisation.least_gain))
     is_right = pairs >= 0
     new = begin_modes(model, params, touch.reading, touch.standing, X_PO[~is_right], covariance[~is_right])
@@ -63,6 +83,63 @@ def relocalise(
     joined = modes.chosen(pairs[is_right]).at_least(inverses(information[is_right])[0]).joined(new)
     order = np.argsort(~is_right, kind="stable")
     return dataclasses.replace(joined, log_weight=now[order], most_information=information[order])
+
+
+def _fit_past(
+    model: ObjectModel,
+    params: PoseTrackerParams,
+    window: TouchWindow,
+    touch: SmoothObjective,
+    X_PO: FloatArray,
+    log_weight: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Moves modes (n, 3, 4) of the current touch within their valleys to where the past touches fit, too.
+
+    A mode keeps its pose unless its weight grows. A lower cost by the current touch adds nothing to the weight, as the
+    mode's mass contains it already.
+
+    Args:
+        model: the object.
+        params: what is assumed.
+        window: the touches, of which there are past ones.
+        touch: the objective of the current one.
+        X_PO: its modes, shape (n, 3, 4).
+        log_weight: logarithms of their weights by all touches, shape (n,).
+
+    Returns:
+        The poses and the logarithms of their weights.
+    """
+    moved = _REFINEMENT.refine_each(SmoothSum([touch, past_objective(model, params, window)]), X_PO).X_PO
+    of_now = touch.cost(moved) - touch.cost(X_PO)
+    of_past = past_cost(model, params, window, moved) - past_cost(model, params, window, X_PO)
+    gain = -of_past - np.maximum(of_now, 0.0)
+    return np.where((gain > 0.0)[:, None, None], moved, X_PO), log_weight + np.maximum(gain, 0.0)
+
+
+def _join(
+    X_PO: FloatArray, information: FloatArray, log_weight: FloatArray, same_sigmas: float
+) -> tuple[NDArray[np.intp], FloatArray]:
+    """Which of the modes (n, 3, 4) to keep, the heaviest of those at one place, with all their weight.
+
+    Args:
+        X_PO: the poses, shape (n, 3, 4).
+        information: of the increments at each, shape (n, 6, 6).
+        log_weight: logarithms of their weights, shape (n,).
+        same_sigmas: standard deviations within which two are one.
+
+    Returns:
+        Indices by falling weight, and the logarithms of the weights, normalised.
+    """
+    order = np.argsort(-log_weight, kind="stable")
+    u = increments_between(X_PO[order, None], X_PO[None, order])
+    is_near = np.einsum("ijk,ikl,ijl->ij", u, information[order], u) < same_sigmas**2
+    first = is_near.argmax(axis=0)
+    heaviest = np.unique(first[first])
+    total = np.full(len(order), -np.inf)
+    np.logaddexp.at(total, first[first], log_weight[order])
+    total = total[heaviest] - np.logaddexp.reduce(log_weight)
+    ranked = np.argsort(-total, kind="stable")
+    return order[heaviest[ranked]], total[ranked]
 
 
 def _mean_weights(before: FloatArray, now: FloatArray, same: NDArray[np.bool_], share: float) -> FloatArray:

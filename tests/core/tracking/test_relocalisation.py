@@ -30,9 +30,15 @@ from tactopose_drake.core.tracking.contact_errors import (
 )
 from tactopose_drake.core.tracking.contact_update import begin_modes
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
-from tactopose_drake.core.tracking.keyframes import Keyframe, Touch, make_window, past_cost, past_information
+from tactopose_drake.core.tracking.keyframes import (
+    Keyframe,
+    Touch,
+    make_window,
+    past_cost,
+    past_information,
+)
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
-from tactopose_drake.core.tracking.relocalisation import _mean_weights, _same_modes, relocalise
+from tactopose_drake.core.tracking.relocalisation import _join, _mean_weights, _same_modes, relocalise
 from tactopose_drake.core.tracking.sliced_search import SearchState, TouchWeighing, search_on
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
@@ -42,6 +48,7 @@ from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases,
 PARAMS = PoseTrackerParams()
 NAMES = tuple("abcdef")
 X_PO = make_poses(random_rotations(np.random.default_rng(0), 1), np.array([[0.02, 0.0, 0.1]]))[0]
+GUESSED = PoseMeasurement(0.0, X_PO, np.eye(6))
 ELSEWHERE = retract(X_PO, np.array([0.0, 0, 0, 0.1, 0, 0]))
 
 
@@ -133,10 +140,15 @@ def test_a_mode_of_the_filter_is_no_better_known_than_by_the_touches_of_now_and_
     alone = (Keyframe.of_now(now, NAMES[:3]),)
     others = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(2))[3:]), NAMES[3:])
     longer = (others, *alone)
-    narrow = TrackedModes.independent(X_PO[None], 1e-9 * np.eye(6)[None], 6)
-    wide = TrackedModes.independent(X_PO[None], 1e-2 * np.eye(6)[None], 6)
+    window, spread = make_window(longer, PARAMS.window), np.diag(np.repeat([1e-4, 1e-6], 3))[None]
+    X = X_PO[None]
+    for _ in range(10):  # To where both fit, and modes stay.
+        there = Modes(GaussianMixture(X, np.ones(1), spread), np.zeros(1), (np.empty((0, 6)),), 0.0)
+        X = relocalise(box, PARAMS, Touch(now.evidence, now, longer, None), TrackedModes.empty(6), there, 0.5).X_PO
+    narrow = TrackedModes.independent(X, 1e-8 * np.eye(6)[None], 6)
+    wide = TrackedModes.independent(X, 1e-2 * np.eye(6)[None], 6)
     posterior = Modes(
-        GaussianMixture(X_PO[None], np.ones(1), np.diag(np.repeat([1e-4, 1e-6], 3))[None]),
+        GaussianMixture(X, np.ones(1), spread),
         np.zeros(1),
         (np.empty((0, 6)),),
         0.0,
@@ -148,8 +160,7 @@ def test_a_mode_of_the_filter_is_no_better_known_than_by_the_touches_of_now_and_
     np.testing.assert_allclose(after[0], posterior.mixture.covariance[0], rtol=1e-6, atol=1e-12)
     told = np.linalg.inv(after[1]) - np.linalg.inv(after[0])
     assert np.linalg.eigvalsh(told).max() > 1e5
-    window = make_window(longer, PARAMS.window)
-    np.testing.assert_allclose(told, past_information(box, PARAMS, window, X_PO[None])[0], rtol=1e-4, atol=1.0)
+    np.testing.assert_allclose(told, past_information(box, PARAMS, window, X)[0], rtol=1e-4, atol=1.0)
     np.testing.assert_allclose(after[2], wide.covariance[0], rtol=1e-9, atol=1e-15)
 
 
@@ -180,19 +191,48 @@ def test_what_is_free_turns_with_the_motion_as_spreads_do() -> None:
     np.testing.assert_allclose(moved.mixture.covariance[0], expected[2:].T @ expected[2:], atol=1e-3)
 
 
-def test_what_now_does_not_tell_apart_the_touches_of_the_past_do(box: ObjectModel) -> None:
+@pytest.mark.parametrize("slide", [0.003, 0.03])
+def test_a_mode_slides_along_its_valley_to_where_the_touches_of_the_past_fit(box: ObjectModel, slide: float) -> None:
+    """Three fingers leave the box free to slide along z, which others have felt before."""
     now = read(touch(X_PO, np.random.default_rng(1))[:3])
     others = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(2))[3:]), NAMES[3:])
-    touched = Touch(now.evidence, now, (others, Keyframe.of_now(now, NAMES[:3])), None)
-    X = np.stack([X_PO, retract(X_PO, np.array([0.0, 0, 0, 0.003, 0.003, 0.003]))])
+    touched = Touch(now.evidence, now, (others, Keyframe.of_now(now, NAMES[:3])), GUESSED)
+    X = np.stack([X_PO, retract(X_PO, np.array([0.0, 0, 0, *(slide * X_PO[:, 2])]))])
     spread = np.tile(np.diag(np.repeat([1e-4, 1e-6], 3)), (2, 1, 1))
     posterior = Modes(GaussianMixture(X, np.array([0.4, 0.6]), spread), np.zeros(2), (np.empty((0, 6)),) * 2, 0.0)
     after = relocalise(box, PARAMS, touched, TrackedModes.empty(6), posterior, 1.0)
-    cost = past_cost(box, PARAMS, make_window(touched.keyframes, PARAMS.window), X)
-    assert abs(cost[1] - cost[0]) > 0.3
-    weight = {float(pose[0, 3]): weight for pose, weight in zip(after.X_PO, after.log_weight, strict=True)}
-    odds = weight[float(X[1, 0, 3])] - weight[float(X[0, 0, 3])]
-    assert odds == pytest.approx(math.log(0.6 / 0.4) - (cost[1] - cost[0]), rel=1e-9)
+    # Where both come to lie, they are one mode.
+    assert len(after) == 1
+    assert np.linalg.norm(after.X_PO[0, :, 3] - X_PO[:, 3]) < 0.002
+    assert after.log_weight[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_what_the_past_does_not_fit_anywhere_along_a_valley_counts_the_less(box: ObjectModel) -> None:
+    """A finger of the past touched nothing of the box at one of two poses, which are a quarter turn apart."""
+    now = read(touch(X_PO, np.random.default_rng(1))[4:])  # On top and below, which leaves turns about z free.
+    others = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(2))[:4]), NAMES[:4])
+    touched = Touch(now.evidence, now, (others, Keyframe.of_now(now, NAMES[4:])), GUESSED)
+    X = np.stack([X_PO, retract(X_PO, np.array([0.0, 0.0, 0.5 * np.pi, 0.0, 0.0, 0.0]))])
+    spread = np.tile(np.diag(np.repeat([1e-4, 1e-6], 3)), (2, 1, 1))
+    posterior = Modes(GaussianMixture(X, np.array([0.4, 0.6]), spread), np.zeros(2), (np.empty((0, 6)),) * 2, 0.0)
+    after = relocalise(box, PARAMS, touched, TrackedModes.empty(6), posterior, 1.0)
+    cost = past_cost(box, PARAMS, make_window(touched.keyframes, PARAMS.window), after.X_PO)
+    is_turned = np.linalg.norm(increments_between(X_PO, after.X_PO)[:, :3], axis=1) > 0.5
+    assert is_turned.tolist() == [False, True]
+    odds = after.log_weight[1] - after.log_weight[0]
+    assert cost[1] > cost[0] + 3.0
+    assert odds == pytest.approx(math.log(0.6 / 0.4) - (cost[1] - cost[0]), abs=1.0)  # And what moving there costs.
+
+
+def test_modes_at_one_place_are_one_with_all_their_weight() -> None:
+    X = retract(X_PO, np.array([[0.0, 0, 0, 0.001, 0, 0], [0.0, 0, 0, 0.1, 0, 0], [0.0, 0, 0, 0, 0, 0]]))
+    information = np.tile(np.diag(np.repeat([100.0, 1e6], 3)), (3, 1, 1))
+    kept, log_weight = _join(X, information, np.log([0.3, 0.5, 0.2]), 3.0)
+    np.testing.assert_array_equal(kept, [1, 0])
+    np.testing.assert_allclose(np.exp(log_weight), [0.5, 0.5])
+    kept, log_weight = _join(X, information, np.log([0.4, 0.5, 0.3]), 0.5)
+    np.testing.assert_array_equal(kept, [1, 0, 2])
+    np.testing.assert_allclose(np.exp(log_weight), np.array([0.5, 0.4, 0.3]) / 1.2)
 
 
 def test_modes_that_are_one_by_way_of_others_share_what_the_filter_held_of_all() -> None:
