@@ -261,8 +261,8 @@ def _add_roughness(contacts: ContactArrays, i: int, scratch: _Scratch, roughness
 def _add_bias_columns(contacts: ContactArrays, i: int, scratch: _Scratch) -> None:
     """Slopes J[:, 6:] of contact i with respect to its biases.
 
-    A bias of the position changes the rows as a shift v of the object does. A turn b changes the expected normal m by
-    m x b.
+    A bias of the position changes the rows as a shift v of the object does. A turn b changes the measured normal by
+    b x m, with the expected normal m; as it is removed from the measured normal, the row grows by b x m.
     """
     J = scratch.J
     for k in range(4):
@@ -271,9 +271,9 @@ def _add_bias_columns(contacts: ContactArrays, i: int, scratch: _Scratch) -> Non
     if contacts.weight_n[i] > 0.0:
         weight, middle, n = scratch.points.weight_n[i], scratch.points.rows[0, i], contacts.n[i]
         m0, m1, m2 = middle[1] + weight * n[0], middle[2] + weight * n[1], middle[3] + weight * n[2]
-        J[1, 10], J[1, 11] = -m2, m1
-        J[2, 9], J[2, 11] = m2, -m0
-        J[3, 9], J[3, 10] = -m1, m0
+        J[1, 10], J[1, 11] = m2, -m1
+        J[2, 9], J[2, 11] = -m2, m0
+        J[3, 9], J[3, 10] = m1, -m0
 
 
 @part

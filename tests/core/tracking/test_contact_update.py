@@ -159,6 +159,28 @@ def test_what_is_regressed_on_the_surface_stands(box: ObjectModel) -> None:
     assert np.abs(found[0] - found[1]).max() > 1e-6
 
 
+def test_poses_and_biases_are_correlated_as_by_least_squares(box: ObjectModel) -> None:
+    """With biases of positions and of normals: the next frame relies on the signs."""
+    contacts = Contacts(p_OC, n_OC, sigma_position=SIGMA_POSITION, sigma_normal=SIGMA_NORMAL)
+    P = np.diag(np.repeat([0.03**2, 0.002**2], 3))
+    information = np.zeros((42, 42))
+    information[:6, :6] = np.linalg.inv(P)
+    information[6:, 6:] = np.diag(np.tile(np.repeat(np.square(CALIBRATION.calibration), 3) ** -1.0, 6))
+    for i, (p, n) in enumerate(zip(p_OC, n_OC, strict=True)):
+        rows, at = np.zeros((4, 42)), 6 + 6 * i
+        rows[0, :6], rows[0, at : at + 3] = -np.concatenate([np.cross(p, n), n]), -n
+        # The object's turn moves the expected normal, and the bias the measured one, from which it is removed.
+        rows[1:, :3] = rows[1:, at + 3 : at + 6] = np.cross(np.eye(3), n).T
+        new = np.square([SIGMA_POSITION, SIGMA_NORMAL]) - np.square(CALIBRATION.calibration)
+        information += (rows.T / np.repeat(new, [1, 3])) @ rows
+    expected = np.linalg.inv(information)
+    X = np.eye(3, 4)[None]
+    update = update_modes(box, contacts, np.arange(6), CALIBRATION, X, P[None], np.zeros((1, 6, 36)), EVEN)
+    scale = np.sqrt(np.diag(expected))
+    scales = np.outer(scale[:6], scale[6:])
+    np.testing.assert_allclose(update.cross_covariance[0] / scales, expected[:6, 6:] / scales, atol=0.02)
+
+
 def test_contacts_without_normals_say_their_distance_alone(box: ObjectModel) -> None:
     contacts = Contacts(p_OC, sigma_position=SIGMA_POSITION)
     P = np.diag(np.repeat([1e-9, 0.05**2], 3))[None]
