@@ -69,7 +69,9 @@ class SimulatedErrors:
     pads: dict[str, PadErrors] = dataclasses.field(default_factory=dict)  # by pad
     object_scale: float = 1.0  # scale of the held object relative to its mesh, about its centre of mass
     object_surface_sigma: float = 0.0  # root mean square of smooth bumps on it, m
-    vision_degrees_of_freedom: float | None = None  # of Student's t for the camera's errors; null: Gaussian
+    # Of heavy tails: the camera's errors, whose length follows from what is hidden, are multiplied by the factor that
+    # turns a Gaussian error into one of Student's t; null: they are as long as the camera's model says.
+    vision_degrees_of_freedom: float | None = None
 
     def validate(self, hand: HandConfig) -> None:
         """Raises InvalidInputError if a value is out of its range, or the hand lacks a name."""

@@ -63,7 +63,8 @@ class SimulatedVision(CollectableSystem):
         Args:
             view: object, hand and camera, whose field of view is not limited.
             params: size of the error and frame rate.
-            degrees_of_freedom: of Student's t distribution for a heavy-tailed error; None: Gaussian, as the prior says.
+            degrees_of_freedom: of heavy tails: the error is multiplied by the factor that turns a Gaussian one into one
+                of Student's t distribution; None: its length is that of the model, as the prior says.
         """
         super().__init__()
         params.validate()
