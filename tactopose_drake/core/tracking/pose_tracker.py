@@ -18,7 +18,6 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.slip.slip_by_forces import BY_FORCES, detect_by_forces
 from tactopose_drake.core.slip.slip_by_motion import BY_MOTION, detect_by_motion
 from tactopose_drake.core.slip.slip_by_surface import BY_SURFACE, PoseChange, SlipTest, detect_by_surface
-from tactopose_drake.core.tracking.calibration_scale import follow_scale
 from tactopose_drake.core.tracking.contact_errors import (
     as_doubted,
     follow_doubt,
@@ -263,9 +262,8 @@ class PoseTracker:
         touch = Touch(frame.evidence, reading, belief.keyframes, belief.standing, frame.depth_in_hand)
         step = search_on(self._model, params, touch, belief.modes, search, slices=slices, thorough=thorough)
         belief, weighed = copied(belief, search=step.state), step.weighed
-        if step.calibration_scale is not None:
-            errors = follow_scale(belief.errors, step.calibration_scale, params.calibration_scale)
-            belief, reading = self._follow_errors(belief, reading, errors)
+        if step.errors is not None:
+            belief, reading = self._follow_errors(belief, reading, step.errors)
         if weighed is None:
             return belief
         share = max(1.0 / (1.0 + step.state.agreeing), params.relocalisation.least_share)

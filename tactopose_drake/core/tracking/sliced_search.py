@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tactopose_drake.core.evidence.contact_reading import SeemingErrors
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.motion.rigid_motion import Motion
 from tactopose_drake.core.poses import compose
@@ -98,13 +99,13 @@ class SearchStep(NamedTuple):
     Attributes:
         state: progress of the search.
         weighed: the posterior, when it is complete, else None.
-        calibration_scale: estimated factors of the calibration's variances (see `estimate_scale`) if these slices
-            include that stage, else None.
+        errors: the contacts' errors, with the calibration's estimated anew, if these slices include that stage and
+            `estimate_scale` could tell it; else None.
     """
 
     state: SearchState
     weighed: WeighedModes | None = None
-    calibration_scale: FloatArray | None = None
+    errors: SeemingErrors | None = None
 
 
 def search_on(
@@ -130,18 +131,18 @@ def search_on(
         slices: how many to take, up to the search's end; None for all.
         thorough: whether to sample until the modes' probabilities are accurate, rather than in a single round.
     """
-    taken, most, scale = 0, slices if len(modes) else None, None
+    taken, most, errors = 0, slices if len(modes) else None, None
     if not thorough:
         one_round = dataclasses.replace(params.relocalisation, most_samples=params.relocalisation.samples)
         params = dataclasses.replace(params, relocalisation=one_round)
     while True:
-        search, weighed, told = _next_slice(model, params, touch, modes, search)
+        search, weighed, estimated = _next_slice(model, params, touch, modes, search)
         taken += 1
-        if told is not None:
-            scale, errors = told, follow_scale(touch.reading.errors, told, params.calibration_scale)
+        if estimated is not None:
+            errors = estimated
             touch = touch._replace(reading=touch.reading._replace(errors=errors))
         if search.X_PO is None or taken == most:
-            return SearchStep(search, weighed, scale)
+            return SearchStep(search, weighed, errors)
 
 
 def _next_slice(
@@ -165,7 +166,8 @@ def _next_slice(
         return SearchStep(search._replace(X_PO=_propose_poses(model, settings, near, generator)))
     if search.is_settled and not search.is_scaled:
         scale = _estimate_scale(model, params, touch, search.X_PO)
-        return SearchStep(search._replace(is_scaled=True), calibration_scale=scale)
+        errors = None if scale is None else follow_scale(touch.reading.errors, scale, params.calibration_scale)
+        return SearchStep(search._replace(is_scaled=True), errors=errors)
     if search.is_settled:
         weighing = _begin_weighing(model, params, touch, search.X_PO, generator)
         return SearchStep(search._replace(weighing=weighing))

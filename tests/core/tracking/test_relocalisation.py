@@ -20,7 +20,6 @@ from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking import sliced_search
-from tactopose_drake.core.tracking.calibration_scale import follow_scale
 from tactopose_drake.core.tracking.contact_errors import (
     BiasModel,
     averaged_variances,
@@ -290,21 +289,20 @@ def test_a_search_weighs_modes_by_how_far_the_calibration_seems_to_be_off(box: O
         while found is None:
             state, weighed, found = search_on(box, PARAMS, touched, modes_at(X_PO), state)
             assert weighed is None
-        errors = follow_scale(reading.errors, found, PARAMS.calibration_scale)
-        touched = touched._replace(reading=reading._replace(errors=errors))
+        touched = touched._replace(reading=reading._replace(errors=found))
         state = search_on(box, PARAMS, touched, modes_at(X_PO), state).state
         assert isinstance(state.weighing, TouchWeighing)
         stated = state.weighing.evidence.contacts
         np.testing.assert_allclose(
             np.square([stated.sigma_position, stated.sigma_normal]).T,
-            averaged_variances(contacts, PARAMS, 8) + calibration_excess(contacts, PARAMS, found),
+            averaged_variances(contacts, PARAMS, 8) + calibration_excess(contacts, PARAMS, found.calibration),
         )
         # In the same frame it is put to use likewise.
         at_once = search_on(box, PARAMS, touched._replace(reading=reading), modes_at(X_PO), SearchState(), slices=4)
         assert isinstance(at_once.state.weighing, TouchWeighing)
         again = at_once.state.weighing.evidence.contacts
         np.testing.assert_allclose(again.sigma_position, stated.sigma_position)
-        scales.append(found)
+        scales.append(found.calibration)
     assert scales[0].max() < 1.0
     assert np.all(scales[1] > 4.0 * scales[0])
     # One frame tells nothing of what lasts.
