@@ -165,11 +165,11 @@ def _next_slice(
         near = dataclasses.replace(evidence, prior=None) if search.searches % 2 else evidence
         return SearchStep(search._replace(X_PO=_propose_poses(model, settings, near, generator)))
     if search.is_settled and not search.is_scaled:
-        scale = _estimate_scale(model, params, touch, search.X_PO)
+        scale = _estimate_scale(model, params, touch, evidence, search.X_PO)
         errors = None if scale is None else follow_scale(touch.reading.errors, scale, params.calibration_scale)
         return SearchStep(search._replace(is_scaled=True), errors=errors)
     if search.is_settled:
-        weighing = _begin_weighing(model, params, touch, search.X_PO, generator)
+        weighing = _begin_weighing(model, settings, touch, evidence, search.X_PO, generator)
         return SearchStep(search._replace(weighing=weighing))
     X_PO = np.concatenate([modes.X_PO, search.minima, search.X_PO])
     X_PO = _settle_poses(model, settings, evidence, X_PO) if len(X_PO) else X_PO
@@ -185,7 +185,7 @@ def _clear_of_the_hand(
     if touch.depth_in_hand is None or not len(likely):
         return weighed
     depth = touch.depth_in_hand(np.ascontiguousarray(weighed.modes.mixture.X_PO[likely]))
-    return weighed.clear(model, touch.evidence.hand, params, depth)
+    return weighed.clear(model, touch.evidence.hand, params, likely, depth)
 
 
 def _propose_poses(
@@ -225,12 +225,16 @@ def _settle_poses(model: ObjectModel, params: RelocalisationParams, evidence: Ev
 
 
 def _begin_weighing(
-    model: ObjectModel, params: PoseTrackerParams, touch: Touch, X_PO: FloatArray, generator: np.random.Generator
+    model: ObjectModel,
+    params: RelocalisationParams,
+    touch: Touch,
+    evidence: Evidence,
+    X_PO: FloatArray,
+    generator: np.random.Generator,
 ) -> TouchWeighing:
-    """Begins to weight the posterior's modes at minima (m, 3, 4) of the touch, at least one."""
-    settings, evidence = params.relocalisation, touch.averaged(params)
-    problem, modes = _modes_at(model, settings, evidence, X_PO)
-    posterior = make_posterior(model, evidence, problem, settings.posterior)
+    """Begins to weight the posterior's modes at minima (m, 3, 4), at least one, of a touch with this mean evidence."""
+    problem, modes = _modes_at(model, params, evidence, X_PO)
+    posterior = make_posterior(model, evidence, problem, params.posterior)
     sources = touch.reading.names[: len(evidence.contacts)]
     return TouchWeighing(evidence, sources, begin_weighing(modes, posterior, generator))
 
@@ -243,9 +247,11 @@ def _modes_at(
     return problem, _distinct(model, params, problem, X_PO, problem.doubted(problem.objective).cost(X_PO))
 
 
-def _estimate_scale(model: ObjectModel, params: PoseTrackerParams, touch: Touch, X_PO: FloatArray) -> FloatArray | None:
-    """Estimates the scale of the calibration's errors at minima (m, 3, 4) of the touch; see `estimate_scale`."""
-    problem, modes = _modes_at(model, params.relocalisation, touch.averaged(params), X_PO)
+def _estimate_scale(
+    model: ObjectModel, params: PoseTrackerParams, touch: Touch, evidence: Evidence, X_PO: FloatArray
+) -> FloatArray | None:
+    """Estimates the scale of the calibration's errors at minima (m, 3, 4) of a touch with this mean evidence."""
+    problem, modes = _modes_at(model, params.relocalisation, evidence, X_PO)
     contacts, X_PO, now = touch.reading.contacts, modes.mixture.X_PO, touch.keyframes[-1]
     inlier, count = np.ones((len(X_PO), len(contacts))), len(touch.evidence.contacts)
     if problem.mixture is not None:

@@ -51,7 +51,12 @@ class WeighedModes(NamedTuple):
         return found if len(found) > 1 else found[:0]
 
     def clear(
-        self, model: ObjectModel, hand: HandGeometry | None, params: RelocalisationParams, depth: FloatArray
+        self,
+        model: ObjectModel,
+        hand: HandGeometry | None,
+        params: RelocalisationParams,
+        likely: NDArray[np.intp],
+        depth: FloatArray,
     ) -> Self:
         """The result with each mode weighted by the probability that the object does not penetrate the hand there.
 
@@ -61,10 +66,10 @@ class WeighedModes(NamedTuple):
             model: the object.
             hand: its volume with the standard deviation of its surface; None if unknown.
             params: the allowed penetration, and the assumed standard deviation of the surface.
-            depth: penetration at the likely modes, shape (n,), m.
+            likely: indices of the likely modes, shape (n,); only these are weighted.
+            depth: penetration at these, shape (n,), m.
         """
-        mixture, likely = self.modes.mixture, self.likely(params)
-        variance = np.full(len(likely), params.depth_sigma**2)
+        mixture, variance = self.modes.mixture, np.full(len(likely), params.depth_sigma**2)
         if hand is not None:
             slope, covariance = overlap_slope(model.grid, hand, mixture.X_PO[likely]), mixture.covariance[likely]
             variance = hand.sigma**2 + np.einsum("ni,nij,nj->n", slope, covariance, slope)

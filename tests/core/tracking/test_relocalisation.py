@@ -416,7 +416,8 @@ def test_a_mode_in_the_hand_counts_the_less_the_deeper_it_is(box: ObjectModel) -
     settings = PARAMS.relocalisation
 
     def weights(*depths: float) -> np.ndarray:
-        return weighed_modes(*(0.0,) * len(depths)).clear(box, None, settings, np.array(depths)).modes.mixture.weights
+        every, weighed = np.arange(len(depths)), weighed_modes(*(0.0,) * len(depths))
+        return weighed.clear(box, None, settings, every, np.array(depths)).modes.mixture.weights
 
     for depth, most in ((0.0005, 0.5), (0.003, 0.2), (0.006, 1e-3)):
         found = weights(0.0005, depth)
@@ -428,7 +429,7 @@ def test_a_mode_in_the_hand_counts_the_less_the_deeper_it_is(box: ObjectModel) -
 def test_a_mode_that_may_slide_out_of_the_hand_is_not_dropped(box: ObjectModel) -> None:
     hand = HandGeometry([X_PO[:, 3] + [0.05, 0.0, 0.0]], [0.03], sigma=0.001)
     narrow, wide = (
-        weighed_modes(0.0001, sigma).clear(box, hand, PARAMS.relocalisation, np.array([0.0, 0.006]))
+        weighed_modes(0.0001, sigma).clear(box, hand, PARAMS.relocalisation, np.arange(2), np.array([0.0, 0.006]))
         for sigma in (0.0001, 0.05)
     )
     assert narrow.modes.mixture.weights[1] < 1e-4
@@ -439,7 +440,8 @@ def test_the_hand_s_own_surface_is_unsure_too(box: ObjectModel) -> None:
     weights = []
     for sigma in (0.0001, 0.004):
         hand = HandGeometry([X_PO[:, 3] + [0.05, 0.0, 0.0]], [0.03], sigma=sigma)
-        cleared = weighed_modes(1e-6, 1e-6).clear(box, hand, PARAMS.relocalisation, np.array([0.0, 0.006]))
+        weighed = weighed_modes(1e-6, 1e-6)
+        cleared = weighed.clear(box, hand, PARAMS.relocalisation, np.arange(2), np.array([0.0, 0.006]))
         weights.append(cleared.modes.mixture.weights[1])
     allowed = PARAMS.relocalisation.allowed_depth
     clear = scipy.stats.norm.cdf((allowed - np.array([0.0, 0.006])) / 0.004)
