@@ -133,17 +133,18 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
     known = None if prior is None else PriorObjective(prior)
     is_compiled = terms == [touch] and all(term is hand for term in bounding)
     likelihood = ContactSum(touch, hand=hand) if is_compiled and hand is not None else _sum([*terms, *bounding])
+    touch_and_pads = SurfaceContact(model.grid, evidence.touch) if pads else touch
+    quick_planes = planes if len(evidence.touch) < _FEW_CONTACTS else None
     if known is None or prior is None:
         space: PoseSpace = TouchSpace(model, evidence.touch)
         objective = likelihood
-        if planes is not None and len(evidence.touch) < _FEW_CONTACTS:
-            by_contacts = SurfaceContact(model.grid, evidence.touch) if pads else touch
-            objective = SumObjective([*terms, *bounding], quick=SumObjective([by_contacts, planes]))
+        if quick_planes is not None:
+            objective = SumObjective([*terms, *bounding], quick=SumObjective([touch_and_pads, quick_planes]))
     else:
         space = PriorSpace(prior)
         quick: LeastSquaresObjective = ContactSum(touch, known)
-        if planes is not None and len(evidence.touch) < _FEW_CONTACTS:
-            quick = SumObjective([quick, planes])
+        if quick_planes is not None:
+            quick = SumObjective([quick, quick_planes])
         bounding.append(known)
         objective = quick
         if is_compiled and hand is not None:
@@ -152,20 +153,20 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
             objective = SumObjective([*terms, *bounding], quick=quick if len(contacts) else None)
     but_for_one = None
     if len(evidence.touch) > 1 and evidence.outlier_probability > 0.0:
-        but_for_one = ContactsButOne(SurfaceContact(model.grid, evidence.touch) if pads else touch, known)
+        but_for_one = ContactsButOne(touch_and_pads, known)
     return PoseProblem(
-        touch,
-        determining,
-        likelihood,
-        objective,
-        tuple(bounding),
-        space,
-        mixture,
-        pads,
-        pad_mixture,
-        known,
-        hand,
-        but_for_one,
+        touch=touch,
+        determining=determining,
+        likelihood=likelihood,
+        objective=objective,
+        bounding=tuple(bounding),
+        space=space,
+        mixture=mixture,
+        pads=pads,
+        pad_mixture=pad_mixture,
+        prior=known,
+        hand=hand,
+        but_for_one=but_for_one,
     )
 
 
