@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Literal, cast, get_args
 
 from tactopose_drake.core.identification.shape_equality import find_alignment
+from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.statuses import Status
 from tactopose_drake.core.validation import known_name
@@ -18,11 +19,6 @@ Likelihood = Literal["evidence", "inverse_cost"]
 
 # Lower bound of the cost in the thesis' likelihood; exact contacts may have a cost of 0.
 _LEAST_COST = 1e-6
-# Least probability of the first object, together with those of equal shape, for "ok"; and of an unknown object for
-# "no_solution".
-_MOST = 0.9
-# Fewer contacts leave so many poses that the evidence, a sum over them, is not well known.
-_FEWEST = 3
 
 
 def check_likelihood(name: str, value: str) -> Likelihood:
@@ -94,10 +90,16 @@ def rank_objects(
 
 
 def status_of_ranking(identities: Sequence[Identity], touches: int, unknown: float) -> Status:
-    """The status of a ranking, given the number of contacts and felt patches."""
-    first = identities[0]
+    """The status of a ranking, given the number of contacts and felt patches, and the probability of an unknown object.
+
+    An answer needs the same probability as one mode of an estimate: for "ok" the first object, together with those of
+    equal shape, for "no_solution" the unknown one.
+    """
+    first, params = identities[0], DEFAULT_PARAMS.modes
     assert first.estimate is not None
-    if first.estimate.status == "no_solution" or unknown >= _MOST:
+    if first.estimate.status == "no_solution" or unknown >= params.answer_share:
         return "no_solution"
     share = sum(identity.probability for identity in identities if identity.rank == first.rank)
-    return "ok" if share >= _MOST and touches >= _FEWEST else "ambiguous"
+    # Fewer contacts leave so many poses that the evidence, a sum over them, is not well known.
+    is_known = touches >= params.fewest_contacts
+    return "ok" if is_known and share >= params.answer_share else "ambiguous"
