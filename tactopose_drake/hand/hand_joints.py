@@ -1,4 +1,7 @@
-"""The order of a hand's joints in its own positions, velocities and actuators, whatever else is in the plant."""
+"""The order of a hand's joints in its own positions, velocities and actuators, whatever else is in the plant.
+
+Also the arms by which joints that slide are compared with those that turn.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 
+from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import Coupling
-from tactopose_drake.hand.hand_in_plant import Hand, joints_of
+from tactopose_drake.hand.hand_in_plant import Hand, joints_of, sliding_joints
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -64,3 +68,9 @@ class HandJoints:
     def velocities(self, joints: Iterable[str]) -> NDArray[np.int64]:
         """Indices of the given joints' velocities, shape (k,)."""
         return np.array([self.velocity[name] for name in joints], dtype=np.int64)
+
+
+def joint_arms(plant: MultibodyPlant, hand: Hand, joints: Iterable[str]) -> FloatArray:
+    """The motion of each of the hand's joints that counts as 1 rad, shape (k,): 1, or `SLIDING_ARM` if it slides."""
+    sliding = sliding_joints(plant, hand)
+    return np.array([SLIDING_ARM if name in sliding else 1.0 for name in joints])

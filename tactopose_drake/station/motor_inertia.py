@@ -12,9 +12,9 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
-from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant, sliding_joints
+from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
+from tactopose_drake.hand.hand_joints import joint_arms
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
 
 _SHARE = 0.5  # least ratio of a joint's inertia and damping to the effect of spring and damper in a step
@@ -35,8 +35,7 @@ def add_motor_inertia(plant: MultibodyPlant, hand: Hand, params: GraspController
     alone, parts = make_hand_plant(hand.config)
     names = hand.config.driven
     joints = [alone.GetJointByName(name, parts.model_instance) for name in names]
-    sliding = sliding_joints(alone, parts)
-    arm = np.array([SLIDING_ARM if name in sliding else 1.0 for name in names])
+    arm = joint_arms(alone, parts, names)
     step = plant.time_step()
     damping = step * np.array([joint.default_damping_vector()[0] for joint in joints])
     needed = _SHARE * step * (step * params.finger_stiffness + params.finger_damping) / arm**2

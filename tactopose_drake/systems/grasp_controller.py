@@ -14,11 +14,10 @@ from tactopose_drake.core.grasping.grasp_law import (
     joint_torques,
     update_push,
 )
-from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.parameter_checks import check_numbers, params_of
 from tactopose_drake.core.validation import FloatArray, known_name
-from tactopose_drake.hand.hand_in_plant import Hand, sliding_joints
-from tactopose_drake.hand.hand_joints import HandJoints
+from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_joints import HandJoints, joint_arms
 from tactopose_drake.systems.collectable_system import CollectableSystem
 
 
@@ -104,8 +103,7 @@ class GraspController(CollectableSystem):
         self._velocity_of_actuator = joints.velocities(joints.actuated)
         self._joints_of_finger = {finger.name: joints.positions(finger.joints) for finger in hand.config.fingers}
         on_finger = np.array([name in hand.config.driven for name in joints.actuated])
-        sliding = sliding_joints(plant, hand)
-        arms = np.array([SLIDING_ARM if name in sliding else 1.0 for name in joints.actuated])
+        arms = joint_arms(plant, hand, joints.actuated)
         stiffness = np.where(on_finger, self._params.finger_stiffness, self._params.other_stiffness)
         damping = np.where(on_finger, self._params.finger_damping, self._params.other_damping)
         self._stiffness, self._damping = stiffness / arms**2, damping / arms**2

@@ -7,13 +7,12 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PdControllerGains
 from pydrake.systems.framework import Context, DiscreteValues, EventStatus
 
-from tactopose_drake.core.grasping.serial_chain import SLIDING_ARM
 from tactopose_drake.core.grasping.stall_law import close_until_stalled
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.validation import FloatArray, finite_array, instance_of, known_name, positive_number
 from tactopose_drake.errors import InvalidInputError
-from tactopose_drake.hand.hand_in_plant import Hand, sliding_joints
-from tactopose_drake.hand.hand_joints import HandJoints
+from tactopose_drake.hand.hand_in_plant import Hand
+from tactopose_drake.hand.hand_joints import HandJoints, joint_arms
 from tactopose_drake.systems.collectable_system import CollectableSystem
 
 
@@ -50,13 +49,11 @@ def set_motor_gains(plant: MultibodyPlant, hand: Hand, params: GripControllerPar
         params: stiffness and damping.
     """
     params.validate()
-    arms = dict.fromkeys(sliding_joints(plant, hand), SLIDING_ARM)
-    for index in plant.GetJointActuatorIndices():
-        actuator = plant.get_mutable_joint_actuator(index)
-        if actuator.model_instance() == hand.model_instance:
-            per_radian = arms.get(actuator.joint().name(), 1.0) ** 2
-            gains = PdControllerGains(p=params.stiffness / per_radian, d=params.damping / per_radian)
-            actuator.set_controller_gains(gains)
+    motors = [plant.get_mutable_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
+    motors = [motor for motor in motors if motor.model_instance() == hand.model_instance]
+    arms = joint_arms(plant, hand, [motor.joint().name() for motor in motors])
+    for motor, arm in zip(motors, arms, strict=True):
+        motor.set_controller_gains(PdControllerGains(p=params.stiffness / arm**2, d=params.damping / arm**2))
 
 
 class GripController(CollectableSystem):
@@ -106,8 +103,7 @@ class GripController(CollectableSystem):
             for name in getattr(self._params, key):
                 known_name(f"each name in GripControllerParams.{key}", name, names)
         self._joints = joints.positions(names)
-        sliding = sliding_joints(plant, hand)
-        self._arms = np.array([SLIDING_ARM if name in sliding else 1.0 for name in names])
+        self._arms = joint_arms(plant, hand, names)
         self._signs = np.array([-1.0 if name in self._params.falling else 1.0 for name in names])
         self._names = names
         start = np.array([self._params.fixed.get(name, np.nan) for name in names])
