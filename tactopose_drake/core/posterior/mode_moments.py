@@ -51,12 +51,12 @@ def with_moments(
         The modes in descending order of mass; None if of no mode more than one sample counts.
     """
     mixture, params, g = modes.mixture, posterior.params.moments, len(sampled)
-    way, laplace, cost = np.array(params.tried_shares), mixture.covariance[sampled], modes.cost[sampled]
+    shares, laplace, cost = np.array(params.tried_shares), mixture.covariance[sampled], modes.cost[sampled]
     joined = Joined(masses[sampled], np.empty(g), np.zeros((g, 6)), np.zeros((g, 6, 6)))
-    shape = g, len(way)
+    shape = g, len(shares)
     tried = Tried(np.empty(g, dtype=np.int64), np.empty((*shape, 3, 4)), np.empty((*shape, 6, 6)))
     minima = Minima(*families, cost.argsort(kind="stable"), laplace)
-    n = try_means(minima, samples, way, params.chance, joined, tried)
+    n = try_means(minima, samples, shares, params.noise_limit, joined, tried)
     if not n:
         return None
     mode = tried.mode[:n]

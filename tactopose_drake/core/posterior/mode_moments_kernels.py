@@ -2,7 +2,7 @@
 
 For increments u from the pose of a mode, with weights w, the moments are sum w u / sum w and sum w u u^T / sum w; the
 effective sample size is (sum w)^2 / sum w^2. A mean m of increments with covariance S and effective sample size n is
-shrunk by the factor max(0, 1 - chance / (n m^T S^-1 m)) [JS61].
+shrunk by the factor max(0, 1 - noise_limit / (n m^T S^-1 m)) [JS61].
 """
 
 from typing import NamedTuple
@@ -94,8 +94,10 @@ class Work(NamedTuple):
 
 
 @kernel
-def try_means(minima: Minima, samples: Weighted, way: Floats1, chance: float, joined: Joined, tried: Tried) -> int:
-    """Joins the modes with moments by family, and tries the fractions `way` (s,) of their shrunken means.
+def try_means(
+    minima: Minima, samples: Weighted, shares: Floats1, noise_limit: float, joined: Joined, tried: Tried
+) -> int:
+    """Joins the modes with moments by family, and tries the given shares (s,) of their shrunken means.
 
     On entry `joined` holds the modes' masses, and its moments are zero. Modes of an effective sample size of at most 1
     have no moments: these join no other, and are not tried. Returns how many are tried.
@@ -120,10 +122,10 @@ def try_means(minima: Minima, samples: Weighted, way: Floats1, chance: float, jo
         for i in range(6):
             for k in range(6):
                 square += mean[i] * information[i, k] * mean[k]
-        certain = max(0.0, 1.0 - chance / max(effective_samples[j] * square, chance))
+        certain = max(0.0, 1.0 - noise_limit / max(effective_samples[j] * square, noise_limit))
         tried.mode[count] = j
-        for t in range(way.shape[0]):
-            share = certain * way[t]
+        for t in range(shares.shape[0]):
+            share = certain * shares[t]
             for i in range(6):
                 u[i] = share * mean[i]
                 for k in range(6):

@@ -99,7 +99,7 @@ class MomentParams:
 
     pseudo_samples: float = 7.0  # sample size of Laplace's covariance: the fewest that determine one in six dimensions
     # Squared Mahalanobis length that the mean of noise stays below with probability 95 % (chi-square, 6 degrees).
-    chance: float = 12.6
+    noise_limit: float = 12.6
     as_good: float = 0.3  # a pose whose cost exceeds its mode's minimum by this explains the touch as well
     tried_shares: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the way to the mean, the last one none of it
     # Largest height of the saddle between minima of one mode above the higher of the sides' lowest minima: a tenth of a
