@@ -181,7 +181,7 @@ def test_the_mass_of_one_contact_on_a_ball_is_that_of_an_integral_over_all_place
         p_PO = radius * n_PC + distance[:, None, None] * inward
         X_PO = make_poses(np.tile(np.eye(3), (p_PO.size // 3, 1, 1)), p_PO.reshape(-1, 3))
         cost = posterior.exact_cost(X_PO).reshape(300, 300)
-        density += np.where(cost < cost.min() + posterior.params.sampling.depth, np.exp(-cost), 0.0) / 8
+        density += np.where(cost < cost.min() + posterior.params.sampling.most_excess_cost, np.exp(-cost), 0.0) / 8
     volume = 2.0 * np.pi * distance[:, None] ** 2 * np.sin(angle) * distance[0] * angle[0]
     # The ball's rotations change nothing; their volume is 8 pi^2.
     assert log_mass == pytest.approx(math.log(float((density * volume).sum()) * 8.0 * np.pi**2), abs=0.07)

@@ -151,7 +151,7 @@ def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples
     every = np.exp(cover.laplace + weighed.lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
     # Samples do not count for modes of much higher cost than the best: these keep Laplace's approximation.
     cost = modes.cost[close[worthy]]
-    counts = cost < cost.min() + posterior.params.sampling.depth
+    counts = cost < cost.min() + posterior.params.sampling.most_excess_cost
     every[worthy[counts]] = weights[:, counts].sum(axis=0)
     masses = modes.mixture.weights * (every.sum() / modes.mixture.weights[close].sum())
     masses[close] = every
@@ -185,7 +185,7 @@ def _first_round(cover: Cover, families: Families, posterior: Posterior, generat
 def _weighed_anew(samples: Samples, cover: Cover, families: Families, posterior: Posterior) -> Samples:
     """Recomputes the weights for these families, in new arrays."""
     params, weights, variance = posterior.params.sampling, np.empty_like(samples.density), np.empty(len(cover.X_PO))
-    limits = params.depth, params.truncation
+    limits = params.most_excess_cost, params.truncation
     weighed = weigh(samples.draws, families.family, cover.lowest, *limits, weights, variance)
     return samples._replace(weights=weights, variance=variance, weighed=weighed)
 

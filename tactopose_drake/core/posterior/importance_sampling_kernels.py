@@ -63,7 +63,7 @@ def weigh(
     draws: Draws,
     family: Longs1,
     lowest: float,
-    depth: float,
+    most_excess_cost: float,
     power: float,
     weights: OutFloats2,
     variance: OutFloats1,
@@ -71,8 +71,8 @@ def weigh(
     """Fills the weights (B, g), and each group's contribution (g,) to the variance of the noisiest probability.
 
     Variances are those of families, each named by one of its groups (g,), as probability that moves between groups of
-    the same family does not matter. A sample that costs more than the lowest known cost plus `depth` belongs to no
-    group; no weight exceeds the mean of all times their number to the given power [I08].
+    the same family does not matter. A sample whose cost exceeds the lowest known one by more than `most_excess_cost`
+    belongs to no group; no weight exceeds the mean of all times their number to the given power [I08].
     """
     cost, density = draws.cost, draws.density
     for b in range(cost.shape[0]):
@@ -86,7 +86,7 @@ def weigh(
         every[b] = weight
         mass += weight
         for g in range(family.shape[0]):
-            weights[b, g] = weight * (density[b, g] / whole) if cost[b] < lowest + depth else 0.0
+            weights[b, g] = weight * (density[b, g] / whole) if cost[b] < lowest + most_excess_cost else 0.0
             each[b] += weights[b, g]
         total += each[b]
     for g in range(family.shape[0]):

@@ -146,7 +146,7 @@ def _draw_by_contact(
     X_PO, scale = contact.sample(params.contact_draws, generator)
     X_PO = contact.turned(X_PO, X_mode)
     cost = cost_within_modes(X_PO, X_mode, posterior)
-    likely = cost < lowest + params.depth
+    likely = cost < lowest + params.most_excess_cost
     likely[likely] = contact.density(X_PO[likely]) > 0.0
     return ContactDraws(X_PO[likely], scale), cost[likely]
 

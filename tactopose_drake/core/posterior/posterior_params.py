@@ -53,7 +53,7 @@ class SamplingParams:
     # Poses that cost more than the best by this belong to no mode: far off, where contacts are taken for outliers, a
     # low density extends over a large volume. A thousandth of a Gaussian mode lies higher (half of chi-square's, 6
     # degrees).
-    depth: float = 11.2
+    most_excess_cost: float = 11.2
     truncation: float = 0.4  # weights are truncated at their mean times this power of their number
     # Rounds end when no mode's probability has a larger standard error than this, and the effective sample size reaches
     # `effective_samples`. Once it does, and is at least the share `efficiency` of all samples, proposals stay fixed.
