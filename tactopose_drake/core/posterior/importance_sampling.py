@@ -132,7 +132,7 @@ def weigh_on(weighing: Weighing, posterior: Posterior, generator: np.random.Gene
         families = join_modes(cover, posterior)
     elif samples is None:
         samples = _first_round(cover, families, posterior, generator)
-        is_joined = samples.weighed.error <= posterior.params.sampling.standard_error
+        is_joined = samples.weighed.standard_error <= posterior.params.sampling.standard_error
     elif not is_joined and X_between is None:  # Minima between the modes may have been missed.
         X_between = minima_between(samples.X_PO, samples.weights, cover, posterior)
     elif not is_joined:
@@ -164,7 +164,7 @@ def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples
         return modes  # One sample outweighs all others; Laplace's approximation is more reliable.
     whole = mass + weighed.mass - weights.sum()  # Includes the samples that belong to no mode.
     log_mass = float(np.log(whole) - weighed.lowest + np.log(TURN_VOLUME[len(posterior.turns[0])]))
-    return copied(found, log_mass=log_mass, standard_error=weighed.error)
+    return copied(found, log_mass=log_mass, standard_error=weighed.standard_error)
 
 
 def _first_round(cover: Cover, families: Families, posterior: Posterior, generator: np.random.Generator) -> Samples:
@@ -200,10 +200,11 @@ def _next_round(
     favours likely regions a little. Once the effective sample size suffices, the existing proposals are sampled again.
     """
     params, weighed, drawn = posterior.params.sampling, samples.weighed, len(samples.X_PO)
-    sure = weighed.error <= params.standard_error and weighed.worth >= params.effective_samples
-    if sure or weighed.worth == 0.0:
+    effective = weighed.effective_samples
+    sure = weighed.standard_error <= params.standard_error and effective >= params.effective_samples
+    if sure or effective == 0.0:
         return None
-    if samples.times.max() > 1 or weighed.worth >= max(params.effective_samples, params.efficiency * drawn):
+    if samples.times.max() > 1 or effective >= max(params.effective_samples, params.efficiency * drawn):
         times = _times_wanted(samples, posterior)
         if (times == samples.times).all():
             return None

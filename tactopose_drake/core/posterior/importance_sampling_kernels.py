@@ -47,14 +47,14 @@ class Weighed(NamedTuple):
 
     Attributes:
         lowest: the lowest cost; weights are relative to exp(lowest).
-        error: the largest standard error of the families' probabilities.
-        worth: the effective sample size before truncation.
+        standard_error: the largest one of the families' probabilities.
+        effective_samples: the effective sample size before truncation.
         mass: the sum of the weights, including those of samples that belong to no group.
     """
 
     lowest: float
-    error: float
-    worth: float
+    standard_error: float
+    effective_samples: float
     mass: float
 
 

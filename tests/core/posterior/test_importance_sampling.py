@@ -280,7 +280,7 @@ def first_and_last(
 
 def test_proposals_that_are_good_enough_are_drawn_from_again_as_they_are() -> None:
     first, last = first_and_last(*two_modes())
-    assert first.weighed.error > 0.019 >= last.weighed.error
+    assert first.weighed.standard_error > 0.019 >= last.weighed.standard_error
     assert last.times.min() >= 1
     assert last.times.max() > 1
     assert last.proposal is first.proposal
@@ -305,7 +305,7 @@ def test_the_noisier_samples_are_the_more_of_them_are_drawn() -> None:
     for often, cost in ((False, exact), (True, rough)):
         _, last = first_and_last(start, smooth, cost)
         assert (last.times[0] > 1.5 * last.times[1]) == often
-        assert last.weighed.error <= 0.019
+        assert last.weighed.standard_error <= 0.019
 
 
 @pytest.mark.parametrize(("error", "most"), [(1e-3, 1), (1e-3, 500), (1e-200, 1000)])
@@ -320,10 +320,10 @@ def test_proposals_that_are_not_are_made_anew_first() -> None:
     # The exact posterior lies beside the smooth one, where few of the first samples are.
     beside = Valley(retract(pose(), 1.6 * SIGMAS), 0.6 * SIGMAS)
     first, last = first_and_last(modes(Valley(pose(), SIGMAS), pose()[None]), Valley(pose(), SIGMAS), beside.cost)
-    worths = [each.weighed.worth / len(each.X_PO) for each in (first, last)]
-    assert worths[0] < 0.1
+    shares = [each.weighed.effective_samples / len(each.X_PO) for each in (first, last)]
+    assert shares[0] < 0.1
     assert len(last.proposal.group) > len(first.proposal.group)
-    assert worths[1] > 2.0 * worths[0]
+    assert shares[1] > 2.0 * shares[0]
     density = np.zeros_like(last.density)
     last.proposal.add_to(density, last.X_PO)
     np.testing.assert_allclose(last.density, last.times * density, rtol=1e-9)

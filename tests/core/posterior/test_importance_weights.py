@@ -12,7 +12,7 @@ def test_of_groups_that_are_one_the_shares_are_as_sure_as_what_they_are_together
     def weigh_families(family: list[int]) -> Weighed:
         return weigh(draws, np.array(family), 1.0, 10.0, 1.0, weights, variance)
 
-    lowest, error, worth, mass = weigh_families([0, 1, 2])
+    lowest, error, effective_samples, mass = weigh_families([0, 1, 2])
     assert variance.sum() == pytest.approx(error**2)
     assert variance[1] == 0.0
     assert variance[[0, 2]].min() > 0.1 * error**2
@@ -20,9 +20,9 @@ def test_of_groups_that_are_one_the_shares_are_as_sure_as_what_they_are_together
     assert lowest == 0.5
     assert mass == pytest.approx(weights.sum())
     assert error > 0.01
-    assert worth == pytest.approx(weights.sum() ** 2 / np.sum(weights.sum(axis=1) ** 2))
-    assert weigh_families([0, 0, 0])[1:3] == pytest.approx((0.0, worth), abs=1e-12)
-    assert 0.0 < weigh_families([0, 0, 2]).error <= error
+    assert effective_samples == pytest.approx(weights.sum() ** 2 / np.sum(weights.sum(axis=1) ** 2))
+    assert weigh_families([0, 0, 0])[1:3] == pytest.approx((0.0, effective_samples), abs=1e-12)
+    assert 0.0 < weigh_families([0, 0, 2]).standard_error <= error
 
 
 def test_a_sample_far_above_the_best_is_no_part_of_any_mode_however_much_room_there_is() -> None:
@@ -45,12 +45,12 @@ def test_one_sample_does_not_outweigh_all_others() -> None:
     draws = Draws(np.zeros(count), density, np.array([count]), np.array([0]))
     plain = weigh(draws, np.zeros(1, dtype=int), 0.0, 5.0, 1.0, weights, np.empty(1))
     assert weights[17, 0] == pytest.approx(1e6)
-    assert plain.worth < 1.01
+    assert plain.effective_samples < 1.01
     mean = weights.mean()
     truncated = weigh(draws, np.zeros(1, dtype=int), 0.0, 5.0, power, weights, np.empty(1))
     assert weights[17, 0] == pytest.approx(mean * count**power)
     np.testing.assert_allclose(np.delete(weights[:, 0], 17), 1.0)
     # That it did is told all the same: another round is called for.
-    assert truncated.worth == plain.worth
+    assert truncated.effective_samples == plain.effective_samples
     assert plain.mass == pytest.approx(1e6 + count - 1.0)
     assert truncated.mass == pytest.approx(weights.sum())
