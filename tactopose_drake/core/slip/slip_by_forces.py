@@ -61,7 +61,7 @@ class ForceTest(NamedTuple):
 
 
 def detect_by_forces(
-    params: ForceTestParams, test: ForceTest, reading: ContactReading, time: float, *, is_new: bool
+    params: ForceTestParams, test: ForceTest, reading: ContactReading, time: float, *, has_joined: bool
 ) -> tuple[ForceTest, bool]:
     """Updates the test with a frame, and tells whether the object slips.
 
@@ -70,9 +70,9 @@ def detect_by_forces(
         test: after the last frame.
         reading: the contacts.
         time: of the frame, s.
-        is_new: whether a finger has just touched.
+        has_joined: whether a further finger has just touched.
     """
-    test = ForceTest(held_time=time) if is_new else test
+    test = ForceTest(held_time=time) if has_joined else test
     contacts = reading.evidence.contacts
     if contacts.f_PC is None or contacts.n_PC is None:
         return ForceTest(held_time=test.held_time), False

@@ -192,8 +192,10 @@ class PoseTracker:
         # A source of the last frame has touched since, however long that was, as long as the object stays held.
         held = duration if duration <= params.noise.longest_gap else 0.0
         least_gap = max(params.lost_time, held) + 1e-9
-        is_new = any(time > belief.felt_time.get(name, -np.inf) + least_gap for name in frame.names)
-        force_test, gives_way = detect_by_forces(params.force_test, belief.force_test, reading, time, is_new=is_new)
+        has_joined = any(time > belief.felt_time.get(name, -np.inf) + least_gap for name in frame.names)
+        force_test, gives_way = detect_by_forces(
+            params.force_test, belief.force_test, reading, time, has_joined=has_joined
+        )
         slip_sign = BY_FORCES if gives_way else BY_SURFACE if slips else belief.slip_sign
         slips = slips or gives_way or belief.slip_time == time
         now = Keyframe.of_now(reading, frame.names)
@@ -206,7 +208,7 @@ class PoseTracker:
             contacts=reading.contacts,
             touch_time=time,
             changed_time=time,
-            joined_time=time if is_new else belief.joined_time,
+            joined_time=time if has_joined else belief.joined_time,
             slip_time=time if slips else belief.slip_time,
             slip_sign=slip_sign,
             felt_time=_felt(belief, frame),
@@ -224,11 +226,11 @@ class PoseTracker:
     ) -> PoseBelief:
         """Advances the search for other modes; `is_outlier`: the best mode has just taken vision for an outlier."""
         time, params, modes, slips = frame.time, self._params, belief.modes, belief.slip_time == frame.time
-        is_new = belief.joined_time == time
+        has_joined = belief.joined_time == time
         X_best, explained = modes.X_PO[:1], bool(explanation.of(modes.X_PO)[:1].any())
-        unsettled_time = time if is_new else belief.unsettled_time
+        unsettled_time = time if has_joined else belief.unsettled_time
         is_urgent = slips or is_outlier or not explained or time < unsettled_time + params.settling_time
-        if slips or is_outlier or is_new:
+        if slips or is_outlier or has_joined:
             forgotten = belief.errors._replace(estimates=0)
             belief = copied(belief, search=belief.search._replace(agreeing=0), errors=forgotten)
             reading = reading._replace(errors=forgotten)

@@ -23,7 +23,7 @@ def feel(readings: list[ContactReading]) -> list[bool]:
     """At which frames the object is found to slip; at the first all fingers come to touch."""
     test, said = ForceTest(), []
     for i, reading in enumerate(readings):
-        test, slips = detect_by_forces(ForceTestParams(), test, reading, PERIOD * i, is_new=i == 0)
+        test, slips = detect_by_forces(ForceTestParams(), test, reading, PERIOD * i, has_joined=i == 0)
         said.append(slips)
     return said
 
@@ -47,7 +47,7 @@ def test_what_a_coefficient_is_at_the_least_does_not_fall() -> None:
     test, seen = ForceTest(), []
     for i in range(400):
         ratios = HELD if i < 200 else 0.5 * HELD
-        test, _ = detect_by_forces(ForceTestParams(), test, press(ratios), PERIOD * i, is_new=i == 0)
+        test, _ = detect_by_forces(ForceTestParams(), test, press(ratios), PERIOD * i, has_joined=i == 0)
         seen.append(test.ratio)
     assert seen[199] > 0.99 * HELD.max()
     assert min(seen[199:]) == seen[199]
@@ -70,7 +70,7 @@ def test_no_ratio_beyond_what_friction_gives_is_a_coefficient() -> None:
     """A finger that is hooked behind an edge bears more across its normal than along it."""
     test, hooked = ForceTest(), press(np.array([2.5, 0.3, 0.6, 0.2, 0.4, 0.5]))
     for i in range(200):
-        test, slips = detect_by_forces(ForceTestParams(), test, hooked, PERIOD * i, is_new=i == 0)
+        test, slips = detect_by_forces(ForceTestParams(), test, hooked, PERIOD * i, has_joined=i == 0)
         assert not slips
     assert test.ratio == ForceTestParams().most_ratio
 
@@ -199,4 +199,5 @@ def test_fingers_that_have_been_at_the_limit_all_along_do_not_slide_as_the_load_
 
 def test_without_forces_nothing_is_said_of_them() -> None:
     bare = read(dataclasses.replace(press(HELD).contacts, f_PC=None))
-    assert detect_by_forces(ForceTestParams(), ForceTest(), bare, 1.0, is_new=True) == (ForceTest(held_time=1.0), False)
+    begun = ForceTest(held_time=1.0)
+    assert detect_by_forces(ForceTestParams(), ForceTest(), bare, 1.0, has_joined=True) == (begun, False)
