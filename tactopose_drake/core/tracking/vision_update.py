@@ -97,7 +97,7 @@ def see(
     begins = standing is None and guess is not None
     if begins:
         standing, record = guess, dataclasses.replace(record, prior=prior)
-    is_counted = guess is None or _has_counted(guess, record)
+    is_counted = guess is None or _is_repeated(guess, record)
     if sighting is not None:
         if len(modes):
             log_outlier = math.log(params.outlier_probability / (8.0 * math.pi**2 * params.outlier_volume))
@@ -133,7 +133,7 @@ def see(
     return dataclasses.replace(belief, modes=modes, standing=standing, vision=record), is_outlier
 
 
-def _has_counted(guess: PoseMeasurement, record: VisionRecord) -> bool:
+def _is_repeated(guess: PoseMeasurement, record: VisionRecord) -> bool:
     """Whether a prior says no more than the one already used."""
     return record.prior is not None and not guess.is_news_after(PoseMeasurement.from_prior(record.prior, guess.time))
 
