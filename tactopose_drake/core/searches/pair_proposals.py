@@ -8,7 +8,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.searches.pairs.contact_pairs import PairChoice
 from tactopose_drake.core.searches.pairs.distinct import distinct_poses
 from tactopose_drake.core.searches.pairs.pair_poses import MatchedPairs, best_poses, contact_table
-from tactopose_drake.core.searches.search import PoseSpace, is_near
+from tactopose_drake.core.searches.search import PoseSpace, is_near_prior
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -53,7 +53,7 @@ class PairProposals:
         """
         model, center, reach = self.model, self.space.center, self.space.reach
         turns = model.symmetry_turns
-        if not is_near(self.space):
+        if not is_near_prior(self.space):
             reach = np.pi, np.inf  # All poses that put a contact on the surface are within reach.
         if len(model.continuous_symmetries) > 1:
             turns, reach = turns[:1], (np.pi, reach[1])  # A sphere's rotation is always within reach.

@@ -27,7 +27,7 @@ from tactopose_drake.core.searches.search import (
     Search,
     SearchResult,
     StopSignal,
-    is_near,
+    is_near_prior,
     join_results,
     never,
 )
@@ -184,7 +184,7 @@ class PairSearch(Search):
         should_stop: StopSignal = never,
     ) -> SearchResult:
         """Returns the minima that the candidates lead to, in ascending order of cost."""
-        near, believed, proposals = is_near(space), objective.believed, self.proposals(space, generator)
+        near, believed, proposals = is_near_prior(space), objective.believed, self.proposals(space, generator)
         start = self.near_start if near else self.start
         start_but_for_one = self.near_start_but_for_one if near else self.start_but_for_one
         is_one_doubted = objective.but_for_one is not None
@@ -225,7 +225,7 @@ class PairSearch(Search):
         These stages use the touch alone, as the proposals do: other evidence is slow to evaluate, and says most about
         poses that touch. Its cost then decides which of them go on.
         """
-        if is_near(space):
+        if is_near_prior(space):
             start, quick, stages = self.near_start, believed.quick, self.near_stages
         else:
             start, quick, stages = self.start, believed.quick, self.stages
@@ -245,7 +245,7 @@ class PairSearch(Search):
 
     def proposals(self, space: PoseSpace, generator: np.random.Generator) -> PairProposals:
         """Proposals by pairs of contacts for poses of this space."""
-        choice = self.near_choice if is_near(space) else self.choice
+        choice = self.near_choice if is_near_prior(space) else self.choice
         return PairProposals.match(self.model, self.contacts, choice, space, generator)
 
     def _starts(
@@ -253,7 +253,7 @@ class PairSearch(Search):
     ) -> FloatArray:
         """The start poses (n, 3, 4): proposals (m, 3, 4) and random poses."""
         space = proposals.space
-        if is_near(space):
+        if is_near_prior(space):
             missing = 0 if start.fewest is None else start.fewest - len(X_PO)
             samples = space.sample(generator, max(start.samples, missing) - 1)
             return np.concatenate([space.center[None], samples, X_PO])

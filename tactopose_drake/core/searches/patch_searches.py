@@ -8,7 +8,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.patch_contacts import with_patches
 from tactopose_drake.core.searches.evolution_strategy import EvolutionStrategy
 from tactopose_drake.core.searches.pair_search import PairSearch, Start, global_stages, near_stages
-from tactopose_drake.core.searches.search import PoseSpace, is_near
+from tactopose_drake.core.searches.search import PoseSpace, is_near_prior
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -47,7 +47,7 @@ def corner_search(model: ObjectModel, patches: Sequence[Patch]) -> EvolutionStra
     pairs = patch_search(model, patches)
 
     def propose(space: PoseSpace, generator: np.random.Generator) -> FloatArray:
-        start = pairs.near_start if is_near(space) else pairs.start
+        start = pairs.near_start if is_near_prior(space) else pairs.start
         return pairs.proposals(space, generator).best(start.candidates)[0]
 
     return EvolutionStrategy(proposals=propose)

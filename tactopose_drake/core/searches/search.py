@@ -77,8 +77,8 @@ class PoseSpace(Protocol):
         ...
 
 
-def is_near(space: PoseSpace) -> bool:
-    """Whether a prior bounds the space: without one all rotations are possible."""
+def is_near_prior(space: PoseSpace) -> bool:
+    """Whether a prior bounds the space: without one, or with a very wide one, all rotations are possible."""
     return space.reach[0] < np.pi
 
 

@@ -18,7 +18,7 @@ from tactopose_drake.core.searches.search import (
     Search,
     SearchResult,
     StopSignal,
-    is_near,
+    is_near_prior,
     join_results,
     never,
 )
@@ -139,7 +139,7 @@ class MonteCarlo(Search):
         should_stop: StopSignal = never,
     ) -> tuple[FloatArray, FloatArray]:
         """All particles (n, 7) in order of creation, see `roulette_kernels`, and their costs (n,)."""
-        near = is_near(space)
+        near = is_near_prior(space)
         design = self.correction if near else self.anywhere
         particles, cost = np.empty((design.particles, 7)), np.empty(design.particles)
         weight, sums = np.empty(design.particles), np.empty(design.particles)
