@@ -148,7 +148,7 @@ def weigh_on(weighing: Weighing, posterior: Posterior, generator: np.random.Gene
 def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples, posterior: Posterior) -> Modes:
     """Returns the modes with the masses and moments of their samples."""
     close, worthy, weights, weighed = cover.close, cover.worthy, samples.weights, samples.weighed
-    every = np.exp(cover.laplace + weighed.lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turns[0]))
+    every = np.exp(cover.laplace + weighed.lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turn_axes))
     # Samples do not count for modes of much higher cost than the best: these keep Laplace's approximation.
     cost = modes.cost[close[worthy]]
     counts = cost < cost.min() + posterior.params.sampling.most_excess_cost
@@ -163,7 +163,7 @@ def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples
     if found is None:
         return modes  # One sample outweighs all others; Laplace's approximation is more reliable.
     whole = mass + weighed.mass - weights.sum()  # Includes the samples that belong to no mode.
-    log_mass = float(np.log(whole) - weighed.lowest + np.log(TURN_VOLUME[len(posterior.turns[0])]))
+    log_mass = float(np.log(whole) - weighed.lowest + np.log(TURN_VOLUME[len(posterior.turn_axes)]))
     return copied(found, log_mass=log_mass, standard_error=weighed.standard_error)
 
 

@@ -87,7 +87,7 @@ def spread(
 
     This is the predictive covariance under an inverse Wishart prior that is centred on Laplace's covariance.
     """
-    if len(posterior.turns[0]):
+    if len(posterior.turn_axes):
         directions = posterior.turn_directions(X_PO)
         second = second + posterior.turn_variance * directions @ np.swapaxes(directions, 1, 2)
     prior_share = posterior.params.moments.pseudo_samples / effective_samples[:, None, None]

@@ -31,8 +31,8 @@ class Posterior:
         exact_cost: the negative log posterior of poses (B, 3, 4), up to a constant.
         alternatives: maps poses (B, 3, 4) and the cost's Hessians (B, 6, 6) there to the Hessians that remain if one
             contact is false, shape (B, m, 6, 6); None without contacts.
-        turns: axes of the rotations that change nothing, unit rows (c, 3), and the displacement of O's origin per
-            radian about each, rows (c, 3), m, in O.
+        turn_axes: axes of the rotations that change nothing, unit rows (c, 3), in O.
+        turn_moments: the displacement of O's origin per radian about each, rows (c, 3), m, in O.
         prior_information: information on increments without the touch, shape (6, 6).
         symmetry_poses: the object's finite symmetry group as poses X_OO', the identity first, shape (s, 3, 4).
         size: the object's size, m.
@@ -49,7 +49,8 @@ class Posterior:
     objective: SmoothObjective
     exact_cost: Callable[[FloatArray], FloatArray]
     alternatives: Callable[[FloatArray, FloatArray], FloatArray] | None
-    turns: tuple[FloatArray, FloatArray]
+    turn_axes: FloatArray
+    turn_moments: FloatArray
     prior_information: FloatArray
     symmetry_poses: FloatArray
     size: float
@@ -68,11 +69,10 @@ class Posterior:
 
     def turn_directions(self, X_PO: FloatArray) -> FloatArray:
         """The increments of turns about the axes at poses (B, 3, 4), shape (B, 6, c)."""
-        axes = self.turns[0]
-        directions = np.empty((len(X_PO), 6, len(axes)))
-        if len(axes):
-            directions[:, :3] = axes.T
-            directions[:, 3:] = X_PO[:, :, :3] @ self.turns[1].T
+        directions = np.empty((len(X_PO), 6, len(self.turn_axes)))
+        if len(self.turn_axes):
+            directions[:, :3] = self.turn_axes.T
+            directions[:, 3:] = X_PO[:, :, :3] @ self.turn_moments.T
         return directions
 
     @property
@@ -84,8 +84,8 @@ class Posterior:
     def gauge(self) -> FloatArray:
         """Information (6, 6) that fixes the turns; it changes no density over the other directions."""
         gauge = np.zeros((6, 6))
-        if len(self.turns[0]):
-            gauge[:3, :3] = self.turns[0].T @ self.turns[0] / self.params.sampling.held_turn**2
+        if len(self.turn_axes):
+            gauge[:3, :3] = self.turn_axes.T @ self.turn_axes / self.params.sampling.held_turn**2
         return gauge
 
     @functools.cached_property
@@ -125,10 +125,8 @@ def make_posterior(
         objective=objective,
         exact_cost=objective.exact_cost,
         alternatives=None if mixture is None else mixture.alternatives,
-        turns=(
-            np.array([symmetry.axis for symmetry in turns]).reshape(-1, 3),
-            np.array([symmetry.moment for symmetry in turns]).reshape(-1, 3),
-        ),
+        turn_axes=np.array([symmetry.axis for symmetry in turns]).reshape(-1, 3),
+        turn_moments=np.array([symmetry.moment for symmetry in turns]).reshape(-1, 3),
         prior_information=problem.space.information,
         symmetry_poses=model.symmetry_poses if images is None else images,
         size=model.size,

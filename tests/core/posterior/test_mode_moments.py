@@ -14,7 +14,7 @@ from tactopose_drake.core.posterior.posterior_params import MomentParams
 def posterior(axes: np.ndarray, moments: np.ndarray) -> Posterior:
     """One of which nothing is asked but its turns, known to a radian without the touch."""
     nothing = cast("Any", None)
-    return Posterior(nothing, nothing, nothing, None, (axes, moments), np.eye(6), identity_poses(1), 0.1, 0.001)
+    return Posterior(nothing, nothing, nothing, None, axes, moments, np.eye(6), identity_poses(1), 0.1, 0.001)
 
 
 @pytest.mark.parametrize("count", [7, 20])

@@ -43,7 +43,7 @@ def posterior(
 ) -> Posterior:
     cost = valley.cost if exact is None else exact
     params = PosteriorParams(sampling=SamplingParams(samples=samples, fewest_tiles=tiles, most_tiles=tiles))
-    return Posterior(valley, valley, cost, None, turns, np.eye(6) / 1.7, np.eye(3, 4)[None], 0.15, 0.001, params)  # type: ignore[arg-type]
+    return Posterior(valley, valley, cost, None, *turns, np.eye(6) / 1.7, np.eye(3, 4)[None], 0.15, 0.001, params)  # type: ignore[arg-type]
 
 
 def modes(valley: Valley, X_PO: FloatArray) -> Modes:
