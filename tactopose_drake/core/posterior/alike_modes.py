@@ -163,7 +163,7 @@ def _with_turns(free: FloatArray, turns: FloatArray, size: float) -> FloatArray:
     if len(free):
         units = increments_of_one_metre(size)
         others = determined_part(free, turns, size)
-        way, whole = np.linalg.norm(others / units, axis=1), np.linalg.norm(free / units, axis=1)
-        turns = np.concatenate([turns, others[way > _LEAST_ACROSS * whole]])
+        across, whole = np.linalg.norm(others / units, axis=1), np.linalg.norm(free / units, axis=1)
+        turns = np.concatenate([turns, others[across > _LEAST_ACROSS * whole]])
     rows: FloatArray = np.linalg.qr(turns.T)[0].T
     return rows

@@ -122,9 +122,9 @@ def _mean_square(place: Floats1, low: float, cost: Floats1) -> float:
     for side in range(2):
         before, at = 1.0, 0.0
         for q in range(side * _POINTS, (side + 1) * _POINTS):
-            density, way = np.exp(min(low - cost[q], 0.0)), 0.5 * (abs(place[q]) - at)
-            mass += way * (density + before)
-            second += way * (density * place[q] ** 2 + before * at**2)
+            density, half_width = np.exp(min(low - cost[q], 0.0)), 0.5 * (abs(place[q]) - at)
+            mass += half_width * (density + before)
+            second += half_width * (density * place[q] ** 2 + before * at**2)
             before, at = density, abs(place[q])
     return second / mass
 

@@ -161,8 +161,8 @@ def _near_pairs(X_PO: FloatArray, first: int, images: Families) -> NDArray[np.in
     places = compose(X_PO, images.symmetry_poses[:, None]) * np.array([turned, turned, turned, 1.0])
     places = places.reshape(len(images.symmetry_poses), -1, 12)
     square, asked = np.square(places).sum(axis=2), places[0, first:]
-    way = (square[:, :, None] + square[0, first:] - 2.0 * places @ asked.T).min(axis=0).T
-    near = way.argpartition(count - 1, axis=1)[:, :count]
+    square_distance = (square[:, :, None] + square[0, first:] - 2.0 * places @ asked.T).min(axis=0).T
+    near = square_distance.argpartition(count - 1, axis=1)[:, :count]
     pairs = np.stack([np.arange(first, len(X_PO)).repeat(count), near.ravel()], axis=1)
     pairs.sort(axis=1)
     return np.unique(pairs[pairs[:, 0] < pairs[:, 1]], axis=0)[:, ::-1]
@@ -178,9 +178,9 @@ class _Ways(NamedTuple):
 
     def lay(self, pairs: NDArray[np.intp], shares: FloatArray) -> FloatArray:
         """Poses (n, t, 3, 4) at fractions (t,) of the straight paths between pairs (n, 2) of minima."""
-        ways = np.empty((len(pairs), len(shares), 3, 4))
-        lay_paths(self.X_PO, pairs, self.images.symmetry_poses, self.images.arm, shares, ways)
-        return ways
+        poses = np.empty((len(pairs), len(shares), 3, 4))
+        lay_paths(self.X_PO, pairs, self.images.symmetry_poses, self.images.arm, shares, poses)
+        return poses
 
     def highest(self, poses: FloatArray) -> FloatArray:
         """The highest cost of the poses (n, t, 3, 4) of each of n paths, shape (n,)."""

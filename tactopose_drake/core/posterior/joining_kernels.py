@@ -209,8 +209,8 @@ def find_nearest_image(
     for s in range(symmetries.shape[0]):
         compose_one(X_other, symmetries[s], Y)
         increment_between(X, Y, u)
-        way = u[3] ** 2 + u[4] ** 2 + u[5] ** 2 + arm**2 * (u[0] ** 2 + u[1] ** 2 + u[2] ** 2)
-        if way < least:
-            nearest, least = s, way
+        square = u[3] ** 2 + u[4] ** 2 + u[5] ** 2 + arm**2 * (u[0] ** 2 + u[1] ** 2 + u[2] ** 2)
+        if square < least:
+            nearest, least = s, square
             copy_vector(u, image.u)
     return nearest

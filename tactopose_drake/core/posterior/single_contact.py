@@ -158,8 +158,8 @@ class SingleContact:
         """The discs (m, 9) that may be touched according to the prior."""
         center, normal, R_PO = self._blocks[:, :3], self._blocks[:, 3:6], prior.mean[:, :3]
         expected, n_OC = (self._p_PC - prior.mean[:, 3]) @ R_PO, self._n_PC @ R_PO
-        arm, way = (np.square(each).sum(axis=1) for each in (center, center - expected[:, None]))
-        near = way < _FARTHEST**2 * (prior.sigma_translation**2 + prior.sigma_rotation**2 * arm)
+        square_arm, square = (np.square(each).sum(axis=1) for each in (center, center - expected[:, None]))
+        near = square < _FARTHEST**2 * (prior.sigma_translation**2 + prior.sigma_rotation**2 * square_arm)
         near &= np.einsum("i,bij->bj", n_OC, normal) > math.cos(min(_FARTHEST * prior.sigma_rotation, math.pi))
         return _columns(self._blocks, near & (self._blocks[:, 6] > 0.0))
 

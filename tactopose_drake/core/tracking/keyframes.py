@@ -237,8 +237,8 @@ def past_information(
     """
     if window.past is None:
         return np.zeros((len(X_PO), 6, 6))
-    ways = np.linalg.norm(window.past.p_PC[:, None] - window.now.p_PC, axis=2)
-    elsewhere = np.flatnonzero(ways.min(axis=1) > params.window.least_distance)
+    distances = np.linalg.norm(window.past.p_PC[:, None] - window.now.p_PC, axis=2)
+    elsewhere = np.flatnonzero(distances.min(axis=1) > params.window.least_distance)
     if not len(elsewhere):
         return np.zeros((len(X_PO), 6, 6))
     touch = SurfaceContact(model.grid, window.past[elsewhere])
