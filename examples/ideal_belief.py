@@ -53,6 +53,7 @@ PARAMS = PosteriorParams(
         fewest_tiles=32,
         tail_samples=1000,
         least_tail_samples=50,
+        most_tails=1000,
         least_tailed_share=0.003,
     )
 )

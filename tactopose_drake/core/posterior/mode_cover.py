@@ -229,7 +229,7 @@ def _tails(X_mode: FloatArray, held: FloatArray, posterior: Posterior) -> tuple[
     """
     if posterior.alternatives is None:
         return np.empty(0, dtype=np.intp), np.empty((0, 6, 6))
-    most = posterior.params.sampling.tail_samples
+    most = posterior.params.sampling.most_tails
     left = posterior.alternatives(X_mode, held)
     owner, left = np.repeat(np.arange(len(held)), left.shape[1]), left.reshape(-1, 6, 6)
     if len(left) > most:

@@ -72,9 +72,9 @@ class SamplingParams:
     # the second share of the best one's, not even the cost is evaluated again.
     least_sampled_share: float = 1e-4
     least_weighed_share: float = 1e-7
-    # Additional samples in the first round for the tails that false contacts leave, and the most tails.
-    tail_samples: int = 48
-    least_tail_samples: int = 2  # of these for each
+    tail_samples: int = 48  # additional samples in the first round for the tails that false contacts leave
+    least_tail_samples: int = 2  # of these for each tail
+    most_tails: int = 48  # number of tails that are sampled, those that extend farthest
     least_tailed_share: float = 0.02  # of the mass: modes below it get no tails
     tile_scatter: float = 2.0  # over Laplace's standard deviations: a valley may have long ends, and bumps on its floor
     tile_reach: float = 1.5  # width of a tile, over the displacement up to which a rotation's arc is straight
