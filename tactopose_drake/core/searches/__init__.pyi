@@ -10,7 +10,7 @@ from .levenberg_marquardt import pseudo_inverse_steps as pseudo_inverse_steps
 from .pair_search import PairSearch as PairSearch
 from .pairs.contact_pairs import PairChoice as PairChoice
 from .pairs.contact_pairs import spread_out as spread_out
-from .pairs.distinct import distinct_poses as distinct_poses
+from .pairs.distinct_kernels import distinct_poses as distinct_poses
 from .pairs.pair_poses import best_poses as best_poses
 from .pairs.pair_poses import contact_table as contact_table
 from .parameters import QuaternionParameters as QuaternionParameters

@@ -5,7 +5,7 @@ import numpy as np
 from tactopose_drake.core.kernels import pose_kernels
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
-from tactopose_drake.core.searches.pairs.distinct import distinct_poses
+from tactopose_drake.core.searches.pairs.distinct_kernels import distinct_poses
 from tactopose_drake.core.searches.search import SearchResult, StopSignal
 from tactopose_drake.core.validation import FloatArray
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.searches.pairs.contact_pairs import PairChoice
-from tactopose_drake.core.searches.pairs.distinct import distinct_poses
+from tactopose_drake.core.searches.pairs.distinct_kernels import distinct_poses
 from tactopose_drake.core.searches.pairs.pair_poses import MatchedPairs, best_poses, contact_table
 from tactopose_drake.core.searches.search import PoseSpace, is_near_prior
 from tactopose_drake.core.shape.free_spin import nearest_images

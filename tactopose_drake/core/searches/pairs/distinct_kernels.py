@@ -1,14 +1,23 @@
-"""Marks the first of the poses in each cell of a grid over poses, compiled."""
+"""Thins out poses that nearly coincide, compiled."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactopose_drake.core.compilation import kernel
 from tactopose_drake.core.kernel_types import Floats3, OutFlags1
+from tactopose_drake.core.validation import FloatArray
+
+
+def distinct_poses(X_PO: FloatArray, length: float, angle: float) -> NDArray[np.bool_]:
+    """Marks the first of poses (B, 3, 4) in each cell of this size, m and about rad; shape (B,)."""
+    distinct = np.empty(len(X_PO), dtype=np.bool_)
+    mark_first_in_cell(X_PO, 1.0 / length, 1.0 / angle, distinct)
+    return distinct
 
 
 @kernel
 def mark_first_in_cell(X: Floats3, per_length: float, per_angle: float, distinct: OutFlags1) -> None:
-    """Uses a hash set; cells whose 64-bit hashes are equal are taken for the same."""
+    """Marks the first of the poses in each cell of a grid, by a hash set: cells of equal 64-bit hashes count as one."""
     size = 16
     while size < 4 * X.shape[0]:
         size *= 2

@@ -1,7 +1,7 @@
 import numpy as np
 
 from tactopose_drake.core.poses import make_poses, random_rotations
-from tactopose_drake.core.searches.pairs.distinct import distinct_poses
+from tactopose_drake.core.searches.pairs.distinct_kernels import distinct_poses
 
 
 def test_of_poses_close_together_the_first_is_kept() -> None:
