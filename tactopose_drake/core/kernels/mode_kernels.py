@@ -13,6 +13,8 @@ from tactopose_drake.core.kernels.pose_kernels import compose_one, increment_bet
 from tactopose_drake.core.kernels.sorting_kernels import sort_stably
 from tactopose_drake.core.validation import FloatArray
 
+NO_SYMMETRY = np.eye(3, 4)[None]
+"""The symmetry poses of an object without symmetries, shape (1, 3, 4)."""
 _NOTHING_ELSE = np.zeros((6, 6))
 
 
@@ -104,12 +106,12 @@ def _find_distinct(
             a = index[k]
             H = information[k]
             for s in range(symmetries.shape[0]):
-                way, trace = 0.0, 0.0
+                square, trace = 0.0, 0.0
                 for i in range(3):
-                    way += (Y[s, i, 3] - X[a, i, 3]) ** 2
+                    square += (Y[s, i, 3] - X[a, i, 3]) ** 2
                     for j in range(3):
                         trace += X[a, i, j] * Y[s, i, j]
-                if way > farthest[k] or trace < least_trace[k]:
+                if square > farthest[k] or trace < least_trace[k]:
                     continue
                 increment_between(X[a], Y[s], u)
                 total = 0.0

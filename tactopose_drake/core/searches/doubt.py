@@ -2,14 +2,13 @@
 
 import numpy as np
 
-from tactopose_drake.core.kernels.mode_kernels import Minima, best_of_each
+from tactopose_drake.core.kernels.mode_kernels import NO_SYMMETRY, Minima, best_of_each
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pose_problem import PoseProblem
 from tactopose_drake.core.searches.search import Search, SearchResult, StopSignal, never
 
 # For searches without support for outliers: number of minima refined, and least standard deviations between them.
 _KEPT, _SAME_MINIMUM = 10, 1.0
-_NO_SYMMETRY = np.eye(3, 4)[None]
 _REFINEMENT = LevenbergMarquardt(max_iterations=8, tolerance=1e-3)
 
 
@@ -31,5 +30,5 @@ def search_with_doubt(
     found = search.minimize(problem.objective, space, generator, should_stop)
     hessian = problem.objective.normal_equations(found.X_PO).hessian
     minima = Minima(found.X_PO, found.cost, hessian)
-    apart = best_of_each(minima, space.information, _NO_SYMMETRY, _SAME_MINIMUM, _KEPT)
+    apart = best_of_each(minima, space.information, NO_SYMMETRY, _SAME_MINIMUM, _KEPT)
     return _REFINEMENT.refine(objective, found.X_PO[apart.chosen], should_stop)

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.kernels.mode_kernels import Minima, best_of_each
+from tactopose_drake.core.kernels.mode_kernels import NO_SYMMETRY, Minima, best_of_each
 from tactopose_drake.core.objectives.objective import DoubtedObjective, LeastSquaresObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import compose
@@ -35,7 +35,6 @@ from tactopose_drake.core.shape.free_spin import turn_alike
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
-_NO_SYMMETRY = np.eye(3, 4)[None]
 # Unconverged poses within this many standard deviations of each other are assumed to lead to the same minimum.
 _SAME_MINIMUM = 1.5
 # Unconverged poses that cost more than the best by this are dropped.
@@ -287,7 +286,7 @@ class PairSearch(Search):
             worth = cost <= cost.min() + stage.worth
             X_PO, cost, hessian = X_PO[worth], cost[worth], believed.normal_equations(X_PO[worth]).hessian
         minima, limits = Minima(X_PO, cost, hessian), (stage.apart, stage.kept, stage.worth)
-        return X_PO.take(best_of_each(minima, space.information, _NO_SYMMETRY, *limits).chosen, axis=0)
+        return X_PO.take(best_of_each(minima, space.information, NO_SYMMETRY, *limits).chosen, axis=0)
 
 
 def _tell_as_little_as_few(contacts: Contacts, size: float) -> bool:
