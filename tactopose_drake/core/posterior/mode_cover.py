@@ -20,10 +20,8 @@ from tactopose_drake.core.posterior.joining_kernels import Lengths
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.single_contact import ContactDraws
 from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture, across_turns, draw, in_chart
-from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.searches.levenberg_marquardt import TO_THE_MINIMUM
 from tactopose_drake.core.validation import FloatArray
-
-_TO_THE_MINIMUM = LevenbergMarquardt(max_iterations=20, tolerance=1e-3, least_refused=0.1)
 
 
 class Cover(NamedTuple):
@@ -96,7 +94,7 @@ def tile_samples(
 def minima_between(X_PO: FloatArray, weights: FloatArray, cover: Cover, posterior: Posterior) -> FloatArray:
     """Minima (n, 3, 4) between the sampled modes, refined from samples (B, 3, 4) of these weights (B, g)."""
     X_mode, params = cover.X_PO, posterior.params.moments
-    X_found = _TO_THE_MINIMUM.refine(posterior.objective, X_PO[_resample(weights, params.led).sample]).X_PO
+    X_found = TO_THE_MINIMUM.refine(posterior.objective, X_PO[_resample(weights, params.led).sample]).X_PO
     every = np.concatenate([X_mode, X_found])
     found = posterior.objective.normal_equations(X_found).hessian + posterior.held
     information = np.concatenate([cover.information, found])

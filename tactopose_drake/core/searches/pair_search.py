@@ -19,7 +19,7 @@ from tactopose_drake.core.kernels.mode_kernels import NO_SYMMETRY, Minima, best_
 from tactopose_drake.core.objectives.objective import DoubtedObjective, LeastSquaresObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import compose
-from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
+from tactopose_drake.core.searches.levenberg_marquardt import LEAST_REFUSED, TO_THE_MINIMUM, LevenbergMarquardt
 from tactopose_drake.core.searches.pair_proposals import PairProposals
 from tactopose_drake.core.searches.pairs.contact_pairs import PairChoice
 from tactopose_drake.core.searches.search import (
@@ -84,9 +84,7 @@ class Start:
         return dataclasses.replace(self, candidates=4 * self.candidates, samples=4 * self.samples, kept=kept)
 
 
-# Least damping after a rejected step: smaller values hardly change the step. This saves a tenth of the trials.
-_LEAST_REFUSED = 0.1
-_FIRST_STEPS = LevenbergMarquardt(max_iterations=3, tolerance=3e-4, initial_damping=1e-2, least_refused=_LEAST_REFUSED)
+_FIRST_STEPS = LevenbergMarquardt(max_iterations=3, tolerance=3e-4, initial_damping=1e-2, least_refused=LEAST_REFUSED)
 _FURTHER_STEPS = dataclasses.replace(_FIRST_STEPS, max_iterations=4)
 # Most poses are on their way to the same few minima: of those that come together, one is kept.
 _ON_THE_WAY = Stage(refinement=_FURTHER_STEPS, kept=20, worth=20.0, apart=1.0)
@@ -98,8 +96,6 @@ _FEW_NUMBERS, _MANY_ON_THE_WAY = 12, dataclasses.replace(_ON_THE_WAY, kept=80)
 _CLOSE_TOGETHER, _MUCH_ROUGHER = 0.15, 4.0
 # A descent may get stuck at a kink of the field; it is restarted from the best poses.
 _AGAIN = dataclasses.replace(_ON_THE_WAY, kept=3)
-# To convergence: a pose still on its way down a valley would count as a mode of its own.
-_TO_THE_MINIMUM = LevenbergMarquardt(max_iterations=20, tolerance=1e-3, least_refused=_LEAST_REFUSED)
 
 
 def global_stages(starts: int = 80, kept: int = 40) -> tuple[Stage, ...]:
@@ -195,11 +191,11 @@ class PairSearch(Search):
             found = join_results(found, _FIRST_STEPS.refine(objective.but_for_one, X_PO, should_stop))
         if objective is not believed:
             found = found._replace(cost=objective.cost(found.X_PO))
-        for stage, following in ((last, _FURTHER_STEPS), (self.on_the_way, _TO_THE_MINIMUM)):
+        for stage, following in ((last, _FURTHER_STEPS), (self.on_the_way, TO_THE_MINIMUM)):
             X_PO = self._apart(found, believed, space, stage)
             found = following.refine_each(objective, X_PO, should_stop)
         best = self._apart(found, believed, space, _AGAIN)
-        again = _TO_THE_MINIMUM.refine_each(objective, best if near else self._with_images(best), should_stop)
+        again = TO_THE_MINIMUM.refine_each(objective, best if near else self._with_images(best), should_stop)
         return join_results(found, again).ranked()
 
     def minimize_with_doubt(
