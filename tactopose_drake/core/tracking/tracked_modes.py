@@ -110,19 +110,27 @@ class TrackedModes:
         Where these are narrower, the part of the increments that is correlated with the biases shrinks likewise; where
         they are wider, the added part is uncorrelated.
         """
-        root = np.linalg.cholesky(self.covariance)
-        unit = np.linalg.inv(root)
-        values, vectors = np.linalg.eigh(unit @ covariance @ np.swapaxes(unit, 1, 2))
+        root, unit, values, vectors = self._compared(covariance)
         shrink = (root @ vectors * np.sqrt(np.clip(values, 0.0, 1.0))[:, None]) @ np.swapaxes(vectors, 1, 2) @ unit
         return dataclasses.replace(self, covariance=covariance, cross_covariance=shrink @ self.cross_covariance)
 
     def at_least(self, covariance: FloatArray) -> TrackedModes:
         """The modes, widened so that no direction is better known than by these covariances, shape (n, 6, 6)."""
-        root = np.linalg.cholesky(self.covariance)
-        unit = np.linalg.inv(root)
-        values, vectors = np.linalg.eigh(unit @ covariance @ np.swapaxes(unit, 1, 2))
+        root, _, values, vectors = self._compared(covariance)
         wider = root @ vectors * np.sqrt(np.maximum(values, 1.0))[:, None]
         return dataclasses.replace(self, covariance=wider @ np.swapaxes(wider, 1, 2))
+
+    def _compared(self, covariance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Compares covariances (n, 6, 6) with the modes' own, in coordinates in which these are identities.
+
+        Returns:
+            The maps from these coordinates and to them, shape (n, 6, 6), and the eigenvalues, shape (n, 6), and
+            eigenvectors, shape (n, 6, 6), of the covariances in them.
+        """
+        root = np.asarray(np.linalg.cholesky(self.covariance))
+        unit = np.asarray(np.linalg.inv(root))
+        values, vectors = np.linalg.eigh(unit @ covariance @ np.swapaxes(unit, 1, 2))
+        return root, unit, values, vectors
 
     def pruned(self, params: MixtureParams) -> TrackedModes:
         """The modes of most weight, without negligible ones, normalised so that weights sum to one."""
@@ -146,7 +154,7 @@ def predict_modes(modes: TrackedModes, motion: Motion, max_sigma_translation: fl
     X_PO, covariance, cross = carry(modes.X_PO, modes.covariance, modes.cross_covariance, motion)
     limits = three_each(RANDOM_ROTATION_VARIANCE, max_sigma_translation**2)
     is_beyond = np.diagonal(covariance, axis1=1, axis2=2) > limits
-    for b in np.flatnonzero(is_beyond.any(axis=1)) if is_beyond.any() else ():
+    for b in np.flatnonzero(is_beyond.any(axis=1)):
         shrink = _shrink(covariance[b], limits)
         covariance[b], cross[b] = shrink @ covariance[b] @ shrink.T, shrink @ cross[b]
     most = motion.increment_map @ modes.most_information @ motion.increment_map.T  # The map is orthogonal.
