@@ -19,7 +19,6 @@ from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.geometry_checks import pose_matrix
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.posterior.hypotheses import determined_part, free_directions
-from tactopose_drake.core.searches.search import PriorSpace
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import TooFewContactsError
@@ -96,7 +95,7 @@ def cramer_rao_bound(
     touch = SurfaceContact(model.grid, contacts).normal_equations(X_true[None]).hessian[0]
     free = free_directions(touch[None], model.size)[0]
     if prior is not None:
-        information = touch + PriorSpace(prior).information
+        information = touch + np.diag(1.0 / prior.sigmas**2)
         return CramerRaoBound(information, free, np.linalg.inv(information), True)
     # Invert on the remaining directions, as many as the information has rank.
     basis = np.linalg.svd(determined_part(np.eye(6), free, model.size), full_matrices=False)[2][: 6 - len(free)]
