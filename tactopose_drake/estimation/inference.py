@@ -5,7 +5,7 @@ import functools
 import math
 import threading
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,25 @@ class _Generators(threading.local):
 _GENERATORS = _Generators()
 
 
+class _Answer(NamedTuple):
+    """The modes that a search has led to, weighed if there was time.
+
+    Attributes:
+        modes: of the pose, n of them.
+        judgement: of each contact under each mode; None without contacts.
+        explains: which modes explain the touch, shape (n,).
+    """
+
+    modes: Modes
+    judgement: Judgement | None
+    explains: NDArray[np.bool_]
+
+    @property
+    def rank(self) -> tuple[bool, bool, float]:
+        """The lower, the better: modes that explain the touch, then modes that there was time to weigh, then costs."""
+        return not self.explains.any(), math.isinf(self.modes.standard_error), float(self.modes.cost.min())
+
+
 def weigh_poses(
     model: ObjectModel, evidence: Evidence, method: str, seed: int, max_hypotheses: int, time_limit: float
 ) -> PoseEstimate:
@@ -68,8 +87,7 @@ def weigh_poses(
     generator = _seeded(_GENERATORS.of_search, seed)
     images = indistinct_images(model, float(np.min(evidence.touch.sigma_position)))
 
-    def answer(search: Search) -> tuple[Modes, Judgement | None, NDArray[np.bool_]]:
-        """Modes of a search, weighed if there is time, the judgement of the contacts, and which modes explain them."""
+    def answer(search: Search) -> _Answer:
         found = _search(problem, search, generator, deadline)
         modes = _modes_of(model, evidence, problem, found, images, most_modes)
         if not deadline():
@@ -77,18 +95,14 @@ def weigh_poses(
             modes = weigh_modes(modes, posterior, _seeded(_GENERATORS.of_samples, _SAMPLES_SEED))
         if model.near_symmetries or len(images) < len(model.symmetry_poses):
             modes = join_alike(modes, model, params.modes)
-        return modes, *_judge(model, evidence, problem, modes, params)
+        return _Answer(modes, *_judge(model, evidence, problem, modes, params))
 
-    modes, judged, explains = answer(search)
-    wider_search = None if evidence.prior is None or explains.any() else search.widened()
+    best = answer(search)
+    wider_search = None if evidence.prior is None or best.explains.any() else search.widened()
     if wider_search is not None and not deadline():
         # The pose may be in a narrow valley that no start of the search has led to.
-        modes, judged, explains = min(
-            (modes, judged, explains),
-            answer(wider_search),
-            # Prefer modes that explain the touch, then modes that there was time to weigh.
-            key=lambda each: (not each[2].any(), math.isinf(each[0].standard_error), float(each[0].cost.min())),
-        )
+        best = min(best, answer(wider_search), key=lambda each: each.rank)
+    modes, judged, explains = best
     hypotheses = _hypotheses(modes, _inlier_probability(problem, evidence, modes, judged), explains)
     undetermined = _is_undetermined(model, evidence, params.modes.fewest_contacts, hypotheses[0])
     estimate = PoseEstimate(
