@@ -26,7 +26,7 @@ from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.shape_errors import with_shape_errors
 from tactopose_drake.systems.collectable_system import SharedState
 from tactopose_drake.systems.collision_input import CollisionInput
-from tactopose_drake.systems.ports import eval_items, eval_optional_input, port_name
+from tactopose_drake.systems.ports import eval_items, eval_optional_input, eval_touch_remarks, port_name
 
 # The noise of a live sensor changes its reading within this time, s; a reading that stays the same longer is frozen.
 _FROZEN = 0.5
@@ -134,9 +134,7 @@ class BeliefInputs:
         if not sources and not patches and untouched is None and self._untouched.HasValue(context):
             # No sensor reports the absence of a touch, so the object is not known to have left the hand.
             X_WP = None
-        for port in self._statuses:
-            status = eval_optional_input(port, context, str)
-            remarks += [] if status in (None, "ok") else [status]
+        remarks += eval_touch_remarks(self._statuses, context)
         check = None if self._clearance is None else self._clearance.posed(context)
         depth = None if check is None else check.depth
         reading = Reading(Frame(now, evidence, sources, velocities, vision, X_WP, depth), tuple(remarks))

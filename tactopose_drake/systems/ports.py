@@ -121,6 +121,12 @@ def eval_touch(contacts: InputPort, patches: InputPort, context: Context) -> tup
     return Contacts.empty(), felt
 
 
+def eval_touch_remarks(statuses: Iterable[InputPort], context: Context) -> list[str]:
+    """What the connected ports `contact_status` and `patch_status` hold besides "ok"."""
+    remarks = (eval_optional_input(port, context, str) for port in statuses)
+    return [remark for remark in remarks if remark is not None and remark != "ok"]
+
+
 def too_few(touches: int, needed: int) -> str:
     """The status text for too few touches."""
     return f"{counted(touches, 'touch', 'touches')}; {needed} {'is' if needed == 1 else 'are'} needed"

@@ -25,7 +25,7 @@ from tactopose_drake.systems.belief_hypotheses import estimate_of
 from tactopose_drake.systems.belief_inputs import BeliefInputs, Reading, Remembered
 from tactopose_drake.systems.collectable_system import CollectableSystem, SharedState
 from tactopose_drake.systems.collision_input import CollisionInput
-from tactopose_drake.systems.ports import eval_optional_input
+from tactopose_drake.systems.ports import eval_optional_input, port_name
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -246,8 +246,8 @@ class PoseBeliefEstimator(CollectableSystem):
         palm = eval_optional_input(self._inputs.palm, context, RigidTransform)
         if palm is None:
             raise PortTypeError(
-                f"input port 'palm_pose' of system {self.get_name()!r} must hold a RigidTransform for "
-                "object_pose_in_world, but is not connected."
+                f"{port_name(self._inputs.palm)} must hold a RigidTransform for object_pose_in_world, but is not "
+                "connected."
             )
         return palm @ _pose(self._belief(context))
 

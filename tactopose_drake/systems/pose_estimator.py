@@ -34,7 +34,14 @@ from tactopose_drake.estimation.search_methods import METHODS
 from tactopose_drake.hand.collision import HandCollision, keep_clear
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.collision_input import CollisionInput, PosedHandCollision
-from tactopose_drake.systems.ports import eval_items, eval_named, eval_optional_input, eval_touch, too_few
+from tactopose_drake.systems.ports import (
+    eval_items,
+    eval_named,
+    eval_optional_input,
+    eval_touch,
+    eval_touch_remarks,
+    too_few,
+)
 
 _SIGMAS = 3.0  # standard deviations of the hand's surface by which the object may penetrate it
 
@@ -172,9 +179,7 @@ class PoseEstimator(CollectableSystem):
 
     def _update(self, context: Context, state: State) -> EventStatus:
         outcome, remarks = self._renew(context, state)
-        for port in self._touch_statuses:
-            status = eval_optional_input(port, context, str)
-            remarks += [] if status in (None, "ok") else [status]
+        remarks += eval_touch_remarks(self._touch_statuses, context)
         text = f"{outcome}: {'; '.join(remarks)}" if remarks else outcome
         state.get_mutable_abstract_state(self._status).set_value(text)
         return EventStatus.Succeeded()
