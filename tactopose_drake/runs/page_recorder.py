@@ -10,7 +10,7 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import TIME_ROUNDING, FloatArray
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_in_plant import make_hand_plant, make_hand_with_shapes
 from tactopose_drake.hand.joint_matrices import reading_offsets
@@ -85,7 +85,7 @@ class PageRecorder:
             self._moments = self._moments[::2]
             self._timeline.thin()
             self._period *= 2
-        self._next = self._moments[-1].time + self._period - 1e-9
+        self._next = self._moments[-1].time + self._period - TIME_ROUNDING
 
     def save(self, path: Path, title: str) -> bool:
         """Writes the page if there was an estimate and there are at least two moments; returns whether it did.

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import TIME_ROUNDING, FloatArray
 from tactopose_drake.runs.estimate_writer import estimates_now, read_estimate
 from tactopose_drake.runs.stepping import RunView
 
@@ -90,7 +90,7 @@ class ReplayComparison:
         """Whether samples that arrive up to a period earlier or later can explain the difference in a line."""
         ours, theirs = self._replayed, self._recorded
         around = slice(max(row - 1, 0), row + 2)
-        is_at_once = abs(ours[row].time - theirs[row].time) < 1e-9
+        is_at_once = abs(ours[row].time - theirs[row].time) < TIME_ROUNDING
         return is_at_once and _is_between(ours[row], theirs[around]) and _is_between(theirs[row], ours[around])
 
 
@@ -104,7 +104,7 @@ def _instant(line: dict[str, Any]) -> _Instant:
 
 def _is_same(ours: _Instant, theirs: _Instant) -> bool:
     """Whether two instants agree in time, fingers, positions and orientations."""
-    if abs(ours.time - theirs.time) > 1e-9 or ours.fingers != theirs.fingers:
+    if abs(ours.time - theirs.time) > TIME_ROUNDING or ours.fingers != theirs.fingers:
         return False
     if ours.places is None or theirs.places is None:
         return ours.places is theirs.places

@@ -19,7 +19,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.slip.slip_params import ForceTestParams
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import TIME_ROUNDING, FloatArray
 
 BY_FORCES = "friction gives way, as the forces show"
 """The reason given for a slip that this test detects."""
@@ -128,7 +128,7 @@ def _have_risen(params: ForceTestParams, test: ForceTest, time: float) -> bool:
 
 def _some_slide(params: ForceTestParams, test: ForceTest, time: float) -> bool:
     """Whether at least two fingers have reached the friction limit, and stay there while the load continues to grow."""
-    begin = time - params.plateau_time - 1e-9
+    begin = time - params.plateau_time - TIME_ROUNDING
     if test.times[0] > begin or test.change_since(begin) < params.growth:
         return False
     now, lately = test.ratios[-1], test.ratios[bisect.bisect_left(test.times, begin) :]

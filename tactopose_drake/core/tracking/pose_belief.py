@@ -33,7 +33,7 @@ from tactopose_drake.core.tracking.keyframes import Keyframe
 from tactopose_drake.core.tracking.sliced_search import SearchState
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import TIME_ROUNDING, FloatArray
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -240,6 +240,6 @@ def judge(belief: PoseBelief, params: PoseTrackerParams, *, has_contact: bool) -
         return "slipping", ("the best pose does not explain the touch",)
     if belief.probability[0] < params.answer_probability:
         return "ambiguous", (f"the likeliest of several poses carries less than {params.answer_probability:.0%}",)
-    if time < belief.unsettled_time + params.settling_time - 1e-9:
+    if time < belief.unsettled_time + params.settling_time - TIME_ROUNDING:
         return "ambiguous", ("the touch is new",)
     return "ok", ()

@@ -34,7 +34,7 @@ from tactopose_drake.core.tracking.sliced_search import search_on
 from tactopose_drake.core.tracking.tracked_modes import has_moved, predict_modes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_update import move_standing, see
-from tactopose_drake.core.validation import instance_of
+from tactopose_drake.core.validation import TIME_ROUNDING, instance_of
 from tactopose_drake.errors import InvalidInputError
 
 
@@ -191,7 +191,7 @@ class PoseTracker:
             test, slips = detect_by_surface(self._model, params.slip, belief.slip_test, reading, change)
         # A source of the last frame has touched since, however long that was, as long as the object stays held.
         held = duration if duration <= params.noise.longest_gap else 0.0
-        least_gap = max(params.lost_time, held) + 1e-9
+        least_gap = max(params.lost_time, held) + TIME_ROUNDING
         has_joined = any(time > belief.felt_time.get(name, -np.inf) + least_gap for name in frame.names)
         force_test, gives_way = detect_by_forces(
             params.force_test, belief.force_test, reading, time, has_joined=has_joined

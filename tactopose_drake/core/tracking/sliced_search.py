@@ -34,7 +34,7 @@ from tactopose_drake.core.tracking.keyframes import Touch
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, RelocalisationParams
 from tactopose_drake.core.tracking.weighed_modes import WeighedModes
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import TIME_ROUNDING, FloatArray
 
 _REFINEMENT = LevenbergMarquardt(max_iterations=20, tolerance=1e-2)
 
@@ -86,7 +86,7 @@ class SearchState(NamedTuple):
         """Whether the next search may begin at a time, s."""
         steady = self.agreeing >= params.steady_searches
         period = params.urgent_period if is_urgent else params.steady_period if steady else params.period
-        return time >= self.time + period - 1e-9
+        return time >= self.time + period - TIME_ROUNDING
 
     def ended(self) -> SearchState:
         """The state after the end of a search."""
