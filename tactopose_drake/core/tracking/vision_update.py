@@ -24,6 +24,8 @@ from tactopose_drake.core.tracking.tracker_params import VisionParams
 from tactopose_drake.core.validation import FloatArray
 
 _NOT_BELIEVED = "vision is not believed"
+# The least share of an independent measurement that a pose counts as: with none, its noise would be infinite.
+_LEAST_SHARE = 1e-3
 
 
 class Sighting(NamedTuple):
@@ -74,7 +76,7 @@ def read_vision(
         return None, record
     since = min((abs(measurement.time - earlier) for earlier in times[:-1]), default=params.correlation_time)
     predicted = measurement.moved_to(time, *now)
-    return Sighting(predicted, min(1.0, max(since / params.correlation_time, 1e-3))), record
+    return Sighting(predicted, min(1.0, max(since / params.correlation_time, _LEAST_SHARE))), record
 
 
 def see(
