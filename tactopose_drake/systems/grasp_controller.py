@@ -1,7 +1,9 @@
 """A grasp controller: closes the fingers until each carries its set force, then holds."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -37,6 +39,32 @@ class GraspControllerParams:
     def validate(self) -> None:
         """Raises InvalidInputError if a value is not positive."""
         check_numbers("GraspControllerParams", self)
+
+
+class _State(NamedTuple):
+    """The controller's discrete state.
+
+    Attributes:
+        pushes: one for each finger that closes, N.
+        since: the time since which all fingers carry their set force, s; NaN: they do not.
+        is_holding: whether the hand holds.
+        began: the time at which the fingers began to close, s; NaN: they have not.
+    """
+
+    pushes: FloatArray
+    since: float = math.nan
+    is_holding: bool = False
+    began: float = math.nan
+
+    def packed(self) -> FloatArray:
+        """The state as a vector."""
+        return np.array([*self.pushes, self.since, self.is_holding, self.began])
+
+    @classmethod
+    def of(cls, context: Context) -> "_State":
+        """The state in a context of the controller."""
+        *pushes, since, is_holding, began = context.get_discrete_state_vector().value()
+        return cls(np.array(pushes), since, bool(is_holding), began)
 
 
 class GraspController(CollectableSystem):
@@ -113,14 +141,12 @@ class GraspController(CollectableSystem):
         self._wrenches = {finger: self.DeclareVectorInputPort(f"wrench_{finger}", 6) for finger in motions}
         self._open = self.DeclareVectorInputPort("open", 1)
         self._rest_positions = self.DeclareVectorInputPort("rest_positions", self._nq)
-        # Pushes, N, then the time since which all fingers carry their set force (s; NaN: they do not), whether the hand
-        # holds, and the time at which the fingers began to close (s; NaN: they have not).
-        start = np.append(np.full(len(motions), -self._law.approach_push), [np.nan, 0.0, np.nan])
-        state = self.discrete_state_ticket(self.DeclareDiscreteState(start))
+        start = _State(np.full(len(motions), -self._law.approach_push))
+        state = self.discrete_state_ticket(self.DeclareDiscreteState(start.packed()))
         self.DeclarePeriodicDiscreteUpdateEvent(self._params.period, 0.0, self._update)
         needs = {state, self._state_port.ticket(), self._rest_positions.ticket()}
         self.declare_output("actuation", len(joints.actuated), self._actuation, needs)
-        self.declare_output("holding", 1, lambda context: context.get_discrete_state_vector().value()[-2:-1], {state})
+        self.declare_output("holding", 1, lambda context: [float(_State.of(context).is_holding)], {state})
         needs = {state, *(port.ticket() for port in self._wrenches.values())}
         self.declare_output("status", "", self._status, needs)
 
@@ -140,34 +166,32 @@ class GraspController(CollectableSystem):
         return float(np.linalg.norm(self._wrenches[finger].Eval(context)[3:]))
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
-        time, value = context.get_time(), context.get_discrete_state_vector().value()
-        pushes, since, holding, began = value[:-3].copy(), value[-3], bool(value[-2]), value[-1]
+        time, (pushes, since, holding, began) = context.get_time(), _State.of(context)
         # A time in the future was set before the clock went back, and counts as NaN.
         began = began if began <= time else time
         if self._open.HasValue(context) and self._open.Eval(context)[0] > 0.0:
             pushes = np.maximum(pushes - self._params.period * self._law.push_rate, -self._law.approach_push)
-            discrete_state.set_value(np.append(pushes, [np.nan, 0.0, time]))
+            discrete_state.set_value(_State(pushes, began=time).packed())
             return EventStatus.Succeeded()
         forces = [self._force(context, finger) for finger in self._motions]
         for i, (motion, force) in enumerate(zip(self._motions.values(), forces, strict=True)):
             pushes[i] = update_push(pushes[i], force, motion.set_force, holding, self._params.period, self._law)
         share = 1.0 - self._law.carry_share
         carried = all(f > share * motion.set_force for f, motion in zip(forces, self._motions.values(), strict=True))
-        since = (since if since <= time else time) if carried else np.nan
+        since = (since if since <= time else time) if carried else math.nan
         holding = holding or time - since >= self._params.settle_time or time - began >= self._params.closing_time
-        discrete_state.set_value(np.append(pushes, [since, holding, began]))
+        discrete_state.set_value(_State(pushes, since, holding, began).packed())
         return EventStatus.Succeeded()
 
     def _actuation(self, context: Context) -> FloatArray:
         state = self._state_port.Eval(context)
         q, v = state[self._joint_of_actuator], state[self._nq + self._velocity_of_actuator]
         q_rest = self._rest_positions.Eval(context) if self._rest_positions.HasValue(context) else None
-        pushes = context.get_discrete_state_vector().value()[:-3]
-        q_commanded = self.commanded(pushes, q_rest)[self._joint_of_actuator]
+        q_commanded = self.commanded(_State.of(context).pushes, q_rest)[self._joint_of_actuator]
         return joint_torques(q, v, q_commanded, self._stiffness, self._damping)
 
     def _status(self, context: Context) -> str:
-        if not context.get_discrete_state_vector().value()[-2]:
+        if not _State.of(context).is_holding:
             return "closing"
         slack = [
             finger
