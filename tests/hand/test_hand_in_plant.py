@@ -16,7 +16,7 @@ from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant, pose_b
 from tactopose_drake.hand.kinematics import HandKinematics
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.arms.arm import add_arm, load_arm_config, mount_hand
-from tactopose_drake.station.own_hand import scenario_for
+from tactopose_drake.station.automatic_scenario import scenario_for
 from tactopose_drake.station.simulated import check_bodies
 from tests.hand.grippers import YAML, write_gripper
 

@@ -15,7 +15,7 @@ from tactopose_drake.hand.hand_config import HandConfig, load_hand_config
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
 from tactopose_drake.resources import ModelPackage, model_path
 from tactopose_drake.runs.grasp_simulation import simulate_grasp
-from tactopose_drake.station.own_hand import scenario_for
+from tactopose_drake.station.automatic_scenario import scenario_for
 from tactopose_drake.systems.pose_estimation import MakePoseEstimation
 
 RADIUS = 0.012

@@ -16,8 +16,8 @@ from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.contact_properties import self_collisions
 from tactopose_drake.station.arms.arm_station import ArmParts, ArmSetup, ArmStation, make_arm_station
+from tactopose_drake.station.automatic_scenario import scenario_for
 from tactopose_drake.station.grasp_planning import plan_scenario
-from tactopose_drake.station.own_hand import scenario_for
 from tactopose_drake.station.scenario import Grip, Scenario
 from tactopose_drake.station.simulated import make_station
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams

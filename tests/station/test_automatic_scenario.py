@@ -14,9 +14,9 @@ from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.resources import fixed_pose
+from tactopose_drake.station.automatic_scenario import object_axis, scenario_for
 from tactopose_drake.station.grasp_planning import plan_scenario
 from tactopose_drake.station.motor_inertia import add_motor_inertia
-from tactopose_drake.station.own_hand import object_axis, scenario_for
 from tactopose_drake.station.simulated import check_bodies
 from tactopose_drake.systems.force_torque_sensor import sufficient_calibration
 from tactopose_drake.systems.grasp_controller import GraspControllerParams
