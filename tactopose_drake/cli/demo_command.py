@@ -24,7 +24,7 @@ from tactopose_drake.estimation.object_files import load_object
 from tactopose_drake.resources import shipped_objects
 from tactopose_drake.runs.grasp_simulation import GraspResult
 from tactopose_drake.station.automatic_scenario import scenario_for
-from tactopose_drake.station.own_object import write_simulated_object
+from tactopose_drake.station.object_sdf import write_simulated_object
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.simulated import check_bodies
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams

@@ -15,7 +15,7 @@ from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.resources import resource_root
 from tactopose_drake.runs.grasp_simulation import run_grasp, simulate_grasp
 from tactopose_drake.station.grasp_planning import plan_scenario
-from tactopose_drake.station.own_object import write_simulated_object
+from tactopose_drake.station.object_sdf import write_simulated_object
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.simulated import make_station
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams

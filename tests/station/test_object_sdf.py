@@ -12,7 +12,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.estimation.object_files import load_object
-from tactopose_drake.station.own_object import write_simulated_object
+from tactopose_drake.station.object_sdf import write_simulated_object
 
 OFFSET = np.array([1.2, -1.0, 0.7])
 
