@@ -16,9 +16,9 @@ from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.hand.other_fingertips import change_fingertips, check_mounting, move_pads
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import fixed_pose
-from tactopose_drake.station.other_object import change_object
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated_errors import DrawnErrors, SimulatedErrors, hand_errors
+from tactopose_drake.station.simulated_shape_errors import change_object
 from tactopose_drake.systems.joint_encoders import JointEncoders
 from tactopose_drake.systems.palm_on_base import PalmOnBase
 from tactopose_drake.systems.palm_pose import PalmPose

@@ -17,10 +17,10 @@ from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
 from tactopose_drake.hand.other_fingertips import change_fingertips, move_pads
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import add_model, make_parser
-from tactopose_drake.station.other_object import change_object
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.simulated_errors import FingerErrors, PadErrors, SimulatedErrors, hand_errors
 from tactopose_drake.station.simulated_senses import simulate_errors
+from tactopose_drake.station.simulated_shape_errors import change_object
 from tactopose_drake.systems.depth_camera import AddDepthCamera
 
 HAND = "shadow_like"
