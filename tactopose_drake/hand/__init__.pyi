@@ -51,7 +51,6 @@ from .joint_matrices import joint_matrix as joint_matrix
 from .joint_matrices import joint_offsets as joint_offsets
 from .kinematics import HandKinematics as HandKinematics
 from .named_joints import NamedJoints as NamedJoints
-from .other_fingertips import change_fingertips as change_fingertips
 from .pad_calibration import DEPTH_SHARES as DEPTH_SHARES
 from .pad_calibration import OFFSETS as OFFSETS
 from .pad_calibration import TILTS_DEG as TILTS_DEG
@@ -67,6 +66,7 @@ from .recorded_grasps import GraspFile as GraspFile
 from .recorded_grasps import RecordedGrasp as RecordedGrasp
 from .recorded_grasps import load_grasp as load_grasp
 from .recorded_grasps import load_grasps as load_grasps
+from .simulated_fingertip_errors import change_fingertips as change_fingertips
 from .tactile_pads import TactilePad as TactilePad
 from .tactile_pads import load_tactile_pad as load_tactile_pad
 from .touch_file import LoadedTouch as LoadedTouch

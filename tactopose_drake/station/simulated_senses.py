@@ -13,7 +13,7 @@ from pydrake.systems.primitives import AddRandomInputs, Demultiplexer
 
 from tactopose_drake.hand.encoder_offsets import encoder_gains
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
-from tactopose_drake.hand.other_fingertips import change_fingertips, check_mounting, move_pads
+from tactopose_drake.hand.simulated_fingertip_errors import change_fingertips, check_mounting, move_pads
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.station.scenario import Scenario

@@ -14,7 +14,7 @@ from tactopose_drake.core.vision.depth_pictures import DepthCameraModel
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_config import HandUncertainty, PadConfig, load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
-from tactopose_drake.hand.other_fingertips import change_fingertips, move_pads
+from tactopose_drake.hand.simulated_fingertip_errors import change_fingertips, move_pads
 from tactopose_drake.hand.tactile_pads import load_tactile_pad
 from tactopose_drake.resources import add_model, make_parser
 from tactopose_drake.station.scenario import Scenario, load_scenario
