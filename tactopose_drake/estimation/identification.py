@@ -37,7 +37,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, positive_number, shown, whole_number
 from tactopose_drake.errors import InvalidInputError, TooFewContactsError
 from tactopose_drake.estimation.contact_checks import check_contacts
-from tactopose_drake.estimation.executors import handing_over, taking_back
+from tactopose_drake.estimation.executor_errors import handing_over, taking_back
 from tactopose_drake.estimation.far_origins import with_near_origin
 from tactopose_drake.estimation.identities import Identification, Identity
 from tactopose_drake.estimation.inference import weigh_poses

@@ -16,7 +16,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import instance_of, shown, whole_number
 from tactopose_drake.errors import InvalidInputError, TactoposeError
 from tactopose_drake.estimation.estimate import check_question, estimate_pose
-from tactopose_drake.estimation.executors import as_done, handing_over
+from tactopose_drake.estimation.executor_errors import as_done, handing_over
 from tactopose_drake.estimation.pickling import Sealed
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate

@@ -26,7 +26,7 @@ from tactopose_drake.core.shape.model_building import file_content
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import path_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
-from tactopose_drake.estimation.executors import as_done, handing_over
+from tactopose_drake.estimation.executor_errors import as_done, handing_over
 from tactopose_drake.estimation.library_files import LibraryEntry, SkippedObject, make_symmetries, read_library
 
 MAX_GRID_BYTES = 2 * 2**20
