@@ -31,7 +31,7 @@ from tactopose_drake.resources.drake_values import WithDrakeValues
 from tactopose_drake.station.can_senses import CanSenses, SimulatedDevices
 from tactopose_drake.station.message_channels import LcmPublishing, LcmSenses, Ros2Publishing, Ros2Senses, check_apart
 from tactopose_drake.station.scenario_limits import check_limits, check_plant
-from tactopose_drake.station.scenario_paths import count_paths_from
+from tactopose_drake.station.scenario_paths import resolve_paths
 from tactopose_drake.station.senses import RecordedSenses, SimulatedSenses
 from tactopose_drake.station.simulated_errors import SimulatedErrors
 from tactopose_drake.systems.depth_tracker import DepthTrackerParams
@@ -261,7 +261,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     """
     path = scenario_file(name_or_path)
     scenario = load_typed_yaml(Scenario, path)
-    count_paths_from(path.parent, scenario)
+    resolve_paths(path.parent, scenario)
     with told_of(f"{path}: ", InvalidFileError):
         scenario.validate()
     return scenario

@@ -9,7 +9,7 @@ from tactopose_drake.station.message_channels import Ros2Publishing, Ros2Senses
 from tactopose_drake.station.senses import RecordedSenses
 
 
-def count_paths_from(folder: Path, scenario: Any) -> None:
+def resolve_paths(folder: Path, scenario: Any) -> None:
     """Makes the relative paths of a `Scenario` absolute, starting from a folder.
 
     A hand, object or sensor, which may also be one of the package's names, is a path if it has a suffix or a slash.
