@@ -124,7 +124,7 @@ def make_hardware_station(
     export_outputs(builder, estimation)
     if scenario.tracking is not None:
         _add_tracking(builder, scenario.tracking, config, model, {**known, **ages})
-    _tell_palm_pose(builder, known.get("palm_pose"))
+    _connect_palm_pose(builder, known.get("palm_pose"))
     diagram = builder.Build()
     diagram.set_name("hardware_station")
     return HardwareStation(diagram, model, scenario)
@@ -204,10 +204,10 @@ def _add_boards(
     return {name: weight.GetOutputPort(name) for name in ports}
 
 
-def _tell_palm_pose(builder: DiagramBuilder, known: OutputPort | None) -> None:
+def _connect_palm_pose(builder: DiagramBuilder, known: OutputPort | None) -> None:
     """Connects all inputs `palm_pose` to the known pose, or else to one input port of the diagram."""
-    askers = ["fingertip_weight", "palm_pose", *(["pose_tracking"] if known is None else [])]
-    systems = [builder.GetSubsystemByName(name) for name in askers if builder.HasSubsystemNamed(name)]
+    consumers = ["fingertip_weight", "palm_pose", *(["pose_tracking"] if known is None else [])]
+    systems = [builder.GetSubsystemByName(name) for name in consumers if builder.HasSubsystemNamed(name)]
     for i, port in enumerate(system.GetInputPort("palm_pose") for system in systems):
         if known is not None:
             builder.Connect(known, port)

@@ -97,10 +97,10 @@ def test_where_an_arm_moves_the_hand_its_pose_comes_in_for_weight_and_balance(cu
     assert "palm_pose" in inputs(make_hardware_station(scenario, devices, model=cube).diagram)
     scenario.estimation.estimator.balance = True
     diagram = make_hardware_station(scenario, devices, model=scenario.object_model()).diagram
-    askers = [diagram.GetSubsystemByName(name) for name in ("fingertip_weight", "pose_estimation")]
+    consumers = [diagram.GetSubsystemByName(name) for name in ("fingertip_weight", "pose_estimation")]
     context = diagram.CreateDefaultContext()
     diagram.GetInputPort("joint_positions").FixValue(context, held_cube.Q)
-    ports = [(asker.GetInputPort("palm_pose"), asker.GetMyContextFromRoot(context)) for asker in askers]
+    ports = [(each.GetInputPort("palm_pose"), each.GetMyContextFromRoot(context)) for each in consumers]
     assert not ports[0][0].HasValue(ports[0][1])  # The base stands still.
     X_WP = RigidTransform(RollPitchYaw(0.3, -0.8, 1.9), [0.4, 0.1, 0.7])
     assert not ports[1][0].Eval(ports[1][1]).IsNearlyEqualTo(X_WP, 0.1)
