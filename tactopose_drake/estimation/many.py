@@ -80,7 +80,7 @@ def estimate_poses(
         if before[i] is not None and not isinstance(before[i], GaussianPrior):
             instance_of(f"priors[{i}]", before[i], PosePrior)
         seeds[i] = whole_number(f"seed[{i}]", seeds[i], least=0)
-        with _told_of(i):
+        with _naming_touch(i):
             check_question(of[i], contacts[i], prior=before[i], seed=seeds[i], **options)
     make_kernels_ready()  # numba may compile a kernel more than once if threads first call it at the same time.
     estimates: dict[int, PoseEstimate] = {}
@@ -139,13 +139,13 @@ def _estimate_some(
     """Estimates some touches of one object; may run in another process."""
     estimates = []
     for i, contacts, own in touches.value:
-        with _told_of(i):
+        with _naming_touch(i):
             estimates.append(estimate_pose(model.value, contacts, **own, **options.value))
     return estimates
 
 
 @contextlib.contextmanager
-def _told_of(i: int) -> Iterator[None]:
+def _naming_touch(i: int) -> Iterator[None]:
     """Adds a note to an error that says which touch caused it."""
     try:
         yield
