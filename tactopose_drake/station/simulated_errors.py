@@ -1,4 +1,4 @@
-"""Errors of the simulated world relative to the models of the estimation, given or drawn; only data."""
+"""Errors of the simulated world relative to the models of the estimation: as a scenario gives them, and as drawn."""
 
 import dataclasses
 import math

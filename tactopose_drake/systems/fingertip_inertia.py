@@ -19,8 +19,9 @@ from tactopose_drake.systems.hand_kinematics import declare_kinematics
 
 # An acceleration is the change of velocity over at least this, s: in less, noise of the encoders would be all of it.
 _LEAST_TIME = 0.01
-_PAUSE = 0.15  # s without an update, by when the change of velocity since says nothing of the acceleration of now
-_REPEATED = 0.03  # s for which the same reading of a moving hand has not come anew; after it the hand stands still
+_PAUSE = 0.15  # s: after so long without an update, the change of velocity tells nothing of the present acceleration
+# A moving hand that reads the same for no longer than this, s, has not been read anew; after it, it stands still.
+_REPEATED = 0.03
 _SURE = 2.0  # standard deviations of what encoders' noise makes of an acceleration; beyond, the finger is accelerated
 
 
@@ -170,7 +171,7 @@ class FingertipInertia(CollectableSystem):
             if finger in X_PS:
                 p[k] = X_PS[finger] @ self._p_STip[k]
                 J[k] = kinematics.jacobian(frame, self._p_STip[k])[3:]
-        # Also where one of them is not known, none is.
+        # If one joint velocity is unknown, the comparison with NaN is false, and no velocity is known.
         v = J @ q_dot if np.abs(q_dot).max(initial=0.0) < FASTEST else np.full((count, 3), np.nan)
         last = next(reversed(self._earlier(context)), None)
         if last is not None and now < last.time + _REPEATED and last.is_repeated(p, v):

@@ -136,7 +136,7 @@ def _join(
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Families (g,) of minima with costs (g,), joined over the saddles (n,) of pairs (n, 2); and which pairs joined.
 
-    If surely, only those that are one family however much lower any of the saddles may be.
+    With `surely`, only those pairs are joined that stay joined if any saddles turn out to be lower, however much.
     """
     family, joined = np.arange(len(low)), np.zeros(len(pairs), dtype=np.bool_)
     join_over_saddles(pairs, saddle, ridge, surely, low.copy(), family, joined)

@@ -169,7 +169,7 @@ def join_over_saddles(
     `low` holds the modes' costs (g,); afterwards, at each family's first mode, the lowest of the family, and infinity
     at the others.
 
-    If surely, the saddle must be at most `ridge` above the second lowest family: of two families at least one is as
+    With `surely`, the saddle must be at most `ridge` above the second lowest family: of two families at least one is as
     high as that, whichever were joined before. Such a pair would be joined however much lower any of the saddles are.
     """
     order, spare = np.empty(saddle.shape[0], dtype=np.int64), np.empty(saddle.shape[0], dtype=np.int64)

@@ -30,7 +30,8 @@ class PlausibilityParams:
     # The largest explained estimate of the noise over the told noise. The true ratio may be up to 4; if it is 2, the
     # estimate hardly ever exceeds this. Contacts that fit no pose seem to have unbounded noise.
     most_noise: float = 3.0
-    # The chance that there are no more false contacts than are allowed: of five one, of six to ten two.
+    # An explained touch has at most so many false contacts as are not exceeded with this probability: one of five, two
+    # of six to ten.
     usual_false_contacts: float = 0.8
     # A belief over time doubts no contact or pad if noise of `comfortable_variance` times the told variance exceeds the
     # residuals at the best pose with at least this probability. The factor allows for kinks of the distance field. With
@@ -46,9 +47,11 @@ class SamplingParams:
 
     samples: int = 128  # least number of samples in a round
     samples_a_tile: int = 4  # the same for each tile
-    # Places of the surface for drawing poses that a single contact leaves: a pose each, with a prior an eighth of that.
+    # Poses are drawn from all that a single contact leaves by so many places on the surface that it may touch: one pose
+    # for each place, and with a prior for every eighth.
     contact_draws: int = 4096
-    # Or this share of all earlier samples, while rounds adapt the proposals, as each weights all samples again.
+    # A round that adapts the proposals weights all earlier samples again. So that these are few, it draws at least this
+    # share of their number.
     growth: float = 0.5
     # Poses that cost more than the best by this belong to no mode: far off, where contacts are taken for outliers, a
     # low density extends over a large volume. A thousandth of a Gaussian mode lies higher (half of chi-square's, 6

@@ -91,8 +91,8 @@ _ON_THE_WAY = Stage(refinement=_FURTHER_STEPS, kept=20, worth=20.0, apart=1.0)
 # So few measured numbers, three for a contact with its normal and one for a point alone, leave many poses that explain
 # them, most without a prior: more are followed.
 _FEW_NUMBERS, _MANY_ON_THE_WAY = 12, dataclasses.replace(_ON_THE_WAY, kept=80)
-# So do contacts that all lie within this share of the object's size of their middle, which fit it in many places, and
-# those of which only few are known about as well as the best: the others, so many times as uncertain, decide little.
+# More are also followed if all contacts lie within this share of the object's size of their middle, as they then fit it
+# in many places. Contacts that are more than so many times as uncertain as the best decide little, and do not count.
 _CLOSE_TOGETHER, _MUCH_ROUGHER = 0.15, 4.0
 # A descent may get stuck at a kink of the field; it is restarted from the best poses.
 _AGAIN = dataclasses.replace(_ON_THE_WAY, kept=3)

@@ -137,7 +137,8 @@ class PoseTrackerParams:
     # hundred are then off by 20 mm or 20 degrees.
     answer_distance: float = 0.0075  # largest standard deviation of an answer's translation, m
     answer_turn_deg: float = 7.5  # the same of its rotation, deg
-    untold_share: float = 0.3  # standard deviation, over the object's size, above which the touch does not determine it
+    # Directions in which a touch leaves a larger standard deviation, over the object's size, are not determined by it.
+    untold_share: float = 0.3
     slip_time: float = 0.1  # time for which a detected slip is assumed to go on, s
     flicker_time: float = 0.06  # time without contact after which a touch has ended, s: readings may be lost, or weak
     lost_time: float = 0.2  # time without an explanation of the touch after which the pose is lost, s
