@@ -7,8 +7,8 @@ from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import increments_between
-from tactopose_drake.core.posterior.hypotheses import determined_part
 from tactopose_drake.core.posterior.metrics import angles_between, touch_errors, truth_errors
+from tactopose_drake.core.posterior.modes import determined_part
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray

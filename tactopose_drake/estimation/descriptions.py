@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.posterior.hypotheses import determined_part, determined_rows
+from tactopose_drake.core.posterior.modes import determined_part, determined_rows
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.validation import FloatArray

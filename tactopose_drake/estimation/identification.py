@@ -29,7 +29,7 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.identification.model_evidence import log_evidence
 from tactopose_drake.core.identification.unknown_object import unknown_probability
 from tactopose_drake.core.kernel_library import make_kernels_ready
-from tactopose_drake.core.posterior.hypotheses import find_modes
+from tactopose_drake.core.posterior.modes import find_modes
 from tactopose_drake.core.posterior.moved_origin import has_far_origin
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.sensing.patches import Patch

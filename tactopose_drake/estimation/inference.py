@@ -16,8 +16,8 @@ from tactopose_drake.core.identification.model_evidence import log_evidence
 from tactopose_drake.core.objectives.contact_mixture import Judgement
 from tactopose_drake.core.plain_values import seal
 from tactopose_drake.core.posterior.alike_modes import indistinct_images, join_alike
-from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.importance_sampling import weigh_modes
+from tactopose_drake.core.posterior.modes import Modes, find_modes
 from tactopose_drake.core.posterior.plausibility import explain_with_doubt, is_at_rest, lies_on_planes
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams

@@ -5,7 +5,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context
 
 from tactopose_drake.core.poses import increments_between
-from tactopose_drake.core.posterior.hypotheses import determined_part
+from tactopose_drake.core.posterior.modes import determined_part
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.runs.contact_truth import ContactTruth, contact_truth
 from tactopose_drake.station.simulated import Station

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from tactopose_drake.core.kernels.matrix_kernels import inverses
-from tactopose_drake.core.posterior.hypotheses import free_directions
+from tactopose_drake.core.posterior.modes import free_directions
 from tactopose_drake.core.posterior.moved_origin import about_middle, has_far_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.statuses import STATUS_OF_BELIEF

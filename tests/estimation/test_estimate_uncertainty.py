@@ -6,8 +6,8 @@ import trimesh
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import make_poses, rotation_angles
-from tactopose_drake.core.posterior.hypotheses import Modes, determined_part
 from tactopose_drake.core.posterior.importance_sampling import weigh_modes
+from tactopose_drake.core.posterior.modes import Modes, determined_part
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.estimation import inference

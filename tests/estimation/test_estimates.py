@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 import tactopose_drake as tp
 from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.hypotheses import Modes
+from tactopose_drake.core.posterior.modes import Modes
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.estimation.inference import _hypotheses
 from tactopose_drake.estimation.results import status_of

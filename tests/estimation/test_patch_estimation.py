@@ -11,7 +11,7 @@ from scipy.stats import chi2
 import tactopose_drake as tp
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import increments_between, make_poses, random_rotations, retract, transform_points
-from tactopose_drake.core.posterior.hypotheses import determined_part
+from tactopose_drake.core.posterior.modes import determined_part
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.searches.pair_search import PairSearch
 from tactopose_drake.core.searches.pose_problem import make_problem

@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform
 
 import tactopose_drake as tp
 from tactopose_drake.core.poses import increments_between
-from tactopose_drake.core.posterior.hypotheses import determined_part
+from tactopose_drake.core.posterior.modes import determined_part
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.hand_check import check_hand
 from tactopose_drake.hand.hand_config import HandConfig, load_hand_config

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.poses import compose, increments_between, increments_of_images, log_so3
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.hypotheses import Modes, determined_part, increments_of_one_metre
+from tactopose_drake.core.posterior.modes import Modes, determined_part, increments_of_one_metre
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
 from tactopose_drake.core.shape.free_spin import continuous_turns, turn_toward
 from tactopose_drake.core.shape.object_model import ObjectModel

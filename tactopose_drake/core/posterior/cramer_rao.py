@@ -18,7 +18,7 @@ from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.geometry_checks import pose_matrix
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
-from tactopose_drake.core.posterior.hypotheses import determined_part, free_directions
+from tactopose_drake.core.posterior.modes import determined_part, free_directions
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, finite_array
 from tactopose_drake.errors import TooFewContactsError

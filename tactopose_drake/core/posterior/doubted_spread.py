@@ -13,7 +13,7 @@ import numpy as np
 
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.doubted_spread_kernels import Lines, lay_lines, widen_modes
-from tactopose_drake.core.posterior.hypotheses import Modes
+from tactopose_drake.core.posterior.modes import Modes
 from tactopose_drake.core.posterior.posterior import Posterior
 
 

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.doubted_spread import widen_by_doubt
-from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.importance_sampling_kernels import Draws, Weighed, weigh
 from tactopose_drake.core.posterior.joined_modes import Families
 from tactopose_drake.core.posterior.mode_cover import (
@@ -37,6 +36,7 @@ from tactopose_drake.core.posterior.mode_cover import (
 )
 from tactopose_drake.core.posterior.mode_moments import with_moments
 from tactopose_drake.core.posterior.mode_moments_kernels import Weighted
+from tactopose_drake.core.posterior.modes import Modes
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture
 from tactopose_drake.core.shape.free_spin import TURN_VOLUME

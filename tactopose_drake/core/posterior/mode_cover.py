@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.kernels.mode_kernels import one_of_each
 from tactopose_drake.core.posterior import importance_sampling_kernels
-from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.joined_modes import Families, Landscape, find_families
 from tactopose_drake.core.posterior.joining_kernels import Lengths
+from tactopose_drake.core.posterior.modes import Modes
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.single_contact import ContactDraws
 from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture, across_turns, draw, in_chart

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.hypotheses import Modes, free_directions
 from tactopose_drake.core.posterior.joined_modes import Families
 from tactopose_drake.core.posterior.mode_moments_kernels import (
     Joined,
@@ -22,6 +21,7 @@ from tactopose_drake.core.posterior.mode_moments_kernels import (
     Weighted,
     try_means,
 )
+from tactopose_drake.core.posterior.modes import Modes, free_directions
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.validation import FloatArray
 

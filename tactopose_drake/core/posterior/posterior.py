@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.objectives.objective import SmoothObjective
-from tactopose_drake.core.posterior.hypotheses import increments_of_one_metre
+from tactopose_drake.core.posterior.modes import increments_of_one_metre
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, PosteriorParams
 from tactopose_drake.core.posterior.single_contact import SingleContact
 from tactopose_drake.core.searches.pose_problem import PoseProblem

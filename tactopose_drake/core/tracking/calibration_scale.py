@@ -19,7 +19,7 @@ from tactopose_drake.core.evidence.contact_reading import ContactReading, Seemin
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact, along_normals
 from tactopose_drake.core.poses import ANY_POSE
-from tactopose_drake.core.posterior.hypotheses import Modes
+from tactopose_drake.core.posterior.modes import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_errors import BiasModel
 from tactopose_drake.core.tracking.tracker_params import CalibrationScaleParams, PoseTrackerParams

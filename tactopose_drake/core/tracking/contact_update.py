@@ -47,7 +47,7 @@ from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs, inverses
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.plain_values import copied
-from tactopose_drake.core.posterior.hypotheses import increments_of_one_metre
+from tactopose_drake.core.posterior.modes import increments_of_one_metre
 from tactopose_drake.core.searches.touch_space import TouchSpace
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking import gain_kernels

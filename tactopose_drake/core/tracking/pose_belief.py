@@ -19,7 +19,7 @@ from tactopose_drake.core.motion.rigid_motion import MotionHistory
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.plain_values import ReadOnlyCopies, copied, counted, numbers
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.hypotheses import determined_rows, determined_variance, free_directions
+from tactopose_drake.core.posterior.modes import determined_rows, determined_variance, free_directions
 from tactopose_drake.core.posterior.plausibility import explain_touch
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams, PlausibilityParams
 from tactopose_drake.core.shape.free_spin import continuous_turns

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.objectives.objective import SmoothObjective, SmoothSum
 from tactopose_drake.core.poses import compose, increments_between, increments_of_images
-from tactopose_drake.core.posterior.hypotheses import Modes
+from tactopose_drake.core.posterior.modes import Modes
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.object_model import ObjectModel

@@ -17,8 +17,8 @@ from tactopose_drake.core.evidence.contact_reading import SeemingErrors
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.motion.rigid_motion import Motion
 from tactopose_drake.core.poses import compose
-from tactopose_drake.core.posterior.hypotheses import Modes, find_modes
 from tactopose_drake.core.posterior.importance_sampling import Weighing, begin_weighing, weigh_on
+from tactopose_drake.core.posterior.modes import Modes, find_modes
 from tactopose_drake.core.posterior.plausibility import explain_with_doubt, is_comfortable
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.searches.doubt import search_with_doubt

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.objectives.penetration import overlap_slope
 from tactopose_drake.core.poses import compose
-from tactopose_drake.core.posterior.hypotheses import Modes
+from tactopose_drake.core.posterior.modes import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.tracker_params import RelocalisationParams
 from tactopose_drake.core.validation import FloatArray

@@ -7,7 +7,7 @@ import pytest
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, retract
 from tactopose_drake.core.posterior.alike_modes import indistinct_images, join_alike
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.hypotheses import Modes
+from tactopose_drake.core.posterior.modes import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
 from tests.core.meshes import create, scanned_can

@@ -11,7 +11,7 @@ from tactopose_drake.core.objectives.pose_prior import PriorObjective
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import compose, exp_so3, increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.posterior.cramer_rao import cramer_rao_bound
-from tactopose_drake.core.posterior.hypotheses import determined_part
+from tactopose_drake.core.posterior.modes import determined_part
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface

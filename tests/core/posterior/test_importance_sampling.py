@@ -10,11 +10,11 @@ from tactopose_drake.core.objectives.objective import NormalEquations
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
 from tactopose_drake.core.posterior import importance_sampling
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.importance_sampling import Samples, weigh_modes
 from tactopose_drake.core.posterior.joined_modes import Families
 from tactopose_drake.core.posterior.mode_moments import with_moments
 from tactopose_drake.core.posterior.mode_moments_kernels import Weighted
+from tactopose_drake.core.posterior.modes import Modes
 from tactopose_drake.core.posterior.posterior_params import PosteriorParams, SamplingParams
 from tactopose_drake.core.validation import FloatArray
 from tests.core.posterior.valleys import SIGMAS, Valley, modes, moments_of, pose, posterior

@@ -7,8 +7,8 @@ import trimesh
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import retract
-from tactopose_drake.core.posterior.hypotheses import find_modes
 from tactopose_drake.core.posterior.importance_sampling import weigh_modes
+from tactopose_drake.core.posterior.modes import find_modes
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pose_problem import make_problem

@@ -5,8 +5,8 @@ import numpy as np
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.hypotheses import Modes
 from tactopose_drake.core.posterior.mode_moments_kernels import Joined, Weighted, add_moments
+from tactopose_drake.core.posterior.modes import Modes
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.posterior_params import PosteriorParams, SamplingParams
 from tactopose_drake.core.validation import FloatArray

@@ -10,7 +10,7 @@ from tactopose_drake.core.evidence.contact_reading import ContactReading, Seemin
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.hypotheses import Modes
+from tactopose_drake.core.posterior.modes import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.calibration_scale import estimate_scale, follow_scale
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams

@@ -17,7 +17,7 @@ from tactopose_drake.core.motion.rigid_motion import Motion
 from tactopose_drake.core.poses import compose, increments_between, make_poses, random_rotations, retract
 from tactopose_drake.core.posterior import importance_sampling
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.hypotheses import Modes
+from tactopose_drake.core.posterior.modes import Modes
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking import sliced_search
 from tactopose_drake.core.tracking.contact_errors import (

@@ -1,4 +1,4 @@
-"""From refined poses to hypotheses: distinct modes with probabilities, covariances and free directions.
+"""From refined poses to the modes of the posterior: distinct ones with probabilities, covariances and free directions.
 
 The posterior is approximated by a Gaussian at each mode (Laplace): weight exp(-cost) / sqrt(det H), covariance H^-1.
 """

@@ -10,7 +10,7 @@ from tactopose_drake.core.poses import (
     make_poses,
     retract,
 )
-from tactopose_drake.core.posterior.hypotheses import determined_part, determined_variance, find_modes, free_directions
+from tactopose_drake.core.posterior.modes import determined_part, determined_variance, find_modes, free_directions
 
 SIZE = 0.2
 INFORMATION = np.diag([1e4] * 3 + [1e6] * 3)  # 0.01 rad and 1 mm
