@@ -117,12 +117,13 @@ def _update(
 ) -> JointOffsets:
     """Kalman update by residuals (m,) with Jacobians J of the pose and B of the offsets; the pose is marginalised."""
     S = noise + (J * ANY_POSE**2) @ J.T + B @ left.covariance @ B.T
-    weighed = np.linalg.solve(S, np.column_stack([r, B @ left.covariance]))
-    if r @ weighed[:, 0] > chi_square_limit(len(r) - 6, params.chance):
+    innovation = r - B @ left.mean
+    weighed = np.linalg.solve(S, np.column_stack([innovation, B @ left.covariance]))
+    if innovation @ weighed[:, 0] > chi_square_limit(len(r) - 6, params.chance):
         return left
     gain = weighed[:, 1:].T
     covariance = left.covariance - gain @ B @ left.covariance
     covariance = 0.5 * (covariance + covariance.T)
     floor = np.minimum(np.diag(left.covariance), math.radians(params.least_sigma_deg) ** 2)
     covariance += np.diag(np.maximum(floor - np.diag(covariance), 0.0))
-    return JointOffsets(left.mean + gain @ r, covariance, left.touches + 1)
+    return JointOffsets(left.mean + gain @ innovation, covariance, left.touches + 1)

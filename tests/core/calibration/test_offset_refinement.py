@@ -60,7 +60,9 @@ def test_offsets_are_found_over_touches_and_known_as_well_as_is_said(box: Object
     assert np.sqrt(np.mean(np.square(scaled))) < 1.5
 
 
-def refine_one_offset(box: ObjectModel, seed: int, true: float, sigma: float, **params: float) -> JointOffsets:
+def refine_one_offset(
+    box: ObjectModel, seed: int, true: float, sigma: float, mean: float = 0.0, **params: float
+) -> JointOffsets:
     """What a touch without noise says of one offset that moves and turns contacts along all axes alike."""
     generator = np.random.default_rng(seed)
     X_PO = make_poses(random_rotations(generator, 1), generator.normal(size=(1, 3)))[0]
@@ -71,7 +73,7 @@ def refine_one_offset(box: ObjectModel, seed: int, true: float, sigma: float, **
     told = np.hypot(by_offset * sigma, NOISE)
     contacts = Contacts(transform_points(X_PO, p_OC) + moved[:, :3], n_PC, sigma_position=told[0], sigma_normal=told[1])
     settings = dataclasses.replace(PARAMS, least_sigma_deg=1e-6, **params)
-    return refine_offsets(box, settings, contacts, gains, X_PO, JointOffsets.of_sigma(np.array([sigma])))
+    return refine_offsets(box, settings, contacts, gains, X_PO, JointOffsets(np.array([mean]), np.diag([sigma**2])))
 
 
 def test_one_touch_tells_how_far_its_contacts_were_moved_and_turned(box: ObjectModel) -> None:
@@ -79,6 +81,13 @@ def test_one_touch_tells_how_far_its_contacts_were_moved_and_turned(box: ObjectM
         found = refine_one_offset(box, seed, 0.01, 10.0 * SIGMA, least_noise_share=1e-9)
         assert found.touches == 1
         assert found.mean[0] == pytest.approx(0.01, rel=0.02)
+
+
+def test_what_is_known_of_an_offset_that_is_not_yet_taken_off_is_not_counted_again(box: ObjectModel) -> None:
+    for seed in range(4):
+        for mean in (0.005, 0.01, 0.02):
+            found = refine_one_offset(box, seed, 0.01, 10.0 * SIGMA, mean=mean, least_noise_share=1e-9)
+            assert found.mean[0] == pytest.approx(0.01, rel=0.02)
 
 
 def test_what_contacts_are_told_to_err_by_the_joints_is_not_noise_to_these(box: ObjectModel) -> None:
