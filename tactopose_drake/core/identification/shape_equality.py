@@ -1,8 +1,9 @@
 """Tests whether two objects have the same shape in different frames, so that no touch tells them apart.
 
 Equal shapes have equal areas, volumes and moments of inertia. If these agree, the objects are aligned: points spread
-over the first are taken for contacts with the second, the pair search finds the poses that explain them, and there all
-surface samples of each object are compared with the surface of the other.
+over the first are taken for contacts with the second, the pair search finds the poses that explain them, the best of
+these are refined with more points, and there all surface samples of each object are compared with the surface of the
+other.
 """
 
 import math
@@ -56,7 +57,9 @@ def find_alignment(
     search, space, generator = PairSearch(model=b, contacts=probes), TouchSpace(b, probes), np.random.default_rng(0)
     found = search.minimize(SurfaceContact(b.grid, probes), space, generator)
     points = SurfaceContact(b.grid, _touch(a, params.refined_points, params))
-    refined = LevenbergMarquardt().refine(points, found.X_PO[: params.refined_poses])
+    # Few probes, or none, lie on a small part that breaks a symmetry: more points tell which poses are the best.
+    best = np.argsort(points.cost(found.X_PO), kind="stable")[: params.refined_poses]
+    refined = LevenbergMarquardt().refine(points, found.X_PO[best])
     for X_AB in refined.ranked().X_PO:
         X_BA = inverse(X_AB)
         if _lie_on(a.samples.points, X_BA, b, params) and _lie_on(b.samples.points, X_AB, a, params):

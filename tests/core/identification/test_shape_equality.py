@@ -34,6 +34,18 @@ def test_symmetric_shapes_are_equal_in_any_place(shape: trimesh.Trimesh) -> None
     assert find_alignment(make(shape), make(moved)) is not None
 
 
+@pytest.mark.parametrize("size", [(0.06, 0.06, 0.06), (0.06, 0.08, 0.1)])
+def test_a_small_part_that_breaks_a_symmetry_does_not_hide_that_shapes_are_equal(size: tuple[float, ...]) -> None:
+    part = trimesh.creation.box((0.012, 0.012, 0.012), trimesh.transformations.translation_matrix((0.03, 0.012, 0.02)))
+    mesh = trimesh.boolean.union([trimesh.creation.box(size), part], engine="manifold")
+    for seed in range(2):
+        X = random_pose(np.random.default_rng(seed))
+        model, other = make(mesh), make(mesh.copy().apply_transform(X))
+        X_BA = find_alignment(model, other)
+        assert X_BA is not None
+        np.testing.assert_allclose(X_BA, X[:3], atol=0.01)
+
+
 def test_other_shapes_are_not_equal(model: ObjectModel) -> None:
     mirrored = shape_poor_in_symmetry()
     mirrored.apply_transform(np.diag([1.0, 1.0, -1.0, 1.0]))
