@@ -128,7 +128,8 @@ def _between(motions: FloatArray, recent: int, earlier: int) -> FloatArray:
     """Covariance (6, 6) of the motion between the means of the compared frames, from those up to each (h, 6, 6).
 
     A motion affects all frames from its own on: a share of the earlier frames' mean, all of it for motions in between,
-    and a share of the recent frames' mean. Errors of successive motions are taken to be fully correlated.
+    and a share of the recent frames' mean. Its covariance counts by this share, which is more than the share's square,
+    as of independent errors: those of successive motions are alike.
     """
     share = [*np.arange(earlier) / earlier, *np.ones(recent), *1.0 - np.arange(recent) / recent]
     covariance: FloatArray = np.tensordot(share, motions[-len(share) :], 1)
