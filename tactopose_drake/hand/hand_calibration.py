@@ -23,8 +23,8 @@ from tactopose_drake.core.sensing.contact_noise import NANO17_SIGMA_FORCE, NANO1
 from tactopose_drake.core.validation import FloatArray, kind_name, positive_number, whole_number
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.calibration_file import HandCalibration, save_calibration
+from tactopose_drake.hand.calibration_poses import PoseFit, PoseHunt, fit_poses
 from tactopose_drake.hand.felt_grasps import FeltGrasps
-from tactopose_drake.hand.grasp_poses import PoseFit, PoseHunt, fit_poses
 from tactopose_drake.hand.hand_config import HandConfig, HandUncertainty, load_hand_config
 from tactopose_drake.hand.hand_errors import HandErrors, calibration_of
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
