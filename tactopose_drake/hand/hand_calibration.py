@@ -81,7 +81,8 @@ class CalibrationResult:
     Attributes:
         calibration: the calibration, which `save` writes to a file for the hand's file to name.
         names: names of the errors that were estimated.
-        values: their values, shape (d,), SI units.
+        values: their values, shape (d,), SI units. If biases drift, these are those in the middle of the recording, and
+            those of `calibration` those at its end.
         covariance: their covariance, shape (d, d), in their units.
         undetermined: combinations of errors that the grasps do not determine.
         X_PO: the object's poses in the grasps, shape (g, 3, 4), translations in m.

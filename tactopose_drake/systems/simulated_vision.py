@@ -8,6 +8,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, State
 
+from tactopose_drake.core.posterior.moved_origin import has_far_origin, move_origin, prior_of_middle
 from tactopose_drake.core.validation import positive_number
 from tactopose_drake.core.vision.vision_model import VisionModel, hidden_share, measure_pose, tail_stretch
 from tactopose_drake.estimation.prior import PosePrior
@@ -75,6 +76,8 @@ class SimulatedVision(CollectableSystem):
         self._X_CW = view.X_WC.inverse()
         samples = view.object_model.samples
         chosen = np.linspace(0, len(samples.points) - 1, _POINTS).astype(int)
+        # The error turns a far object about its middle, and a prior's sigmas are taken for those of the middle.
+        self._p_OM = view.object_model.middle if has_far_origin(view.object_model) else np.zeros(3)
         self._p_OQ, self._n_OQ = samples.points[chosen], samples.normals[chosen]
 
         self._body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
@@ -102,7 +105,8 @@ class SimulatedVision(CollectableSystem):
         stretch = 1.0
         if self._tail is not None and self._degrees_of_freedom is not None:
             stretch = tail_stretch(float(self._tail.Eval(context)[0]), self._degrees_of_freedom)
-        seen = measure_pose(X_PO.GetAsMatrix34(), hidden, self._noise.Eval(context), self._model, stretch)
+        X_PM = move_origin(X_PO.GetAsMatrix34(), self._p_OM)
+        seen = prior_of_middle(measure_pose(X_PM, hidden, self._noise.Eval(context), self._model, stretch), -self._p_OM)
         state.get_mutable_abstract_state(self._prior).set_value(PosePrior.of(seen))
         state.get_mutable_discrete_state(self._hidden).SetFromVector([hidden])
         return EventStatus.Succeeded()

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+import trimesh
 from pydrake.geometry import Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlant, MultibodyPlantConfig
@@ -85,6 +86,18 @@ def test_the_error_is_that_of_the_hidden_share(object_model: ObjectModel, p_WFin
     error = increments_between(((X_WPalm @ X_PalmP).inverse() @ X_WO).GetAsMatrix34(), prior.mean)
     assert np.linalg.norm(error[3:]) == pytest.approx(0.05 if hidden else 0.004, rel=0.05)
     assert np.linalg.norm(error[:3]) == pytest.approx(math.radians(21 if hidden else 1), rel=0.05)
+
+
+def test_of_an_object_far_from_its_frame_s_origin_the_error_is_that_of_the_middle(object_model: ObjectModel) -> None:
+    p_OM = np.array([0.5, 0.0, 0.0])
+    moved = trimesh.Trimesh(object_model.vertices + p_OM, object_model.faces)
+    far = ObjectModel.from_mesh(moved, symmetry="none", cache=False)
+    diagram, _, vision = make_station(far, (0.0, 0.05, 0.6), X_WO @ RigidTransform(-p_OM))
+    prior = vision.GetOutputPort("prior").Eval(look_once(diagram, vision))
+    X_PM = (X_WPalm @ X_PalmP).inverse() @ X_WO
+    error = increments_between(X_PM.GetAsMatrix34(), (prior.X_PO @ RigidTransform(p_OM)).GetAsMatrix34())
+    assert np.linalg.norm(error[3:]) == pytest.approx(0.05, rel=0.05)
+    assert np.linalg.norm(error[:3]) == pytest.approx(math.radians(21), rel=0.05)
 
 
 def test_a_ball_at_the_objects_edge_hides_a_part(object_model: ObjectModel) -> None:

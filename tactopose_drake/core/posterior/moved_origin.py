@@ -46,6 +46,13 @@ def increments_of_origin(R_PO: FloatArray, p_OC: FloatArray) -> FloatArray:
     return J
 
 
+def move_measurement(X_PO: FloatArray, covariance: FloatArray, p_OC: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The pose (3, 4) of the frame at p_OC, shape (3,), m, from that of O, and its covariance (6, 6), linearised."""
+    J = increments_of_origin(X_PO[None, :, :3], -p_OC)[0]
+    moved = J @ covariance @ J.T
+    return move_origin(X_PO, p_OC), 0.5 * (moved + moved.T)
+
+
 def arc_covariance(R_PO: FloatArray, covariance: FloatArray, p_OC: FloatArray) -> FloatArray:
     """What the curvature of O's arc about C adds to the covariances (n, 6, 6) of O: centimetres at a few degrees.
 

@@ -12,7 +12,7 @@ from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.geometry_checks import pose_matrix, pose_near
 from tactopose_drake.core.kernels.matrix_kernels import eigenpairs
 from tactopose_drake.core.plain_values import ReadOnlyCopies, copied, numbers
-from tactopose_drake.core.posterior.moved_origin import increments_of_origin, move_origin, prior_of_middle
+from tactopose_drake.core.posterior.moved_origin import move_measurement, move_origin, prior_of_middle
 from tactopose_drake.core.validation import LATEST, FloatArray, instance_of, limited
 from tactopose_drake.errors import InvalidInputError
 
@@ -160,12 +160,9 @@ class Frame:
         if evidence.prior is not None:
             evidence = copied(evidence, prior=prior_of_middle(evidence.prior, p_OC))
         if vision is not None:
-            covariance = vision.covariance
-            if covariance[_W, _V].any():
-                J = increments_of_origin(vision.X_PO[None, :, :3], -p_OC)[0]
-                covariance = J @ covariance @ J.T
-                covariance = 0.5 * (covariance + covariance.T)
-            vision = vision.moved_to(vision.time, move_origin(vision.X_PO, p_OC), covariance)
+            X_PC, covariance = move_measurement(vision.X_PO, vision.covariance, p_OC)
+            is_correlated = vision.covariance[_W, _V].any()
+            vision = vision.moved_to(vision.time, X_PC, covariance if is_correlated else vision.covariance)
 
         def depth_of_middle(X_PC: FloatArray) -> FloatArray:
             assert depth is not None

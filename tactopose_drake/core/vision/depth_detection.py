@@ -20,6 +20,7 @@ from tactopose_drake.core.poses import (
     retract,
     transform_points,
 )
+from tactopose_drake.core.posterior.moved_origin import has_far_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.core.vision.depth_pictures import DepthPicture, fit_to_picture
@@ -51,6 +52,8 @@ def find_poses(picture: DepthPicture, object_model: ObjectModel, model: DepthTra
         object_model: the object.
         model: how the tracker fits.
     """
+    if has_far_origin(object_model):
+        return [fit.of_frame_at(-object_model.middle) for fit in find_poses(picture, object_model.about_middle, model)]
     points = picture.points(without_hand=True)
     if len(points) < model.least_pixels:
         return []

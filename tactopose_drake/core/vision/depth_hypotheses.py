@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactopose_drake.core.poses import compose, increments_between, retract
+from tactopose_drake.core.posterior.moved_origin import has_far_origin, move_measurement
 from tactopose_drake.core.shape.free_spin import turn_toward
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
@@ -41,6 +42,11 @@ class TrackedPoses:
         """The pose that agrees best."""
         return self.found[0]
 
+    def of_frame_at(self, p_OQ: FloatArray) -> "TrackedPoses":
+        """The poses of the frame Q at p_OQ, shape (3,), m, with O's axes."""
+        _, covariance = move_measurement(self.best.X_CO, self.covariance, p_OQ)
+        return TrackedPoses(tuple(fit.of_frame_at(p_OQ) for fit in self.found), covariance)
+
 
 def track_poses(
     picture: DepthPicture, object_model: ObjectModel, before: TrackedPoses | None, model: DepthTrackerModel
@@ -56,6 +62,11 @@ def track_poses(
     Returns:
         The poses, or None if the object is not found.
     """
+    if has_far_origin(object_model):
+        p_OM = object_model.middle
+        at_middle = None if before is None else before.of_frame_at(p_OM)
+        tracked = track_poses(picture, object_model.about_middle, at_middle, model)
+        return None if tracked is None else tracked.of_frame_at(-p_OM)
     earlier = () if before is None else before.found
     fits = [fit_pose(picture, object_model, one.X_CO, one.covariance, model) for one in earlier]
     found = [fit for fit in fits if fit is not None] or find_poses(picture, object_model, model)

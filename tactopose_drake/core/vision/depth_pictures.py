@@ -24,7 +24,7 @@ _MARGIN = 0.004  # beyond three sigma of the noise, by which a surface must be n
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class DepthCameraModel:
-    """The geometry and noise of a depth camera."""
+    """The geometry and noise of a depth camera with square pixels, whose axis meets the middle of the image."""
 
     width: int = 240  # width of the image, pixels
     height: int = 180  # height of the image, pixels

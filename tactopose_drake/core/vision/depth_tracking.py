@@ -9,12 +9,13 @@ Computing, 1992.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.poses import increments_between, retract
+from tactopose_drake.core.posterior.moved_origin import has_far_origin, move_measurement
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray, flag
 from tactopose_drake.core.vision.depth_pictures import DepthPicture, expected_picture, fit_to_picture
@@ -82,6 +83,11 @@ class TrackedPose:
     hidden_share: float
     disagreement: float
 
+    def of_frame_at(self, p_OQ: FloatArray) -> "TrackedPose":
+        """The pose of the frame Q at p_OQ, shape (3,), m, with O's axes."""
+        X_CQ, covariance = move_measurement(self.X_CO, self.covariance, p_OQ)
+        return replace(self, X_CO=X_CQ, covariance=covariance)
+
 
 def fit_pose(
     picture: DepthPicture,
@@ -92,6 +98,8 @@ def fit_pose(
 ) -> TrackedPose | None:
     """Fits the object's pose to the points; None if too few are seen, or the object is seen through.
 
+    If the origin of O is far from the object, the motion between frames is that of the object's middle.
+
     Args:
         picture: the depth image.
         object_model: the object.
@@ -99,6 +107,11 @@ def fit_pose(
         covariance: of the increment (w, v) from it, v in C, shape (6, 6), rad and m.
         model: how to fit.
     """
+    if has_far_origin(object_model):
+        p_OM = object_model.middle
+        at_middle = move_measurement(X_CO, covariance, p_OM)
+        fit = fit_pose(picture, object_model.about_middle, *at_middle, model)
+        return None if fit is None else fit.of_frame_at(-p_OM)
     points = _points_about(picture, object_model, X_CO, model)
     if len(points) < model.least_pixels:
         return None

@@ -7,7 +7,7 @@ import trimesh
 
 from tactopose_drake.core.poses import increments_between, make_poses
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.vision.depth_hypotheses import track_poses
+from tactopose_drake.core.vision.depth_hypotheses import TrackedPoses, track_poses
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, DepthPicture
 from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel
 from tests.core.vision.seen_scenes import NO_HAND, picture_of
@@ -69,3 +69,20 @@ def test_poses_that_look_the_same_are_one() -> None:
     tracked = track_poses(picture, model, None, MODEL)
     assert tracked is not None
     assert len(tracked.found) == 1
+
+
+def test_an_object_far_from_its_frame_s_origin_is_tracked_like_one_about_it() -> None:
+    near = cup().about_middle
+    p_OM = np.array([0.8, -0.5, 0.3])
+    far = ObjectModel.from_mesh(trimesh.Trimesh(near.vertices + p_OM, near.faces), cache=False)
+    tracked: list[TrackedPoses | None] = [None, None]
+    for angle in (150.0, 175.0):  # more than a standard deviation of the motion between pictures
+        picture, _ = seen(near, np.radians(angle), seed=1)
+        of_near, of_far = (
+            track_poses(picture, model, before, MODEL) for model, before in zip((near, far), tracked, strict=True)
+        )
+        assert of_near is not None
+        assert of_far is not None
+        at_middle, tracked = of_far.of_frame_at(p_OM), [of_near, of_far]
+        np.testing.assert_allclose(at_middle.best.X_CO, of_near.best.X_CO, atol=1e-4)
+        np.testing.assert_allclose(at_middle.covariance, of_near.covariance, rtol=0.05, atol=1e-6)

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract, transform_points
+from tactopose_drake.core.posterior.moved_origin import move_measurement
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, DepthPicture, fit_to_picture
 from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel, TrackedPose, fit_pose, residuals
@@ -199,3 +200,18 @@ def test_bad_parameters_are_named() -> None:
         DepthCameraModel(width=240.5).validate()  # type: ignore[arg-type]
     with pytest.raises(InvalidInputError, match=r"DepthTrackerModel\.knows_hand must be .*, not 'no'"):
         DepthTrackerModel(knows_hand="no").validate()  # type: ignore[arg-type]
+
+
+def test_a_turn_about_the_middle_is_followed_wherever_the_frame_s_origin_is(box: ObjectModel) -> None:
+    p_OM = np.array([0.8, -0.5, 0.3])
+    far = ObjectModel.from_mesh(trimesh.Trimesh(box.vertices + p_OM, box.faces), cache=False)
+    seen = picture(box, NO_HAND)
+    start = retract(X_CO, np.array([0.2, -0.15, 0.2, 0.01, 0.0, -0.01]))
+    start_far, before_far = move_measurement(start, BEFORE, -p_OM)
+    near_fit = fit_pose(seen, box, start, BEFORE, DepthTrackerModel())
+    far_fit = fit_pose(seen, far, start_far, before_far, DepthTrackerModel())
+    assert near_fit is not None
+    assert far_fit is not None
+    X_CM, covariance = move_measurement(far_fit.X_CO, far_fit.covariance, p_OM)
+    np.testing.assert_allclose(X_CM, near_fit.X_CO, atol=1e-4)
+    np.testing.assert_allclose(covariance, near_fit.covariance, rtol=0.01, atol=1e-8)
