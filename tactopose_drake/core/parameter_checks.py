@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import Any, Protocol, TypeVar
 
-from tactopose_drake.core.validation import instance_of, positive_number, whole_number
+from tactopose_drake.core.validation import finite_array, instance_of, positive_number, whole_number
 
 
 class Checked(Protocol):
@@ -52,6 +52,7 @@ def check_numbers(
     params: Any,
     *,
     may_be_zero: Collection[str] = (),
+    any_sign: Collection[str] = (),
     most: Mapping[str, float] = MappingProxyType({}),
     units: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
@@ -63,6 +64,7 @@ def check_numbers(
         name: of the dataclass, for messages.
         params: the dataclass; fields with other defaults are ignored.
         may_be_zero: names of fields that may also be 0.
+        any_sign: names of floats that may be any finite number.
         most: the largest value of a field, by its name.
         units: of such values, to be stated where a number may be in another unit.
 
@@ -73,6 +75,8 @@ def check_numbers(
         place, value, zero = f"{name}.{field.name}", getattr(params, field.name), field.name in may_be_zero
         if isinstance(field.default, int) and not isinstance(field.default, bool):
             whole_number(place, value, least=0 if zero else 1)
+        elif field.name in any_sign:
+            finite_array(place, 0.0 if value is None else value, ())
         elif isinstance(field.default, float) or (field.default is None and value is not None):
             largest, unit = most.get(field.name, math.inf), units.get(field.name, "")
             positive_number(place, value, allow_zero=zero, most=largest, unit=unit)

@@ -87,10 +87,9 @@ def AddDepthCamera(
     if not scene_graph.HasRenderer(_RENDERER):
         scene_graph.AddRenderer(_RENDERER, MakeRenderEngineVtk(RenderEngineVtkParams()))
     # Drake's renderers place a pixel's centre half a pixel beyond its index, as `rays` does.
-    focal, middle = model.focal_length, (0.5 * model.width, 0.5 * model.height)
     core = RenderCameraCore(
         _RENDERER,
-        CameraInfo(model.width, model.height, focal, focal, *middle),
+        CameraInfo(model.width, model.height, model.focal_length, model.focal_length, *model.center),
         ClippingRange(*_CLIPPING),
         RigidTransform(),
     )

@@ -225,8 +225,7 @@ def _write(axes: Axes, scene: Scene, camera: Camera, is_estimate: bool, dpi: int
             origins = np.zeros(3), scene.hypotheses[0].X_PO.translation()
             texts += [(origin, name, FRAMES.colour) for origin, name in zip(origins, "PO", strict=True)]
     p_C = [camera.X_CP[:, :3] @ point + camera.X_CP[:, 3] for point, _, _ in texts]
-    middle = 0.5 * np.array([camera.width, camera.height])
-    anchors = [(camera.focal_length * p[:2] / p[2] + middle) / _OVERSAMPLING for p in p_C]
+    anchors = [(camera.focal_length * p[:2] / p[2] + camera.center) / _OVERSAMPLING for p in p_C]
     places = label_places(anchors, [text for _, text, _ in texts], camera.width / _OVERSAMPLING, dpi)
     for (_, text, colour), place in zip(texts, places, strict=True):
         axes.text(

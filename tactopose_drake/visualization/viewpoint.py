@@ -71,7 +71,7 @@ def _seen(scene: Scene, camera: Camera) -> tuple[float, float]:
     if contacts.n_PC is None or not len(contacts):
         return area, 0.0
     p_C = (contacts.p_PC + _STANDS_OFF * contacts.n_PC) @ camera.X_CP[:, :3].T + camera.X_CP[:, 3]
-    pixel = camera.focal_length * p_C[:, :2] / p_C[:, 2:] + 0.5 * np.array([camera.width, camera.height])
+    pixel = camera.focal_length * p_C[:, :2] / p_C[:, 2:] + camera.center
     column, row = np.clip(pixel, 0, [camera.width - 1, camera.height - 1]).astype(int).T
     return area, float(np.mean(1.0 / p_C[:, 2] >= nearest[row, column]))
 

@@ -23,9 +23,9 @@ X_WC = RigidTransform(RollPitchYaw(2.6, 0.3, 0.4), [0.1, 0.2, 0.6])
 X_WO = X_WC @ RigidTransform(RollPitchYaw(0.4, 0.7, 0.2), [0.02, -0.01, 0.5])
 
 
-def see(depth_noise: float, seed: int = 0) -> np.ndarray:
+def see(depth_noise: float, seed: int = 0, **center: float) -> np.ndarray:
     """A box in the world, seen once."""
-    camera = DepthCameraModel(width=120, height=90, focal_length=110.0, depth_noise=depth_noise)
+    camera = DepthCameraModel(width=120, height=90, focal_length=110.0, depth_noise=depth_noise, **center)
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(time_step=1e-3), builder)
     body = plant.AddRigidBody("box", SpatialInertia.SolidSphereWithMass(0.1, 0.02))
@@ -55,6 +55,12 @@ def test_its_pixels_are_where_the_tracker_has_them(exact: np.ndarray) -> None:
     assert both.sum() > 300
     assert np.median(np.abs(exact[both] - expected[both])) < 1e-4
     assert np.mean(exact[both] - expected[both]) == pytest.approx(0.0, abs=2e-4)
+
+
+def test_its_axis_meets_the_image_where_it_is_told_to(exact: np.ndarray) -> None:
+    """Seven pixels farther right and four farther up than in the middle, it shows all that much farther."""
+    moved = see(0.0, center_x=66.5, center_y=40.5)
+    np.testing.assert_allclose(moved[:-4, 7:], exact[4:, :-7], atol=1e-4)
 
 
 def test_its_noise_is_as_told_and_by_the_seed(exact: np.ndarray) -> None:

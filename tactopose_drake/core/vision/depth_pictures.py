@@ -24,11 +24,15 @@ _MARGIN = 0.004  # beyond three sigma of the noise, by which a surface must be n
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class DepthCameraModel:
-    """The geometry and noise of a depth camera with square pixels, whose axis meets the middle of the image."""
+    """The geometry and noise of a depth camera with square pixels and without distortion."""
 
     width: int = 240  # width of the image, pixels
     height: int = 180  # height of the image, pixels
     focal_length: float = 200.0  # focal length, pixels
+    # Where the camera's axis meets the image, pixels to the right of the centre of the upper left pixel, as in OpenCV
+    # and ROS; null for the middle. In a cropped image it may be outside.
+    center_x: float | None = None
+    center_y: float | None = None  # the same, below the centre of that pixel
     depth_noise: float = 1.43e-3  # standard deviation of a depth z over z^2, 1/m: that of the Kinect [K12]
     # Share of its variance that is common to neighbouring pixels, so that averaging over the object does not reduce it.
     common_share: float = 0.3
@@ -38,7 +42,8 @@ class DepthCameraModel:
     def validate(self) -> None:
         """Raises InvalidInputError if a value is out of its range."""
         may_be_zero = ("depth_noise", "common_share")
-        check_numbers("DepthCameraModel", self, may_be_zero=may_be_zero, most={"common_share": 1.0})
+        centers = ("center_x", "center_y")
+        check_numbers("DepthCameraModel", self, may_be_zero=may_be_zero, any_sign=centers, most={"common_share": 1.0})
         if self.nearest >= self.farthest:
             raise InvalidInputError(
                 f"DepthCameraModel.nearest must be less than `farthest`, {self.farthest:g} m, not {self.nearest:g} m."
@@ -47,7 +52,14 @@ class DepthCameraModel:
     @property
     def at_origin(self) -> Camera:
         """The camera at the origin of its own frame."""
-        return Camera(np.eye(3, 4), self.focal_length, self.width, self.height)
+        return Camera(np.eye(3, 4), self.focal_length, self.width, self.height, self.center)
+
+    @property
+    def center(self) -> tuple[float, float]:
+        """Where the camera's axis meets the image, pixels to the right of and below its upper left corner."""
+        x = 0.5 * self.width if self.center_x is None else self.center_x + 0.5
+        y = 0.5 * self.height if self.center_y is None else self.center_y + 0.5
+        return x, y
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +105,7 @@ class PictureFit:
 def rays(camera: DepthCameraModel) -> FloatArray:
     """The points at depth 1 m on the pixels' rays, in the camera's frame, shape (height, width, 3), m."""
     row, column = np.mgrid[: camera.height, : camera.width] + 0.5
-    across, down = column - 0.5 * camera.width, row - 0.5 * camera.height
+    across, down = column - camera.center[0], row - camera.center[1]
     found: FloatArray = np.stack([across, down, np.full_like(row, camera.focal_length)], axis=2) / camera.focal_length
     return found
 

@@ -58,8 +58,8 @@ class DepthView:
         """
         p_CQ = transform_points(self.X_CO, p_OQ)
         z = np.maximum(p_CQ[:, 2], 1e-6)
-        column = np.floor(self.camera.focal_length * p_CQ[:, 0] / z + 0.5 * self.camera.width).astype(int)
-        row = np.floor(self.camera.focal_length * p_CQ[:, 1] / z + 0.5 * self.camera.height).astype(int)
+        column = np.floor(self.camera.focal_length * p_CQ[:, 0] / z + self.camera.center[0]).astype(int)
+        row = np.floor(self.camera.focal_length * p_CQ[:, 1] / z + self.camera.center[1]).astype(int)
         inside = (column >= 0) & (column < self.camera.width) & (row >= 0) & (row < self.camera.height)
         behind = np.full(len(p_OQ), np.nan)
         behind[inside] = self.depth[row[inside], column[inside]] - p_CQ[inside, 2]

@@ -24,12 +24,14 @@ class Camera:
         X_CP: pose of the scene's frame in the camera, shape (3, 4).
         focal_length: pixels.
         width, height: of the image, pixels.
+        center: where the camera's axis meets the image, pixels to the right of and below its upper left corner.
     """
 
     X_CP: FloatArray
     focal_length: float
     width: int
     height: int
+    center: tuple[float, float]
 
     @classmethod
     def framing(
@@ -65,7 +67,8 @@ class Camera:
         lowest = (seen[:, :2] - slopes * -seen[:, 2:]).min(axis=0)
         distance = float(np.max((highest - lowest) / (2.0 * slopes)))
         p_CP = np.append(-0.5 * (highest + lowest), distance)
-        return cls(np.column_stack([R_CP, p_CP]), float(focal_length), width, height)
+        center = 0.5 * width, 0.5 * height
+        return cls(np.column_stack([R_CP, p_CP]), float(focal_length), width, height, center)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -135,7 +138,7 @@ def _nearest_faces(
 ) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32], NDArray[np.int32]]:
     """Inverse depth, face and weights of its corners at each pixel; and the faces in front of the camera."""
     depth = np.maximum(p_C[:, 2], 1e-9)
-    pixels = camera.focal_length * p_C[:, :2] / depth[:, None] + 0.5 * np.array([camera.width, camera.height])
+    pixels = camera.focal_length * p_C[:, :2] / depth[:, None] + camera.center
     before = p_C[:, 2] > _NEAR
     chosen = np.ascontiguousarray(faces if before.all() else faces[before[faces].all(axis=1)], dtype=np.int32)
     inverse_depth, face, weights = rasterize(pixels, 1.0 / depth, chosen, camera.width, camera.height)

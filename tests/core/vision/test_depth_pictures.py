@@ -47,6 +47,18 @@ def test_pixels_see_along_their_rays(block: ObjectModel) -> None:
     np.testing.assert_array_equal(is_seen, (np.abs(across) < 0.06) & (np.abs(down) < 0.045))
 
 
+def test_a_cropped_image_shows_what_the_whole_one_shows_there(block: ObjectModel) -> None:
+    """The axis of the whole camera meets it beside the crop, which begins at column 35 and row 4."""
+    crop = dataclasses.replace(CAMERA, width=20, height=30, center_x=29.5 - 35.0, center_y=19.5 - 4.0)
+    crop.validate()
+    part = np.s_[4:34, 35:55]
+    np.testing.assert_allclose(rays(crop), rays(CAMERA)[part], atol=1e-12)
+    nothing = DepthPicture(np.full((30, 20), np.inf), np.zeros((30, 20), dtype=bool), crop)
+    whole, seen = (expected_picture(block, X_CO, each).depth for each in (empty(), nothing))
+    assert 0 < np.isfinite(seen).sum() < seen.size
+    np.testing.assert_allclose(seen, whole[part], rtol=1e-6)
+
+
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
 def test_noise_is_as_large_as_is_told_and_a_share_of_it_is_common(share: float) -> None:
     camera = dataclasses.replace(CAMERA, width=5, height=3, common_share=share)

@@ -194,6 +194,8 @@ def test_bad_parameters_are_named() -> None:
         DepthTrackerModel(most_hidden=1.5).validate()
     with pytest.raises(InvalidInputError, match=r"DepthCameraModel\.focal_length must be .*, not 0"):
         DepthCameraModel(focal_length=0.0).validate()
+    with pytest.raises(InvalidInputError, match=r"DepthCameraModel\.center_x must be a finite number, not nan"):
+        DepthCameraModel(center_x=float("nan")).validate()
     with pytest.raises(InvalidInputError, match=r"DepthCameraModel\.nearest must be less than .*, not 5 m"):
         DepthCameraModel(nearest=5.0).validate()
     with pytest.raises(InvalidInputError, match=r"DepthCameraModel\.width must be an integer .*, not 240\.5"):
