@@ -114,6 +114,7 @@ class _MessageRun:
         self._fingers = hand.sensing
         self._cells = {pad.name: len(load_tactile_pad(pad.array).layout) for pad in hand.pads}
         self._last, self._last_time, self._beat_time = ObjectBeliefMessage(), -math.inf, -math.inf
+        self._last_utime: int | None = None
         self._is_silent = False
 
     def step(self, timeout: float) -> bool:
@@ -121,14 +122,18 @@ class _MessageRun:
         self._inbox.wait(timeout)
         senses = self._inbox.take()
         if senses is None:
-            return self._be_patient()
+            return self._be_patient("no senses for")
+        if senses.utime == self._last_utime and time.monotonic() > self._last_time + self._max_age:
+            # Its sender repeats a measurement, as of a hand whose sensors hang.
+            return self._be_patient("the senses' time has stood still for")
         remarks = list(self._inbox.take_remarks())
         if self._is_silent:
             remarks.append(f"the senses are back after {time.monotonic() - self._last_time:.1f} s")
-        message = self._believe(senses, remarks)
-        self._last, self._last_time, self._is_silent = message, time.monotonic(), False
-        self.status = message.status
-        self._send(message)
+        self._last, self._is_silent = self._believe(senses, remarks), False
+        if senses.utime != self._last_utime:
+            self._last_utime, self._last_time = senses.utime, time.monotonic()
+        self.status = self._last.status
+        self._send(self._last)
         return True
 
     def _believe(self, senses: HandSensesMessage, remarks: list[str]) -> ObjectBeliefMessage:
@@ -154,15 +159,15 @@ class _MessageRun:
         message.utime, message.sequence = senses.utime, senses.sequence
         return message
 
-    def _be_patient(self) -> bool:
-        """Publishes a silence of the senses from time to time; returns whether it did after earlier messages."""
+    def _be_patient(self, what: str) -> bool:
+        """Publishes what has lasted since the last new senses from time to time; returns whether it did after some."""
         now = time.monotonic()
         silence = now - self._last_time
         if silence <= self._max_age or now - self._beat_time < _HEARTBEAT:
             return False
         self._beat_time = now
         self._is_silent = math.isfinite(silence)
-        text = f"no senses for {silence:.1f} s" if self._is_silent else "no senses yet"
+        text = f"{what} {silence:.1f} s" if self._is_silent else "no senses yet"
         remarks = "".join(f"; {remark}" for remark in self._inbox.take_remarks())
         self.status = f"lost: {text}{remarks}"
         self._send(dataclasses.replace(self._last, status=self.status))

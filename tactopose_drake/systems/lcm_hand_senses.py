@@ -52,7 +52,8 @@ class LcmHandSenses(CollectableSystem):
       has none, or is older than `max_age`.
     - pressures_<pad>: of each pad's cells, Pa; NaN likewise.
     - joint_positions: of the hand's own plant, shape (nq,), rad; coupled joints follow. NaN likewise.
-    - age: time since the last message arrived, s, shape (1,); infinite before the first.
+    - age: time since the last message arrived, s, shape (1,); infinite before the first. A message with the `utime` of
+      the one before repeats its measurement, and does not make it younger.
     - status: str, "ok", "no message yet", "stale: " and its age, or what in the message does not fit the hand.
 
     All outputs change once a period.
@@ -106,7 +107,8 @@ class LcmHandSenses(CollectableSystem):
         is_new = (message.utime, message.sequence) != last and not message.is_late_after(*last)
         # Copied, because a sender may reuse one message object, which would then be compared with itself.
         message = copy.deepcopy(message) if is_new else before.message
-        came = now if is_new and message.sequence >= 0 else before.time
+        is_repeated = message.utime == last[0] and before.message.sequence >= 0
+        came = now if is_new and message.sequence >= 0 and not is_repeated else before.time
         age = now - came
         status = "; ".join(misfits(message, self._joints.names, self._fingers, self._cells)) or "ok"
         if not np.isfinite(came):

@@ -108,6 +108,16 @@ def test_a_message_of_before_the_clock_went_back_is_not_fresh() -> None:
     assert wired.value("status") == "ok"
 
 
+def test_messages_that_repeat_a_measurement_do_not_make_it_younger() -> None:
+    wired = Wired("shadow_like")
+    for sequence in range(15):
+        wired.run(0.02, HandSensesMessage(utime=5, sequence=sequence, wrenches=dict(held_cube.WRENCHES)))
+    assert wired.value("status").startswith("stale: 0.")
+    assert np.all(np.isnan(wired.value("wrench_thumb")))
+    wired.run(0.02, HandSensesMessage(utime=6, sequence=15, wrenches=dict(held_cube.WRENCHES)))
+    assert wired.value("status") == "ok"
+
+
 class _OneMessage(LeafSystem):
     """A driver that fills the same message again and again."""
 

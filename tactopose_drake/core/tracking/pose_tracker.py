@@ -10,7 +10,7 @@ from tactopose_drake.core.evidence.contact_reading import ContactReading, Seemin
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernel_library import make_kernels_ready
 from tactopose_drake.core.motion.object_motion import move_freely, move_with_fingertips, move_with_palm
-from tactopose_drake.core.motion.rigid_motion import Motion, MotionHistory
+from tactopose_drake.core.motion.rigid_motion import Motion
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.plain_values import copied, seal
 from tactopose_drake.core.posterior.moved_origin import has_far_origin, mixture_of_origin
@@ -33,7 +33,7 @@ from tactopose_drake.core.tracking.relocalisation import relocalise
 from tactopose_drake.core.tracking.sliced_search import search_on
 from tactopose_drake.core.tracking.tracked_modes import has_moved, predict_modes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
-from tactopose_drake.core.tracking.vision_update import move_standing, see
+from tactopose_drake.core.tracking.vision_update import follow_motion, move_standing, see, unknown_past
 from tactopose_drake.core.validation import TIME_ROUNDING, instance_of
 from tactopose_drake.errors import InvalidInputError
 
@@ -62,7 +62,8 @@ class PoseTracker:
 
     def start(self, time: float = 0.0) -> PoseBelief:
         """The belief of no knowledge at a time, s."""
-        nothing = PoseBelief(time=time, status="lost", history=MotionHistory((time,)), remarks=("no estimate yet",))
+        past = unknown_past(self._params, time)
+        nothing = PoseBelief(time=time, status="lost", history=past, remarks=("no estimate yet",))
         return _finished(nothing)
 
     def step(self, belief: PoseBelief, frame: Frame) -> PoseBelief:
@@ -131,20 +132,18 @@ class PoseTracker:
 
     def _predict(self, belief: PoseBelief, frame: Frame, reading: ContactReading, duration: float) -> PoseBelief:
         """The belief moved to the frame's time by the motion since, before any measurement."""
-        params, history = self._params, belief.history
+        params = self._params
         rigidity_test, slides = detect_by_motion(
             params.rigidity_test, belief.rigidity_test, reading, frame.tip_velocity, frame.time, duration
         )
         slip_time, slip_sign = (frame.time, BY_MOTION) if slides else (belief.slip_time, belief.slip_sign)
         motion = self._motion(belief, frame, reading.contacts, slips=belief.time < slip_time + params.slip_time)
-        if duration > 0.0:
-            history = history.followed_by(motion, frame.time, params.vision.max_age)
         modes = belief.modes.with_sources(len(reading.sources))
         was_taken = not reading.has_contact and -np.inf < belief.touch_time < frame.time - params.lost_time
         return copied(
             belief,
             time=frame.time,
-            history=history,
+            history=follow_motion(params, belief, motion, frame.time),
             search=belief.search.moved(motion),
             slip_test=belief.slip_test.moved(motion),
             rigidity_test=rigidity_test,

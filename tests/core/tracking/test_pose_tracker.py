@@ -406,6 +406,17 @@ def test_vision_alone_is_a_pose_without_contact(tracker: PoseTracker) -> None:
     assert error(belief, X_PO)[0] < 1e-6
 
 
+def test_a_picture_from_before_the_first_frame_counts_the_same_whatever_the_clock_shows(tracker: PoseTracker) -> None:
+    covariance, seen = np.diag(np.repeat([1e-4, 1e-6], 3)), []
+    for time in (0.0, 0.25, 100.0, 2.0**30):
+        picture = PoseMeasurement(time - 0.5, X_PO, covariance)
+        belief = tracker.step(tracker.start(), Frame(time, Evidence(Contacts.empty()), vision=picture))
+        assert belief.status == "no_contact"
+        seen.append(belief.covariance[0])
+    np.testing.assert_allclose(seen, [seen[0]] * len(seen), rtol=1e-9, atol=1e-15)
+    assert np.all(np.diag(seen[0]) > 10.0 * np.diag(covariance))  # In half a second it may have moved.
+
+
 @pytest.mark.parametrize("fault", ["metres off", "frozen", "old", "of the future"])
 def test_faulty_vision_is_named_and_does_no_harm(tracker: PoseTracker, fault: str) -> None:
     follower = Follower(tracker)
