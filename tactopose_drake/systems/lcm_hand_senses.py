@@ -53,7 +53,7 @@ class LcmHandSenses(CollectableSystem):
     - pressures_<pad>: of each pad's cells, Pa; NaN likewise.
     - joint_positions: of the hand's own plant, shape (nq,), rad; coupled joints follow. NaN likewise.
     - age: time since the last message arrived, s, shape (1,); infinite before the first. A message with the `utime` of
-      the one before repeats its measurement, and does not make it younger.
+      the one before, unless that is 0, repeats its measurement, and does not make it younger.
     - status: str, "ok", "no message yet", "stale: " and its age, or what in the message does not fit the hand.
 
     All outputs change once a period.
@@ -107,7 +107,7 @@ class LcmHandSenses(CollectableSystem):
         is_new = (message.utime, message.sequence) != last and not message.is_late_after(*last)
         # Copied, because a sender may reuse one message object, which would then be compared with itself.
         message = copy.deepcopy(message) if is_new else before.message
-        is_repeated = message.utime == last[0] and before.message.sequence >= 0
+        is_repeated = message.utime == last[0] != 0 and before.message.sequence >= 0  # 0: its sender has no clock.
         came = now if is_new and message.sequence >= 0 and not is_repeated else before.time
         age = now - came
         status = "; ".join(misfits(message, self._joints.names, self._fingers, self._cells)) or "ok"

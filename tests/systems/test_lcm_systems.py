@@ -118,6 +118,13 @@ def test_messages_that_repeat_a_measurement_do_not_make_it_younger() -> None:
     assert wired.value("status") == "ok"
 
 
+def test_messages_of_a_sender_without_a_clock_are_as_old_as_their_arrival() -> None:
+    wired = Wired("shadow_like")
+    for sequence in range(15):
+        wired.run(0.02, HandSensesMessage(sequence=sequence, wrenches=dict(held_cube.WRENCHES)))
+    assert wired.value("status") == "ok"
+
+
 class _OneMessage(LeafSystem):
     """A driver that fills the same message again and again."""
 
