@@ -26,8 +26,6 @@ _LEAST, _MOST = np.nextafter(0.0, 1.0), np.finfo(np.float64).max
 
 LATEST = 1e12
 """Largest time, s: far beyond any clock's, and still resolved to a millisecond."""
-TIME_ROUNDING = 1e-9
-"""Times that differ by less, s, are the same: sums of periods and durations are rounded."""
 MOST_FORCE = 1e6
 """Largest force of a contact, N: simulated ones are large if bodies start inside each other."""
 MOST_MEASURED_FORCE = 1e3

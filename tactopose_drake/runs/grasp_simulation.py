@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context
 
 from tactopose_drake.core.grasping.grasp_plan import GraspPlan
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import TIME_ROUNDING
+from tactopose_drake.core.times import has_passed
 from tactopose_drake.runs.contact_truth import ContactTruth
 from tactopose_drake.runs.grasp_watch import GraspWatch
 from tactopose_drake.runs.stepping import Observer, RunView
@@ -120,7 +120,7 @@ def run_grasp(
         meshcat.StartRecording()
     display = None if meshcat is None else station.diagram.GetSubsystemByName("pose_display")
     watch, view, step = GraspWatch(station), RunView(station.diagram, context), 0.02
-    while context.get_time() < station.scenario.duration - TIME_ROUNDING and not watch.is_over(context):
+    while not has_passed(context.get_time(), 0.0, station.scenario.duration) and not watch.is_over(context):
         simulator.AdvanceTo(context.get_time() + step)
         watch.see(context)
         observer(view)

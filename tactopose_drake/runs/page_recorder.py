@@ -10,7 +10,8 @@ from pydrake.math import RigidTransform
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import TIME_ROUNDING, FloatArray
+from tactopose_drake.core.times import TIME_ROUNDING
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_in_plant import make_hand_plant, make_hand_with_shapes
 from tactopose_drake.hand.joint_matrices import reading_offsets

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.validation import TIME_ROUNDING, FloatArray
+from tactopose_drake.core.times import TIME_ROUNDING
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.runs.estimate_writer import estimates_now, read_estimate
 from tactopose_drake.runs.stepping import RunView
 

@@ -13,8 +13,9 @@ from pydrake.systems.sensors import ImageDepth32F
 
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.poses import compose, inverse, random_rotations
+from tactopose_drake.core.times import has_passed
 from tactopose_drake.core.tracking.frame import PoseMeasurement
-from tactopose_drake.core.validation import TIME_ROUNDING, FloatArray, positive_number
+from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.core.vision.depth_hypotheses import TrackedPoses, track_poses
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, take_picture
 from tactopose_drake.core.vision.depth_tracking import DepthTrackerModel
@@ -194,8 +195,8 @@ class DepthTracker(CollectableSystem):
 
 def _delivered(state: _TrackerState, time: float) -> _TrackerState:
     """The state after the answers that are due by now have been published."""
-    arrived = [answer for due, answer in state.waiting if due <= time + TIME_ROUNDING]
+    arrived = [answer for due, answer in state.waiting if has_passed(time, due, 0.0)]
     if not arrived:
         return state
-    waiting = tuple(entry for entry in state.waiting if entry[0] > time + TIME_ROUNDING)
+    waiting = tuple(entry for entry in state.waiting if not has_passed(time, entry[0], 0.0))
     return dataclasses.replace(state, waiting=waiting, measurement=arrived[-1])

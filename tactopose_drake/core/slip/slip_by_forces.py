@@ -19,7 +19,8 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.slip.slip_params import ForceTestParams
-from tactopose_drake.core.validation import TIME_ROUNDING, FloatArray
+from tactopose_drake.core.times import TIME_ROUNDING, has_passed
+from tactopose_drake.core.validation import FloatArray
 
 BY_FORCES = "friction gives way, as the forces show"
 """The reason given for a slip that this test detects."""
@@ -78,7 +79,7 @@ def detect_by_forces(
         return ForceTest(held_time=test.held_time), False
     kept = _with_forces(params, test, reading, time)
     ratios = kept.ratios[-1][np.isfinite(kept.ratios[-1])]
-    if time < test.held_time + params.settling_time or not len(ratios):
+    if not has_passed(time, test.held_time, params.settling_time) or not len(ratios):
         return kept, False
     largest = min(float(ratios.max()), params.most_ratio)
     ratio = test.ratio + params.gain * max(largest - test.ratio, 0.0) if test.ratio > 0.0 else largest
@@ -88,7 +89,7 @@ def detect_by_forces(
     kept = kept._replace(ratio=ratio, noise=noise, inside_time=test.inside_time if at_limit.all() else time)
     are_enough = len(ratios) >= params.least_fingers
     are_alike = are_enough and np.ptp(ratios) < params.alike * ratios.mean()
-    slides = are_alike and at_limit.all() and time < kept.inside_time + params.reaching_time
+    slides = are_alike and at_limit.all() and not has_passed(time, kept.inside_time, params.reaching_time)
     slides = slides and _have_risen(params, kept, time)
     gives_way = at_limit.any() and change > max(params.change, params.noises * test.noise)
     return kept, bool(slides or gives_way or (are_enough and _some_slide(params, kept, time)))
@@ -121,7 +122,8 @@ def _changes(before: FloatArray, now: FloatArray) -> FloatArray:
 
 def _have_risen(params: ForceTestParams, test: ForceTest, time: float) -> bool:
     """Whether the mean ratio has recently risen by more than alike ratios differ, which exceeds the noise."""
-    lately = test.ratios[bisect.bisect_left(test.times, time - params.reaching_time) :, np.isfinite(test.ratios[-1])]
+    begin = time - params.reaching_time - TIME_ROUNDING
+    lately = test.ratios[bisect.bisect_left(test.times, begin) :, np.isfinite(test.ratios[-1])]
     means = lately[np.isfinite(lately).all(axis=1)].mean(axis=1)
     return bool(means[-1] > (1.0 + params.alike) * means.min())
 

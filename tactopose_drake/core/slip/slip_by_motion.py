@@ -24,7 +24,8 @@ from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.posterior.chi_square import chi_square_limit
 from tactopose_drake.core.slip import slip_kernels
 from tactopose_drake.core.slip.slip_params import RigidityTestParams
-from tactopose_drake.core.validation import TIME_ROUNDING, FloatArray
+from tactopose_drake.core.times import has_passed
+from tactopose_drake.core.validation import FloatArray
 
 BY_MOTION = "the fingertips move otherwise than on one rigid object"
 """The reason given for a slip that this test detects."""
@@ -82,7 +83,7 @@ def detect_by_motion(
     touching = frozenset(frame_names := [names[s] for s in reading.source])
     stay = [row for row, name in enumerate(frame_names) if name in test.touching and name in tip_velocity]
     velocity = np.array([tip_velocity[frame_names[row]] for row in stay]).reshape(-1, 6)
-    first = sum(then <= time - params.time + TIME_ROUNDING for then in test.times)
+    first = sum(has_passed(time, then, params.time) for then in test.times)
     before, squares = test.displacements[first:], np.empty(3)
     displacements = np.full((len(before) + 1, len(names), 3), np.nan)
     displacements[:-1, : before.shape[1]] = before

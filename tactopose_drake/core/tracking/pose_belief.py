@@ -28,12 +28,13 @@ from tactopose_drake.core.slip.slip_by_forces import ForceTest
 from tactopose_drake.core.slip.slip_by_motion import RigidityTest
 from tactopose_drake.core.slip.slip_by_surface import SlipTest
 from tactopose_drake.core.statuses import BeliefStatus
+from tactopose_drake.core.times import has_exceeded, has_passed
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import Keyframe
 from tactopose_drake.core.tracking.sliced_search import SearchState
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
-from tactopose_drake.core.validation import TIME_ROUNDING, FloatArray
+from tactopose_drake.core.validation import FloatArray
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -228,18 +229,18 @@ def judge(belief: PoseBelief, params: PoseTrackerParams, *, has_contact: bool) -
     if not has_contact:
         if not belief.has_pose:
             return "lost", ("nothing is touched",)
-        since = time - max(belief.touch_time, belief.vision.accepted_time)
-        if since > params.unobserved_time:
-            return "lost", (f"nothing was touched or seen for {since:.1f} s",)
+        last = max(belief.touch_time, belief.vision.accepted_time)
+        if has_exceeded(time, last, params.unobserved_time):
+            return "lost", (f"nothing was touched or seen for {time - last:.1f} s",)
         return "no_contact", ()
-    if not belief.has_pose or time > belief.explained_time + params.lost_time:
+    if not belief.has_pose or has_exceeded(time, belief.explained_time, params.lost_time):
         return "lost", ("no pose explains the touch",)
-    if time < belief.slip_time + params.slip_time:
+    if not has_passed(time, belief.slip_time, params.slip_time):
         return "slipping", (belief.slip_sign,)
     if not belief.explains_touch[0]:
         return "slipping", ("the best pose does not explain the touch",)
     if belief.probability[0] < params.answer_probability:
         return "ambiguous", (f"the likeliest of several poses carries less than {params.answer_probability:.0%}",)
-    if time < belief.unsettled_time + params.settling_time - TIME_ROUNDING:
+    if not has_passed(time, belief.unsettled_time, params.settling_time):
         return "ambiguous", ("the touch is new",)
     return "ok", ()

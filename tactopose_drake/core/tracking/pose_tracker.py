@@ -18,6 +18,7 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.slip.slip_by_forces import BY_FORCES, detect_by_forces
 from tactopose_drake.core.slip.slip_by_motion import BY_MOTION, detect_by_motion
 from tactopose_drake.core.slip.slip_by_surface import BY_SURFACE, PoseChange, SlipTest, detect_by_surface
+from tactopose_drake.core.times import has_exceeded, has_passed
 from tactopose_drake.core.tracking.contact_errors import (
     as_doubted,
     follow_doubt,
@@ -34,7 +35,7 @@ from tactopose_drake.core.tracking.sliced_search import search_on
 from tactopose_drake.core.tracking.tracked_modes import has_moved, predict_modes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.tracking.vision_update import follow_motion, move_standing, see, unknown_past
-from tactopose_drake.core.validation import TIME_ROUNDING, instance_of
+from tactopose_drake.core.validation import instance_of
 from tactopose_drake.errors import InvalidInputError
 
 
@@ -101,10 +102,12 @@ class PoseTracker:
         explanation = Explanation(self._model, reading.evidence, params.plausibility)
         if reading.is_new:
             belief = self._update_with_touch(belief, frame, reading, duration)
-        elif reading.has_contact:
-            belief = copied(belief, touch_time=frame.time, felt_time=_felt(belief, frame))
+        if reading.has_contact:
+            felt_time = {**belief.felt_time, **dict.fromkeys(frame.names, frame.time)}
+            belief = copied(belief, touch_time=frame.time, felt_time=felt_time)
         # Nothing is searched between the readings of a slow sensor, but by contacts that stay exactly as they are.
-        if reading.is_new or (reading.has_contact and frame.time > belief.changed_time + params.flicker_time):
+        stays = reading.has_contact and has_exceeded(frame.time, belief.changed_time, params.flicker_time)
+        if reading.is_new or stays:
             belief = self._relocalise(belief, frame, reading, duration, explanation, is_outlier=is_outlier)
         belief = summarise(self._model, params, belief, explanation, has_contact=reading.has_contact)
         if belief.explained_time == frame.time and not self._may_be_none(belief, untouched):
@@ -114,12 +117,12 @@ class PoseTracker:
     def _may_be_none(self, belief: PoseBelief, untouched: PoseBelief | None) -> bool:
         """Whether a touch that is explained may still be spurious: it is the first, and new; some pose fits any."""
         is_first = untouched is not None and untouched.touch_time == -np.inf
-        return is_first and belief.time < belief.unsettled_time + self._params.settling_time
+        return is_first and not has_passed(belief.time, belief.unsettled_time, self._params.settling_time)
 
     def _is_over(self, belief: PoseBelief, frame: Frame) -> bool:
         """Whether the last touch has ended; allows for lost readings and flickering light touches."""
         goes_on = belief.touch_time == belief.time and len(frame.evidence.touch) > 0
-        return not goes_on and frame.time > belief.touch_time + self._params.flicker_time
+        return not goes_on and has_exceeded(frame.time, belief.touch_time, self._params.flicker_time)
 
     def _untouched(self, belief: PoseBelief, frame: Frame) -> PoseBelief | None:
         """The belief without the current touch, if that has just begun or nothing has explained it yet."""
@@ -137,9 +140,11 @@ class PoseTracker:
             params.rigidity_test, belief.rigidity_test, reading, frame.tip_velocity, frame.time, duration
         )
         slip_time, slip_sign = (frame.time, BY_MOTION) if slides else (belief.slip_time, belief.slip_sign)
-        motion = self._motion(belief, frame, reading.contacts, slips=belief.time < slip_time + params.slip_time)
+        slips = not has_passed(belief.time, slip_time, params.slip_time)
+        motion = self._motion(belief, frame, reading.contacts, slips=slips)
         modes = belief.modes.with_sources(len(reading.sources))
-        was_taken = not reading.has_contact and -np.inf < belief.touch_time < frame.time - params.lost_time
+        has_been_free = has_exceeded(frame.time, belief.touch_time, params.lost_time)
+        was_taken = has_been_free and belief.touch_time > -np.inf and not reading.has_contact
         return copied(
             belief,
             time=frame.time,
@@ -173,7 +178,8 @@ class PoseTracker:
             return move_with_palm(noise, duration, slips=slips)
         forces = frame.evidence.contacts if len(frame.evidence.contacts) == len(contacts) else contacts
         felt = min(belief.felt_time.get(name, -np.inf) for name in frame.names)
-        settled = felt >= belief.time - params.flicker_time and belief.time >= belief.joined_time + params.settling_time
+        is_steady = not has_exceeded(belief.time, felt, params.flicker_time)
+        settled = is_steady and has_passed(belief.time, belief.joined_time, params.settling_time)
         return move_with_fingertips(
             forces, frame.names, frame.tip_velocity, noise, duration, slips=slips, settled=settled
         )
@@ -190,8 +196,8 @@ class PoseTracker:
             test, slips = detect_by_surface(self._model, params.slip, belief.slip_test, reading, change)
         # A source of the last frame has touched since, however long that was, as long as the object stays held.
         held = duration if duration <= params.noise.longest_gap else 0.0
-        least_gap = max(params.lost_time, held) + TIME_ROUNDING
-        has_joined = any(time > belief.felt_time.get(name, -np.inf) + least_gap for name in frame.names)
+        least_gap = max(params.lost_time, held)
+        has_joined = any(has_exceeded(time, belief.felt_time.get(name, -np.inf), least_gap) for name in frame.names)
         force_test, gives_way = detect_by_forces(
             params.force_test, belief.force_test, reading, time, has_joined=has_joined
         )
@@ -205,12 +211,10 @@ class PoseTracker:
             force_test=force_test,
             keyframes=follow_touch(() if slips else belief.keyframes, now, params.window),
             contacts=reading.contacts,
-            touch_time=time,
             changed_time=time,
             joined_time=time if has_joined else belief.joined_time,
             slip_time=time if slips else belief.slip_time,
             slip_sign=slip_sign,
-            felt_time=_felt(belief, frame),
         )
 
     def _relocalise(
@@ -228,7 +232,7 @@ class PoseTracker:
         has_joined = belief.joined_time == time
         X_best, explained = modes.X_PO[:1], bool(explanation.of(modes.X_PO)[:1].any())
         unsettled_time = time if has_joined else belief.unsettled_time
-        is_urgent = slips or is_outlier or not explained or time < unsettled_time + params.settling_time
+        is_urgent = slips or is_outlier or not explained or not has_passed(time, unsettled_time, params.settling_time)
         if slips or is_outlier or has_joined:
             forgotten = belief.errors._replace(estimates=0)
             belief = copied(belief, search=belief.search._replace(agreeing=0), errors=forgotten)
@@ -283,11 +287,6 @@ class PoseTracker:
         after = with_errors(reading, errors, self._params)
         modes = follow_lasting_errors(belief.modes, reading, after, self._params)
         return copied(belief, errors=errors, modes=modes), after
-
-
-def _felt(belief: PoseBelief, frame: Frame) -> dict[str, float]:
-    """The times when each source last touched, s, updated with the current frame."""
-    return {**belief.felt_time, **dict.fromkeys(frame.names, frame.time)}
 
 
 def _finished(belief: PoseBelief) -> PoseBelief:

@@ -28,13 +28,14 @@ from tactopose_drake.core.searches.patch_searches import patch_search
 from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.times import has_passed
 from tactopose_drake.core.tracking.calibration_scale import estimate_scale, follow_scale
 from tactopose_drake.core.tracking.contact_errors import LEAST_INLIER
 from tactopose_drake.core.tracking.keyframes import Touch
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, RelocalisationParams
 from tactopose_drake.core.tracking.weighed_modes import WeighedModes
-from tactopose_drake.core.validation import TIME_ROUNDING, FloatArray
+from tactopose_drake.core.validation import FloatArray
 
 _REFINEMENT = LevenbergMarquardt(max_iterations=20, tolerance=1e-2)
 
@@ -86,7 +87,7 @@ class SearchState(NamedTuple):
         """Whether the next search may begin at a time, s."""
         steady = self.agreeing >= params.steady_searches
         period = params.urgent_period if is_urgent else params.steady_period if steady else params.period
-        return time >= self.time + period - TIME_ROUNDING
+        return has_passed(time, self.time, period)
 
     def ended(self) -> SearchState:
         """The state after the end of a search."""

@@ -17,6 +17,7 @@ from tactopose_drake.core.motion.rigid_motion import Motion, MotionHistory, pred
 from tactopose_drake.core.poses import increments_between, increments_of_images, retract
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.times import has_exceeded
 from tactopose_drake.core.tracking.contact_update import limit_gain
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief, VisionRecord
@@ -58,7 +59,7 @@ def read_vision(
     """
     if measurement is None:
         # That the last picture was not believed is said while a picture counts; the other remarks are obsolete.
-        is_recent = record.last is not None and time <= record.last.time + params.max_age
+        is_recent = record.last is not None and not has_exceeded(time, record.last.time, params.max_age)
         kept = record.remark == "" or (record.remark == _NOT_BELIEVED and is_recent)
         return None, record if kept else dataclasses.replace(record, remark="")
     age = time - measurement.time
@@ -113,7 +114,7 @@ def see(
         # Only vision tells where an object is that nothing feels. If it contradicts the earlier poses for so long, the
         # object has been moved, or the first pose was the outlier.
         latest = max(record.accepted_time, belief.touch_time)
-        is_anew = is_outlier and not reading.has_contact and frame.time > latest + params.max_age
+        is_anew = is_outlier and not reading.has_contact and has_exceeded(frame.time, latest, params.max_age)
         if is_outlier and not is_anew:
             record = dataclasses.replace(record, remark=_NOT_BELIEVED)
         else:
@@ -123,7 +124,7 @@ def see(
             is_outlier, is_counted, told = False, True, record.prior if is_counted else prior
             record = dataclasses.replace(record, accepted_time=sighting.pose.time, prior=told)
     # Vision that is not believed may be an outlier, but not if nothing else has been seen for so long.
-    waits = record.remark == _NOT_BELIEVED and frame.time <= record.accepted_time + params.max_age
+    waits = record.remark == _NOT_BELIEVED and not has_exceeded(frame.time, record.accepted_time, params.max_age)
     if not is_counted and not waits:
         is_counted, standing = True, guess
         record = dataclasses.replace(record, prior=prior, remark="")
