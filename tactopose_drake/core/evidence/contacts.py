@@ -39,7 +39,7 @@ class DataFrame(Protocol):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Contacts(PlainValue):
-    """Measured contacts, in the palm frame P.
+    """Measured contacts, in the palm frame P. Their errors count as independent, even of contacts at one place.
 
     Attributes:
         p_PC: contact points, shape (k, 3), m; up to 5000, with coordinates up to 10 m, as larger ones are probably in
