@@ -1,6 +1,9 @@
 """`tactopose cache`: shows and clears the cache of objects' models."""
 
+import contextlib
+import os
 import time
+from pathlib import Path
 
 import click
 
@@ -18,11 +21,7 @@ def cache_command(clear: bool) -> None:
 
     Set another folder by TACTOPOSE_CACHE_DIR, and another limit by TACTOPOSE_CACHE_GB.
     """
-    folder, files = model_cache.cache_folder(), model_cache.cached_files()
-    if folder.exists() and not folder.is_dir():
-        raise InvalidInputError(
-            f"{model_cache.FOLDER_VARIABLE} must be a folder, not {folder}, which is none: nothing is cached."
-        )
+    folder, files = _folder(), model_cache.cached_files()
     if clear:
         size = model_cache.clear()
         OUT.print(f"Removed {len(files)} files, {size / _MB:.0f} MB, from {folder}", soft_wrap=True, highlight=False)
@@ -36,3 +35,26 @@ def cache_command(clear: bool) -> None:
     if files:
         day = time.strftime("%Y-%m-%d %H:%M", time.localtime(files[0].used))
         OUT.print(f"The least recently used file is dropped first; it was last used at {day}.", highlight=False)
+
+
+def _folder() -> Path:
+    """The cache's folder, which need not exist.
+
+    Raises:
+        InvalidInputError: if it is no folder or cannot be read.
+    """
+    name = model_cache.FOLDER_VARIABLE
+    try:
+        folder = model_cache.cache_folder()
+    except RuntimeError:
+        raise InvalidInputError(
+            f"{name} must be a folder, not {os.environ[name]}, whose user has no home: nothing is cached."
+        ) from None
+    try:
+        with contextlib.suppress(FileNotFoundError):
+            os.scandir(folder).close()
+    except NotADirectoryError:
+        raise InvalidInputError(f"{name} must be a folder, not {folder}, which is none: nothing is cached.") from None
+    except OSError as error:
+        raise InvalidInputError(f"{name} must be a folder that can be read, not {folder} ({error.strerror}).") from None
+    return folder

@@ -50,6 +50,9 @@ def run(
         loaded.hand = hand
         with told_of("--hand: "):
             loaded.validate()
+    for path in (html, picture):
+        if path is not None and record is not None and path.absolute().is_relative_to(record.absolute()):
+            raise InvalidInputError(f"{path} must not be in {record}, as a recording's folder holds nothing else.")
     check_outputs((html, picture), inputs=(scenario_file(scenario), None if hand is None else Path(hand), record))
     drawn = _recorder(loaded) if html is not None or picture is not None else None
     earlier = [path for path in (html, picture) if path is not None and path.is_file()]

@@ -19,6 +19,17 @@ FARTHEST = 10.0
 """Largest coordinate of a point in the palm frame, m: a larger one must be in millimetres."""
 
 
+def pose_batch(X_PO: ArrayLike) -> FloatArray:
+    """Returns poses (B, 3, 4) in the form that kernels read, which is that of nearly all: C-contiguous float64.
+
+    Raises:
+        InvalidInputError: if they are of another shape, or do not consist of numbers.
+    """
+    if type(X_PO) is np.ndarray and X_PO.dtype.char == "d" and X_PO.ndim == 3 and X_PO.shape[1:] == (3, 4):
+        return np.ascontiguousarray(X_PO)
+    return number_array("X_PO", X_PO, (None, 3, 4))
+
+
 def points_near(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
     """Returns points (n, 3), m, unless any is evidently in millimetres.
 

@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.core.evidence.contacts import SIGMA_LIMITS, Contacts
+from tactopose_drake.core.evidence.gaussian_prior import SIGMA_LIMITS as PRIOR_SIGMA_LIMITS
+from tactopose_drake.core.validation import positive_number, told_of
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.data_checks import (
     check_column,
     check_list,
@@ -34,9 +36,7 @@ _OF_CONTACTS = {
     "p_PC": "contacts[{}].position",
     "n_PC": "contacts[{}].normal",
     "f_PC": "contacts[{}].force",
-    "sigma_normal": "sigma_normal_deg, in rad,",
 }
-_OF_PRIOR = {"sigma_rotation": "sigma_rotation_deg, in rad,"}
 
 
 def load_contacts(path: Path) -> Contacts:
@@ -68,7 +68,8 @@ def contacts_in(path: Path, data: dict[str, Any]) -> Contacts:
     if "sigma_position" in data:
         sigmas["sigma_position"] = check_number(path, "sigma_position", data["sigma_position"])
     if "sigma_normal_deg" in data:
-        sigmas["sigma_normal"] = math.radians(check_number(path, "sigma_normal_deg", data["sigma_normal_deg"]))
+        limits = SIGMA_LIMITS["sigma_normal"][:2]
+        sigmas["sigma_normal"] = _check_degrees(path, "sigma_normal_deg", data["sigma_normal_deg"], *limits)
     position = [check_vector(path, f"contacts[{i}].position", row["position"], 3) for i, row in enumerate(rows)]
     normal, force = (check_column(path, rows, key) for key in ("normal", "force"))
     try:
@@ -90,12 +91,21 @@ def load_prior(path: Path) -> PosePrior:
     if "sigma_translation" in data:
         sigmas["sigma_translation"] = check_number(path, "sigma_translation", data["sigma_translation"])
     if "sigma_rotation_deg" in data:
-        sigmas["sigma_rotation"] = math.radians(check_number(path, "sigma_rotation_deg", data["sigma_rotation_deg"]))
+        limits = PRIOR_SIGMA_LIMITS["sigma_rotation"]
+        sigmas["sigma_rotation"] = _check_degrees(path, "sigma_rotation_deg", data["sigma_rotation_deg"], *limits)
     X_PO = check_pose(path, "X_PO", data["X_PO"])
     try:
         return PosePrior(X_PO, **sigmas)
     except InvalidInputError as error:
-        raise fault_in(path, "", error, _OF_PRIOR) from None
+        raise fault_in(path, "", error, {}) from None
+
+
+def _check_degrees(path: Path, key: str, value: Any, least: float, most: float) -> float:
+    """Checks that an angle in degrees is within limits in radians, and returns it in radians."""
+    number = check_number(path, key, value)
+    with told_of(f"{path}: ", InvalidFileError):
+        positive_number(key, number, least=math.degrees(least), most=math.degrees(most), unit="deg")
+    return min(max(math.radians(number), least), most)
 
 
 def save_result(path: Path, estimate: PoseEstimate) -> None:

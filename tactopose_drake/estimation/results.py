@@ -9,7 +9,7 @@ from typing import Any, Self, overload
 
 import numpy as np
 
-from tactopose_drake.core.plain_values import PlainValue, numbers, seal
+from tactopose_drake.core.plain_values import PlainValue, numbers
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.statuses import Status as Status
@@ -149,13 +149,11 @@ class PoseEstimate(PlainValue, Presentable):
     @property
     def modes(self) -> GaussianMixture:
         """The hypotheses as a Gaussian mixture with read-only arrays."""
-        modes = GaussianMixture(
+        return GaussianMixture(
             np.array([hypothesis.X_PO.GetAsMatrix34() for hypothesis in self.hypotheses]),
             np.array([hypothesis.probability for hypothesis in self.hypotheses]),
             np.array([hypothesis.covariance for hypothesis in self.hypotheses]),
         )
-        seal(modes)
-        return modes
 
     def first(self, count: int) -> PoseEstimate:
         """The estimate with only the `count` most probable hypotheses; the status does not change.

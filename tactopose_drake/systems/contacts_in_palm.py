@@ -13,7 +13,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
-from tactopose_drake.core.evidence.contacts import MOST_SIGMA_POSITION, Contacts
+from tactopose_drake.core.evidence.contacts import MOST_SIGMA_POSITION, SIGMA_LIMITS, Contacts
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.validation import FloatArray, instance_of, positive_number
@@ -33,10 +33,11 @@ class ContactsInPalmParams:
     sigma_normal_deg: float = 5.0  # standard deviation of the normal about each axis, deg
 
     def validate(self) -> None:
-        """Raises InvalidInputError if a value is not positive, or `sigma_position` exceeds the limit of `Contacts`."""
-        most, name = MOST_SIGMA_POSITION, "ContactsInPalmParams"
-        positive_number(f"{name}.sigma_position", self.sigma_position, most=most, unit="m")
-        positive_number(f"{name}.sigma_normal_deg", self.sigma_normal_deg)
+        """Raises InvalidInputError if a value is beyond the limits of `Contacts`."""
+        (least, _, _), most, name = SIGMA_LIMITS["sigma_position"], MOST_SIGMA_POSITION, "ContactsInPalmParams"
+        positive_number(f"{name}.sigma_position", self.sigma_position, least=least, most=most, unit="m")
+        least, most = map(math.degrees, SIGMA_LIMITS["sigma_normal"][:2])
+        positive_number(f"{name}.sigma_normal_deg", self.sigma_normal_deg, least=least, most=most, unit="deg")
 
 
 @dataclasses.dataclass(frozen=True)

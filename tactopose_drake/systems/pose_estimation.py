@@ -115,7 +115,8 @@ def MakePoseEstimation(hand: HandConfig, model: ObjectModel, params: PoseEstimat
     params = params_of(PoseEstimationParams, params)
     builder = DiagramBuilder()
     collision = HandCollision(hand, model) if params.check_collisions else None
-    estimator = builder.AddNamedSystem("pose_estimator", PoseEstimator(model, params.estimator, collision))
+    estimating = PoseEstimator(model, params.estimator, collision, len(hand.pads))
+    estimator = builder.AddNamedSystem("pose_estimator", estimating)
     add_touch(builder, *make_hand_plant(hand), params, estimator, collision=collision)
     for port in ("prior", "planes", *(("palm_pose",) if params.estimator.balance else ())):
         builder.ExportInput(estimator.GetInputPort(port), port)

@@ -117,8 +117,8 @@ class PoseEstimator(CollectableSystem):
       against since it was grasped; may stay unconnected.
     - joint_positions: of the hand, shape (nq,), rad; the port exists only if collisions are checked.
     - palm_pose: `RigidTransform` X_WP, z of the world upwards; the port exists only with `balance`. The balance, with a
-      gravity of 9.81 m/s^2, is used while the pose is finite, a contact is felt, and no patch is felt, since its force
-      is unknown.
+      gravity of 9.81 m/s^2, is used while the pose is finite, a contact is felt, and every pad of the hand has a patch
+      and none is felt, since the force on a pad is unknown.
     - contact_solutions: dict of `ContactSolution` by finger; the port exists only with `balance`, and may stay
       unconnected. While a finger gives neither a contact nor says that nothing touches it, its force is unknown, and
       the balance is not used.
@@ -132,7 +132,11 @@ class PoseEstimator(CollectableSystem):
     """
 
     def __init__(
-        self, model: ObjectModel, params: PoseEstimatorParams | None = None, collision: HandCollision | None = None
+        self,
+        model: ObjectModel,
+        params: PoseEstimatorParams | None = None,
+        collision: HandCollision | None = None,
+        pads: int = 0,
     ) -> None:
         """Keeps references to the model and to the collision checker.
 
@@ -140,6 +144,7 @@ class PoseEstimator(CollectableSystem):
             model: the object.
             params: method and period.
             collision: checks the hypotheses against the hand; None: not checked.
+            pads: number of tactile pads of the hand; one of which there is no patch may be pressed, too.
 
         Raises:
             InvalidInputError: if an argument has a wrong type, a parameter is out of its range, or `balance` is set for
@@ -148,7 +153,7 @@ class PoseEstimator(CollectableSystem):
         instance_of("model", model, ObjectModel)
         super().__init__()
         self._params = params_of(PoseEstimatorParams, params)
-        self._model = model
+        self._model, self._pads = model, whole_number("pads", pads, least=0)
         if self._params.balance:
             check_mass(model)
         model.make_ready()
@@ -242,15 +247,15 @@ class PoseEstimator(CollectableSystem):
             return None
         X_WP = eval_optional_input(self._palm_pose, context, RigidTransform)
         is_known = X_WP is not None and np.isfinite(X_WP.translation()).all()
-        if X_WP is None or not is_known or any(patch.is_felt for patch in patches):
-            return None
-        if not self._knows_all_forces(context, contacts):
+        if X_WP is None or not is_known or not self._knows_all_forces(context, contacts, patches):
             return None
         gravity_P: FloatArray = X_WP.rotation().inverse() @ GRAVITY_W
         return ForceBalance(gravity_P)
 
-    def _knows_all_forces(self, context: Context, contacts: Contacts) -> bool:
-        """Whether every finger either is among the contacts or is untouched."""
+    def _knows_all_forces(self, context: Context, contacts: Contacts, patches: tuple[Patch, ...]) -> bool:
+        """Whether every finger either is among the contacts or is untouched, and every pad is untouched."""
+        if len(patches) < self._pads or any(patch.is_felt for patch in patches):
+            return False
         if not self._solutions.HasValue(context):
             return True
         solutions = eval_named(self._solutions, context, ContactSolution).values()

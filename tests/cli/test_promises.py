@@ -83,6 +83,14 @@ def test_a_disk_without_room_for_a_result_is_told_before_the_work(
     assert not (files / "result").exists()
 
 
+def test_a_run_writes_no_page_into_its_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for option in ("--html", "--picture"):
+        assert run("run", "shadow_like", "--record", tmp_path / "rec", option, tmp_path / "rec" / "page") == 2
+        told = " ".join(capsys.readouterr().err.split())
+        assert "as a recording's folder holds nothing else." in told
+        assert "an input" not in told
+
+
 def test_a_replay_writes_nothing_into_its_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "rec").mkdir()
     (tmp_path / "rec" / "signals.jsonl").write_text("precious\n")

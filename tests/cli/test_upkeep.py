@@ -1,6 +1,8 @@
 """What a machine keeps for later: `tactopose cache`, `tactopose warm-up`, and how little a command loads."""
 
+import errno
 import logging
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -65,6 +67,32 @@ def test_a_folder_of_the_cache_that_is_none_is_said(
     monkeypatch.setenv(model_cache.FOLDER_VARIABLE, str(tmp_path / "file"))
     assert run("cache") == 2
     assert "which is none: nothing is cached." in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_cache_that_cannot_be_cleared_is_unusable_input(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model_cache.store("a", {"grid": np.zeros(3)})
+
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    assert run("cache", "--clear") == 2
+    told = capsys.readouterr().err
+    assert "".join(told.split()) == f"error:{folder / 'a.npy'}cannotberemoved(Permissiondenied)."
+    monkeypatch.setattr(os, "scandir", refuse)
+    assert run("cache", "--clear") == 2
+    told = capsys.readouterr().err
+    assert "".join(told.split()).endswith(f"mustbeafolderthatcanberead,not{folder}(Permissiondenied).")
+
+
+def test_a_folder_of_the_cache_in_no_home_is_unusable_input(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv(model_cache.FOLDER_VARIABLE, "~nobody-of-this-name/models")
+    assert run("cache") == 2
+    assert "must be a folder, not ~nobody-of-this-name/models, whose" in " ".join(capsys.readouterr().err.split())
 
 
 def test_what_is_not_compiled_is_compiled_elsewhere(

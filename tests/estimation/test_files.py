@@ -84,7 +84,7 @@ def test_a_prior_is_read(tmp_path: Path) -> None:
         ("contacts: [{position: [0, 0, 0], force: [0, 1.0e+9, 0]}]", r"contacts\[0\].force must be .*, not 1e\+09"),
         (
             "{contacts: [{position: [0, 0, 0]}], sigma_normal_deg: -1}",
-            "sigma_normal_deg, in rad, must be .*, not -0.0174533",
+            r"file.yaml: sigma_normal_deg must be a number > 0, not -1\.$",
         ),
         (
             "contacts: [{position: [0, 0, 0], normal: [0, 0, 1]}, {position: [0, 0, 0]}]",
@@ -107,6 +107,10 @@ def test_a_prior_is_read(tmp_path: Path) -> None:
         (
             "contacts: [{position: [1" + "0" * 400 + ", 0, 0]}]",
             r"line 1: contacts\[0\].position\[0\] must be an integer of 64 bits, not '100000",
+        ),
+        (
+            "{contacts: [{position: [0, 0, 0]}], sigma_normal_deg: 0.0001}",
+            r"file.yaml: sigma_normal_deg must be a number from 0.000572958 to 5.72958e\+07 deg, not 0.0001\.$",
         ),
         ("{contacts: [{position: [0, 0, 0]}], sigma_normal_deg: x}", "sigma_normal_deg must be a number, not 'x'"),
     ],
@@ -143,6 +147,10 @@ def test_each_fault_of_contacts_is_one_line_with_its_place(tmp_path: Path, text:
         (
             "X_PO: {translation: [-30, 10, 110], quaternion_wxyz: [1, 0, 0, 0]}",
             r"X_PO.translation must have .*, not \[-30.0, 10.0, 110.0\] m. Multiply by 0.001",
+        ),
+        (
+            "{X_PO: {translation: [0, 0, 0], quaternion_wxyz: [1, 0, 0, 0]}, sigma_rotation_deg: 1e5}",
+            r"file.yaml: sigma_rotation_deg must be a number from 5.72958e-05 to 57295.8 deg, not 100000\.$",
         ),
     ],
 )

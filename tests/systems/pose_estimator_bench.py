@@ -16,8 +16,10 @@ X_PO = RigidTransform(RollPitchYaw(0.4, -0.2, 1.0), [0.02, -0.03, 0.1])
 class Bench:
     """An estimator with fixed inputs, and a simulator that steps it once per call."""
 
-    def __init__(self, model: ObjectModel, collision: HandCollision | None = None, **params: object) -> None:
-        self.estimator = PoseEstimator(model, PoseEstimatorParams(period=0.1, **params), collision)
+    def __init__(
+        self, model: ObjectModel, collision: HandCollision | None = None, pads: int = 0, **params: object
+    ) -> None:
+        self.estimator = PoseEstimator(model, PoseEstimatorParams(period=0.1, **params), collision, pads)
         self.estimator.set_name("estimator")
         self.simulator = Simulator(self.estimator)
         self.context: Context = self.simulator.get_mutable_context()

@@ -157,7 +157,16 @@ def test_a_solution_that_is_none_is_refused_by_the_name_of_the_port() -> None:
         system.GetOutputPort("contacts").Eval(context)
 
 
-@pytest.mark.parametrize("values", [{"sigma_position": 0.0}, {"sigma_position": 1e3}, {"sigma_normal_deg": 0.0}])
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"sigma_position": 0.0},
+        {"sigma_position": 1e3},
+        {"sigma_position": 1e-8},
+        {"sigma_normal_deg": 0.0},
+        {"sigma_normal_deg": 1e-4},
+    ],
+)
 def test_a_bad_parameter_is_named(values: dict[str, float]) -> None:
     (name,) = values
     with pytest.raises(InvalidInputError, match=f"^ContactsInPalmParams.{name} must be "):

@@ -1,29 +1,33 @@
 """What the contacts' forces tell an estimator: friction, and that the object rests on the fingertips."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import trimesh
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
 from tactopose_drake.core.sensing.intrinsic_contact import FingertipSolver
+from tactopose_drake.core.sensing.patches import describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.surfaces import Sphere
-from tactopose_drake.core.synthetic.synthetic_patch import touch_with_pads
+from tactopose_drake.core.synthetic.synthetic_patch import flat_pad, touch_with_pads
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.estimation.estimate import estimate_pose
 from tactopose_drake.estimation.prior import PosePrior
-from tactopose_drake.hand.hand_config import load_hand_config
+from tactopose_drake.hand.hand_config import PadConfig, load_hand_config
 from tactopose_drake.hand.hand_in_plant import add_hand, make_hand_plant
 from tactopose_drake.station.hardware import make_hardware_station
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.station.simulated import make_station
 from tactopose_drake.systems.palm_on_base import PalmOnBase
-from tactopose_drake.systems.pose_estimation import AddPoseEstimation, PoseEstimationParams
+from tactopose_drake.systems.pose_estimation import AddPoseEstimation, MakePoseEstimation, PoseEstimationParams
 from tactopose_drake.systems.pose_estimator import PoseEstimatorParams
 from tests.core.models import brick
 from tests.systems.pose_estimator_bench import X_PO, Bench
@@ -90,6 +94,47 @@ def test_balance_is_left_out_where_a_force_is_missing(box: ObjectModel) -> None:
             bench.fix(palm_pose=X_WP)
         found.append(best(bench))
     np.testing.assert_array_equal(*found)
+
+
+def test_balance_is_left_out_while_a_pad_gives_no_reading(box: ObjectModel) -> None:
+    silent = describe_patch(flat_pad() + np.array([1.0, 0.0, 0.0]), np.zeros(24), alpha=1e-7)
+    bench = Bench(box, balance=True, pads=2)
+    bench.fix(contacts=pressing(), prior=PRIOR, palm_pose=X_WP)
+    gravity = X_WP.rotation().matrix().T @ [0.0, 0.0, -9.81]
+    for patches, known in (
+        ((silent,), {}),
+        ((silent, silent), {"balance": ForceBalance(gravity), "patches": (silent, silent)}),
+    ):
+        bench.fix(patches=patches)
+        np.testing.assert_allclose(best(bench), expected(box, **known), atol=1e-12)
+
+
+def test_the_estimation_of_a_hand_knows_how_many_pads_it_has(box: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    balances = []
+
+    def estimate(*args: object, **known: object) -> object:
+        balances.append(known["balance"])
+        return estimate_pose(*args, **known)
+
+    monkeypatch.setattr("tactopose_drake.systems.pose_estimator.estimate_pose", estimate)
+    hand = load_hand_config("shadow_like")
+    pad = PadConfig(name="palm", frame=hand.palm_frame, array="bh280_palm", alpha=2e-8)
+    params = PoseEstimationParams(estimator=PoseEstimatorParams(balance=True, min_contacts=1), check_collisions=False)
+    estimation = MakePoseEstimation(dataclasses.replace(hand, pads=[pad]), box, params)
+    simulator = Simulator(estimation)
+    context = simulator.get_mutable_context()
+    for finger in hand.fingers:
+        pressed = finger is hand.fingers[0]
+        wrench = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -2.0 if pressed else 0.0])
+        estimation.GetInputPort(f"wrench_{finger.name}").FixValue(context, wrench)
+    joints = estimation.GetInputPort("joint_positions")
+    joints.FixValue(context, np.zeros(joints.size()))
+    estimation.GetInputPort("prior").FixValue(context, AbstractValue.Make(PRIOR))
+    estimation.GetInputPort("palm_pose").FixValue(context, AbstractValue.Make(X_WP))
+    simulator.AdvanceTo(0.05)
+    estimation.GetInputPort("pressures_palm").FixValue(context, np.zeros(24))
+    simulator.AdvanceTo(0.15)
+    assert [balance is None for balance in balances] == [True, False]
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,9 @@ from tactopose_drake.core.plain_values import PlainValue, copied
 from tactopose_drake.core.validation import MOST_FORCE, FloatArray, kind_name, limited, positive_numbers, remark, shown
 from tactopose_drake.errors import InvalidInputError
 
-# Limits of the sigmas. Beyond them, the information of a contact and of the rest exceed the precision of a double.
-_SIGMAS = {"sigma_position": (1e-7, 1e6, "m"), "sigma_normal": (1e-5, 1e6, "rad"), "sigma_force": (1e-6, 1e6, "N")}
-_COLUMNS = (*(f"{kind}_{axis}" for kind in "pnf" for axis in "xyz"), *_SIGMAS)  # of a table of contacts
+SIGMA_LIMITS = {"sigma_position": (1e-7, 1e6, "m"), "sigma_normal": (1e-5, 1e6, "rad"), "sigma_force": (1e-6, 1e6, "N")}
+"""Beyond these, the information of a contact and of the rest exceed the precision of a double."""
+_COLUMNS = (*(f"{kind}_{axis}" for kind in "pnf" for axis in "xyz"), *SIGMA_LIMITS)  # of a table of contacts
 MOST_SIGMA_POSITION = 0.1
 """The largest standard deviation of positions that is accepted, m: larger ones are useless, and probably in mm."""
 _MOST_DEGREES = 360.0  # Larger standard deviations of normals, rad, are meant to say nothing.
@@ -39,7 +39,7 @@ class DataFrame(Protocol):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Contacts(PlainValue):
-    """Measured contacts, in the palm frame P.
+    """Measured contacts, in the palm frame P. Their errors count as independent, even of contacts at one place.
 
     Attributes:
         p_PC: contact points, shape (k, 3), m; up to 5000, with coordinates up to 10 m, as larger ones are probably in
@@ -80,8 +80,8 @@ class Contacts(PlainValue):
             raise InvalidInputError(f"p_PC must have at most {_MOST_CONTACTS} contacts, not {count}.")
         n_PC = None if self.n_PC is None else unit_vectors("n_PC", self.n_PC, shape)
         covariance = None if self.covariance is None else _covariances(self.covariance, count)
-        sigmas, limits = {name: getattr(self, name) for name in _SIGMAS}, dict(_SIGMAS)
-        told = {name: name for name in _SIGMAS}  # Names used in messages.
+        sigmas, limits = {name: getattr(self, name) for name in SIGMA_LIMITS}, dict(SIGMA_LIMITS)
+        told = {name: name for name in SIGMA_LIMITS}  # Names used in messages.
         if covariance is None:
             limits["sigma_position"] = (1e-7, MOST_SIGMA_POSITION, "m")
         else:
@@ -92,7 +92,7 @@ class Contacts(PlainValue):
             "p_PC": p_PC,
             "n_PC": n_PC,
             "f_PC": None if self.f_PC is None else limited("f_PC", self.f_PC, shape, most=MOST_FORCE),
-            **{name: _sigmas(told[name], sigmas[name], count, *limits[name]) for name in _SIGMAS},
+            **{name: _sigmas(told[name], sigmas[name], count, *limits[name]) for name in SIGMA_LIMITS},
             "covariance": covariance,
         }
         turned = values["sigma_normal"] if n_PC is not None and covariance is None else None
@@ -221,7 +221,7 @@ class Contacts(PlainValue):
             raise InvalidInputError(
                 "frame must have the columns p_x, p_y and p_z of the points, m, but lacks all three."
             )
-        for name in _SIGMAS.keys() & names:
+        for name in SIGMA_LIMITS.keys() & names:
             if name in sigmas:
                 raise InvalidInputError(f"{name} must be an argument or a column of the table, not both.")
             sigmas[name] = np.asarray(frame[name])

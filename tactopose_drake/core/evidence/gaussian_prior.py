@@ -12,8 +12,8 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 
 UNKNOWN_SIGMA = 1e3
 """Standard deviation, m and rad, of which nothing is known: the largest."""
-# m and rad. Beyond these, the information of the prior and of the touch exceed the precision of a double.
-_SIGMAS = {"sigma_translation": (1e-7, UNKNOWN_SIGMA), "sigma_rotation": (1e-6, UNKNOWN_SIGMA)}
+SIGMA_LIMITS = {"sigma_translation": (1e-7, UNKNOWN_SIGMA), "sigma_rotation": (1e-6, UNKNOWN_SIGMA)}
+"""In m and rad. Beyond these, the information of the prior and of the touch exceed the precision of a double."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class GaussianPrior(PlainValue):
         mean = pose_near("mean", self.mean)
         mean.setflags(write=False)
         object.__setattr__(self, "mean", mean)
-        for name, (least, most) in _SIGMAS.items():
+        for name, (least, most) in SIGMA_LIMITS.items():
             object.__setattr__(self, name, positive_number(name, getattr(self, name), least=least, most=most))
 
     def __repr__(self) -> str:

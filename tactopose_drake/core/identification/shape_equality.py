@@ -34,8 +34,8 @@ class ShapeEqualityParams:
     # by more.
     change_factor: float = 6.0
     probes: int = 16  # contacts in the search
-    refined_points: int = 300  # contacts in the refinement
-    refined_poses: int = 8  # most poses that are refined, the best ones
+    refined_points: int = 1000  # contacts in the refinement, some of them on each part that makes another object
+    refined_poses: int = 128  # most poses that are refined, the best ones
     sigma_normal: float = math.radians(5.0)  # of all these contacts, rad
 
 

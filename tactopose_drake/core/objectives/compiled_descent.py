@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.geometry_checks import pose_batch
 from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts
 from tactopose_drake.core.kernels.descent_kernels import Ends, descend
 from tactopose_drake.core.kernels.grid_kernels import Grid
@@ -52,17 +53,17 @@ class CompiledDescent(NamedTuple):
     def cost_as_told(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4) with all contacts as told and the prior, without the hand's volume."""
         cost = np.empty(len(X_PO))
-        contact_costs(self.grid, self.touch, self.prior, np.ascontiguousarray(X_PO), cost)
+        contact_costs(self.grid, self.touch, self.prior, pose_batch(X_PO), cost)
         return cost
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, exact gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
-        ends = self._run(_STANDING, np.array(X_PO, order="C"))
+        ends = self._run(_STANDING, np.array(pose_batch(X_PO)))
         return NormalEquations(ends.cost, ends.gradient, ends.hessian)
 
     def descend(self, rule: DescentRule, X_PO: FloatArray) -> Descent:
         """Levenberg-Marquardt from each of the poses (B, 3, 4)."""
-        X_PO = np.array(X_PO, order="C")
+        X_PO = np.array(pose_batch(X_PO))
         ends = self._run(rule, X_PO)
         return Descent(X_PO, ends.cost, ends.iterations, ends.converged, ends.hessian)
 

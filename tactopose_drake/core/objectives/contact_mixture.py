@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contact_doubt import USUAL, ContactDoubt, KindShares
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.geometry_checks import pose_batch
 from tactopose_drake.core.kernels import contact_alternatives_kernels
 from tactopose_drake.core.kernels.contact_judgement_kernels import Exact, Judged, judge
 from tactopose_drake.core.kernels.contact_mixture_kernels import Doubts
@@ -92,7 +93,7 @@ class ContactMixture(CompiledObjective):
         """The part of a cost's Hessians (B, 6, 6) that remains with one contact false, shape (B, 2 k, 6, 6)."""
         left = np.empty((len(X_PO), 2 * len(self._doubts.closeness), 6, 6))
         contact_alternatives_kernels.find_alternatives(
-            self.touch.grid, self.touch.touch, self._doubts, np.ascontiguousarray(X_PO), hessian, left
+            self.touch.grid, self.touch.touch, self._doubts, pose_batch(X_PO), hessian, left
         )
         return left
 
@@ -110,7 +111,7 @@ class ContactMixture(CompiledObjective):
         """Evaluates the mixture with exact densities (B, k) as far as `reached`, and with the distance field beyond."""
         count = len(X_PO)
         judged = Judged(np.empty(count), np.empty(density.shape), np.empty(count), np.empty(count))
-        touch, X_PO, exact = self.touch, np.ascontiguousarray(X_PO), Exact(density, reached)
+        touch, X_PO, exact = self.touch, pose_batch(X_PO), Exact(density, reached)
         judge(touch.grid, touch.touch, self._doubts, self._compiled.prior, exact, X_PO, judged, whole)
         return judged
 

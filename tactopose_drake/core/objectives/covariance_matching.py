@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactopose_drake.core.compilation import read_only
+from tactopose_drake.core.geometry_checks import pose_batch
 from tactopose_drake.core.objectives.covariance_kernels import FeltPads, pad_costs
 from tactopose_drake.core.objectives.finite_differences import DifferencedObjective
 from tactopose_drake.core.sensing.patches import Patch
@@ -88,5 +89,5 @@ class CovarianceMatching(DifferencedObjective):
     def residuals(self, X_PO: FloatArray) -> FloatArray:
         """Residuals (B, k) of poses (B, 3, 4), with k pads that feel the object."""
         costs = np.empty((len(X_PO), self._count))
-        pad_costs(*self._arguments, np.ascontiguousarray(X_PO), costs)
+        pad_costs(*self._arguments, pose_batch(X_PO), costs)
         return np.sqrt(2.0 * costs)

@@ -6,6 +6,7 @@ import numpy as np
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.geometry_checks import pose_batch
 from tactopose_drake.core.kernels import evidence_kernels
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
@@ -52,5 +53,5 @@ class FrictionCone(LeastSquaresObjective):
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, k) and their derivatives by the increment (B, k, 6)."""
         residuals, jacobian = np.empty((len(X_PO), self._count)), np.empty((len(X_PO), self._count, 6))
-        evidence_kernels.friction_residuals(*self._arguments, np.ascontiguousarray(X_PO), residuals, jacobian)
+        evidence_kernels.friction_residuals(*self._arguments, pose_batch(X_PO), residuals, jacobian)
         return residuals, jacobian

@@ -7,6 +7,7 @@ import numpy as np
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.geometry_checks import pose_batch
 from tactopose_drake.core.kernels import patch_kernels
 from tactopose_drake.core.kernels.pad_kernels import Pads
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective, NormalEquations, SumObjective
@@ -91,7 +92,7 @@ class PatchCells(LeastSquaresObjective):
     def pad_costs(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B, k) of each of k pads at poses (B, 3, 4)."""
         costs = np.empty((len(X_PO), self._pads))
-        patch_kernels.patch_costs(*self._arguments, np.ascontiguousarray(X_PO), costs)
+        patch_kernels.patch_costs(*self._arguments, pose_batch(X_PO), costs)
         return costs
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
@@ -105,14 +106,14 @@ class PatchCells(LeastSquaresObjective):
         enter the cost's gradient, because u minimises the cost.
         """
         residuals, jacobian = np.empty((len(X_PO), self._rows)), np.empty((len(X_PO), self._rows, 6))
-        patch_kernels.patch_residuals(*self._arguments, np.ascontiguousarray(X_PO), residuals, jacobian)
+        patch_kernels.patch_residuals(*self._arguments, pose_batch(X_PO), residuals, jacobian)
         return residuals, jacobian
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, gradient, and the Gauss-Newton Hessian along the smooth normals, at poses (B, 3, 4)."""
         count = len(X_PO)
         equations = NormalEquations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
-        patch_kernels.patch_normal_equations(*self._arguments, np.ascontiguousarray(X_PO), *equations)
+        patch_kernels.patch_normal_equations(*self._arguments, pose_batch(X_PO), *equations)
         return equations
 
 

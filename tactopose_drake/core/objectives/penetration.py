@@ -7,6 +7,7 @@ import numpy as np
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
+from tactopose_drake.core.geometry_checks import pose_batch
 from tactopose_drake.core.kernels import penetration_kernels
 from tactopose_drake.core.kernels.hand_sphere_kernels import Spheres, gather_neighbourhoods
 from tactopose_drake.core.kernels.penetration_kernels import Depths
@@ -74,29 +75,27 @@ class Penetration(LeastSquaresObjective):
         """Residuals (B, g) and their derivatives by the increment (B, g, 6)."""
         depths, weight = self._depths(X_PO), self.spheres.weight
         jacobian = np.empty((*depths.excess.shape, 6))
-        penetration_kernels.penetration_jacobian(weight, np.ascontiguousarray(X_PO), depths, jacobian)
+        penetration_kernels.penetration_jacobian(weight, pose_batch(X_PO), depths, jacobian)
         return weight * depths.excess, jacobian
 
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
         cost = np.empty(len(X_PO))
-        penetration_kernels.penetration_costs(self._grid, self.spheres, np.ascontiguousarray(X_PO), cost)
+        penetration_kernels.penetration_costs(self._grid, self.spheres, pose_batch(X_PO), cost)
         return cost
 
     def normal_equations(self, X_PO: FloatArray) -> NormalEquations:
         """Cost, gradient and Gauss-Newton Hessian at poses (B, 3, 4)."""
         count = len(X_PO)
         equations = NormalEquations(np.empty(count), np.empty((count, 6)), np.empty((count, 6, 6)))
-        penetration_kernels.penetration_normal_equations(
-            self._grid, self.spheres, np.ascontiguousarray(X_PO), *equations
-        )
+        penetration_kernels.penetration_normal_equations(self._grid, self.spheres, pose_batch(X_PO), *equations)
         return equations
 
     def _depths(self, X_PO: FloatArray) -> Depths:
         """Overlap of each neighbourhood beyond what is allowed (B, g), m; its point in O, and the gradient there."""
         shape = len(X_PO), len(self.spheres.weight)
         depths = Depths(np.empty(shape), np.empty((*shape, 3)), np.empty((*shape, 3)))
-        penetration_kernels.penetration_depths(self._grid, self.spheres, np.ascontiguousarray(X_PO), depths)
+        penetration_kernels.penetration_depths(self._grid, self.spheres, pose_batch(X_PO), depths)
         return depths
 
 

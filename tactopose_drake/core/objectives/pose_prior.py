@@ -4,6 +4,7 @@ import numpy as np
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
+from tactopose_drake.core.geometry_checks import pose_batch
 from tactopose_drake.core.kernels import prior_kernels
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.validation import FloatArray
@@ -21,7 +22,7 @@ class PriorObjective(LeastSquaresObjective):
     def cost(self, X_PO: FloatArray) -> FloatArray:
         """Costs (B,) of poses (B, 3, 4)."""
         cost = np.empty(len(X_PO))
-        prior_kernels.prior_costs(self.kernel_view, np.ascontiguousarray(X_PO), cost)
+        prior_kernels.prior_costs(self.kernel_view, pose_batch(X_PO), cost)
         return cost
 
     def residuals(self, X_PO: FloatArray) -> FloatArray:
@@ -31,5 +32,5 @@ class PriorObjective(LeastSquaresObjective):
     def residuals_and_jacobian(self, X_PO: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (B, 6) and their derivatives by the increment (B, 6, 6)."""
         residuals, jacobian = np.empty((len(X_PO), 6)), np.empty((len(X_PO), 6, 6))
-        prior_kernels.prior_residuals(self.kernel_view, np.ascontiguousarray(X_PO), residuals, jacobian)
+        prior_kernels.prior_residuals(self.kernel_view, pose_batch(X_PO), residuals, jacobian)
         return residuals, jacobian

@@ -4,6 +4,7 @@ import numpy as np
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.geometry_checks import pose_batch
 from tactopose_drake.core.kernels import surface_contact_kernels
 from tactopose_drake.core.kernels.hand_sphere_kernels import NO_SPHERES
 from tactopose_drake.core.kernels.surface_contact_kernels import WeightedContacts
@@ -57,9 +58,7 @@ class SurfaceContact(CompiledObjective, LeastSquaresObjective):
         """Residuals (B, k, 5) of each contact and their derivatives (B, k, 5, 6); zeros for missing normals."""
         count = len(X_PO)
         residuals, jacobian = np.empty((count, self._count, 5)), np.empty((count, self._count, 5, 6))
-        surface_contact_kernels.contact_residuals(
-            self.grid, self.touch, np.ascontiguousarray(X_PO), residuals, jacobian
-        )
+        surface_contact_kernels.contact_residuals(self.grid, self.touch, pose_batch(X_PO), residuals, jacobian)
         return residuals, jacobian
 
 

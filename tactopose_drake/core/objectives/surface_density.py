@@ -6,6 +6,7 @@ import numpy as np
 
 from tactopose_drake.core.compilation import read_only
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.geometry_checks import pose_batch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.surfel_kernels import Measurements, densities
 from tactopose_drake.core.validation import FloatArray
@@ -44,7 +45,7 @@ class SurfaceDensity:
 
     def densities(self, X_PO: FloatArray) -> FloatArray:
         """Densities at poses (B, 3, 4), relative to a contact on a flat surface with the right normal, shape (B, k)."""
-        X_PO = np.ascontiguousarray(X_PO)
+        X_PO = pose_batch(X_PO)
         of_parts = []
         for _, discs, measured in self._parts:
             of_parts.append(np.empty((len(X_PO), len(measured.p))))

@@ -7,6 +7,7 @@ import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.force_balance import ForceBalance
+from tactopose_drake.core.geometry_checks import pose_batch
 from tactopose_drake.core.kernels import evidence_kernels
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.poses import skew
@@ -66,6 +67,6 @@ class WrenchBalance(LeastSquaresObjective):
         """Residuals (B, 6) and their derivatives by the increment (B, 6, 6)."""
         residuals, jacobian = np.empty((len(X_PO), 6)), np.empty((len(X_PO), 6, 6))
         evidence_kernels.balance_residuals(
-            self._A, self._offset, self._center_of_mass, np.ascontiguousarray(X_PO), residuals, jacobian
+            self._A, self._offset, self._center_of_mass, pose_batch(X_PO), residuals, jacobian
         )
         return residuals, jacobian

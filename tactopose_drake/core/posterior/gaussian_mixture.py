@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.geometry_checks import FARTHEST
+from tactopose_drake.core.plain_values import ReadOnlyCopies
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.validation import FloatArray, check_count, instance_of, limited
 from tactopose_drake.errors import InvalidInputError
@@ -15,8 +16,10 @@ _MOST_WEIGHT, _MOST_VARIANCE = 1e100, 1e6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class GaussianMixture:
+class GaussianMixture(ReadOnlyCopies):
     """A mixture over the object's pose in the palm frame: n modes, Gaussian in the increments from their poses.
+
+    Its arrays are read-only copies of those given.
 
     Attributes:
         X_PO: the modes' poses, shape (n, 3, 4).
@@ -27,6 +30,12 @@ class GaussianMixture:
     X_PO: FloatArray
     weights: FloatArray
     covariance: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("X_PO", "weights", "covariance"):
+            array = np.array(getattr(self, name))
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
 
     @classmethod
     def empty(cls) -> "GaussianMixture":

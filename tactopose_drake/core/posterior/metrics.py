@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.geometry_checks import pose_batch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, number_array
 
 
 class TouchErrors(NamedTuple):
@@ -37,7 +38,12 @@ class TruthErrors(NamedTuple):
 
 
 def touch_errors(model: ObjectModel, contacts: Contacts, X_PO: FloatArray) -> TouchErrors:
-    """Compares a touch with the object's surface at poses (B, 3, 4)."""
+    """Compares a touch with the object's surface at poses (B, 3, 4).
+
+    Raises:
+        InvalidInputError: if the poses are of another shape, or do not consist of numbers.
+    """
+    X_PO = pose_batch(X_PO)
     R_PO = X_PO[:, :, :3]
     distance, n_O = model.grid.distance_and_normal((contacts.p_PC - X_PO[:, None, :, 3]) @ R_PO)
     MDTS = np.abs(distance).mean(axis=1)
@@ -47,7 +53,14 @@ def touch_errors(model: ObjectModel, contacts: Contacts, X_PO: FloatArray) -> To
 
 
 def truth_errors(p_OC: FloatArray, n_OC: FloatArray, X_PO_true: FloatArray, X_PO: FloatArray) -> TruthErrors:
-    """Compares where the true pose (3, 4) and poses (B, 3, 4) put points p_OC (k, 3) and normals n_OC (k, 3) of O."""
+    """Compares where the true pose (3, 4) and poses (B, 3, 4) put points p_OC (k, 3) and normals n_OC (k, 3) of O.
+
+    Raises:
+        InvalidInputError: if an array is of another shape, or does not consist of numbers.
+    """
+    p_OC = number_array("p_OC", p_OC, (None, 3))
+    n_OC = number_array("n_OC", n_OC, p_OC.shape)
+    X_PO_true, X_PO = number_array("X_PO_true", X_PO_true, (3, 4)), pose_batch(X_PO)
     true_points = p_OC @ X_PO_true[:, :3].T + X_PO_true[:, 3]
     points = p_OC @ np.swapaxes(X_PO[:, :, :3], 1, 2) + X_PO[:, None, :, 3]
     angles = angles_between(n_OC @ np.swapaxes(X_PO[:, :, :3], 1, 2), n_OC @ X_PO_true[:, :3].T)

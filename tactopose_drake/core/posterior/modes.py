@@ -14,7 +14,7 @@ from tactopose_drake.core.kernels.mode_kernels import Minima, best_of_each
 from tactopose_drake.core.posterior.free_direction_kernels import find_free
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS, ModeParams
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, number_array
 
 # Relative to a matrix's largest eigenvalue: smaller eigenvalues are rounding errors.
 _ROUNDING = 1e-13
@@ -111,7 +111,11 @@ def free_directions(
     Rotations and translations are compared as motions of a point at half the object's size (m) from its origin. A
     direction is free when its standard deviation from the touch alone exceeds a share of the size. If `known` gives
     free directions, rows (f, 6) for each matrix, further ones are searched across these.
+
+    Raises:
+        InvalidInputError: if the matrices are of another shape, or do not consist of numbers.
     """
+    touch_information = number_array("touch_information", touch_information, (None, 6, 6))
     units = increments_of_one_metre(size)
     rows, count = np.zeros((len(touch_information), 6, 6)), np.zeros(len(touch_information), dtype=np.int64)
     for i, free in enumerate(known):

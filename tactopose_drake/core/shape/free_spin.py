@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tactopose_drake.core.geometry_checks import pose_batch
 from tactopose_drake.core.poses import make_poses
 from tactopose_drake.core.shape import free_spin_kernels
 from tactopose_drake.core.shape.symmetry import RotationalSymmetry
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, number_array
 
 TURN_VOLUME = {0: 1.0, 1: 2.0 * np.pi, 3: 8.0 * np.pi**2}
 """Volume of the rotations about the continuous symmetry axes, by their number: none, one, or the three of a ball."""
@@ -26,7 +27,11 @@ def turn_toward(X_PO: FloatArray, X_reference: FloatArray, symmetries: Sequence[
         X_PO: poses, shape (B, 3, 4).
         X_reference: shape (3, 4).
         symmetries: the object's.
+
+    Raises:
+        InvalidInputError: if poses are of another shape, or do not consist of numbers.
     """
+    X_PO, X_reference = pose_batch(X_PO), number_array("X_reference", X_reference, (3, 4))
     return _turn(X_PO, X_reference[None], np.zeros(len(X_PO), dtype=np.int64), symmetries)
 
 
@@ -100,10 +105,14 @@ def nearest_images(
         X_reference: shape (3, 4).
         turns: the object's symmetries as poses X_OO', the identity first, shape (g, 3, 4); sampled for continuous ones.
         symmetries: the same by their axes, by which rotations about continuous ones are made exact.
+
+    Raises:
+        InvalidInputError: if poses are of another shape, or do not consist of numbers.
     """
+    X_PO, X_reference = pose_batch(X_PO), number_array("X_reference", X_reference, (3, 4))
     if len(turns) > 1:
         nearest = np.empty((len(X_PO), 3, 4))
-        free_spin_kernels.take_nearest_image(X_reference, turns, np.ascontiguousarray(X_PO), nearest)
+        free_spin_kernels.take_nearest_image(X_reference, pose_batch(turns), X_PO, nearest)
         X_PO = nearest
     return turn_toward(X_PO, X_reference, symmetries)
 

@@ -27,7 +27,7 @@ import platformdirs
 from numpy.typing import NDArray
 
 from tactopose_drake.core.shape.checksum_kernels import checksum
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 
 FOLDER_VARIABLE = "TACTOPOSE_CACHE_DIR"
 FORMAT_VERSION = 15
@@ -99,11 +99,14 @@ def clear() -> int:
     """Removes all cached files, and returns their size in bytes; models in memory are not affected.
 
     Raises:
-        OSError: if a file cannot be removed.
+        InvalidFileError: if a file cannot be removed.
     """
     files = cached_files()
     for file in files:
-        file.path.unlink(missing_ok=True)
+        try:
+            file.path.unlink(missing_ok=True)
+        except OSError as error:
+            raise InvalidFileError(f"{file.path} cannot be removed ({error.strerror or error}).") from None
     return sum(file.size for file in files)
 
 

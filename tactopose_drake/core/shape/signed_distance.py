@@ -73,7 +73,11 @@ class DistanceGrid:
         return corner
 
     def distance(self, p_OQ: ArrayLike) -> FloatArray:
-        """Signed distances, shape (...), m, of points p_OQ in O, shape (..., 3), m."""
+        """Signed distances, shape (...), m, of points p_OQ in O, shape (..., 3), m.
+
+        Raises:
+            InvalidInputError: if the points are of another shape.
+        """
         return self._interpolate(p_OQ, channels=1)[..., 0]
 
     def distance_and_normal(self, p_OQ: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -81,6 +85,9 @@ class DistanceGrid:
 
         Where the normals of a cell cancel (between two sides of the object, at its centre), that of the nearest node is
         used, and if that is degenerate too, the z axis.
+
+        Raises:
+            InvalidInputError: if the points are of another shape.
         """
         fields = self._interpolate(p_OQ, channels=4)
         normal = fields[..., 1:]
@@ -107,6 +114,8 @@ class DistanceGrid:
     def _interpolate(self, p_OQ: ArrayLike, channels: int) -> FloatArray:
         """The first `channels` fields at points (..., 3), shape (..., channels); the distance extended outside."""
         points = np.asarray(p_OQ, dtype=np.float64)
+        if points.shape[-1:] != (3,):
+            raise InvalidInputError(f"p_OQ must have the shape (..., 3), not {points.shape}.")
         flat = np.ascontiguousarray(points.reshape(-1, 3))
         fields = np.empty((len(flat), channels))
         interpolate(read_only(self.values), read_only(self.origin), self.upper, self.spacing, flat, fields)

@@ -7,7 +7,7 @@ import numpy as np
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, number_array
 
 
 def touch_surface(
@@ -30,7 +30,11 @@ def touch_surface(
         sigma_position: standard deviation of each coordinate of a point, m; 0 for exact points (which claim 0.1 mm).
         sigma_normal: of a small rotation of a normal about each axis, rad; 0 for exact normals (which claim 0.5 deg).
         spread: each contact is the one of ten random points farthest from the earlier ones; otherwise uniform by area.
+
+    Raises:
+        InvalidInputError: if the pose is of another shape, or does not consist of numbers.
     """
+    X_PO = number_array("X_PO", X_PO, (3, 4))
     candidates = 10 if spread else 1
     p_OQ, n_O = random_surface_points(model, candidates * count, generator)
     chosen = [0]

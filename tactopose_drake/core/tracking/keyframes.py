@@ -77,15 +77,20 @@ class Keyframe:
 
     @property
     def added_variances(self) -> FloatArray:
-        """Variances from the motion's error: of each point's distance, m^2, and of each normal, rad^2, shape (k, 2)."""
+        """Variances from the motion's error: of each point's distance, m^2, and of each normal, rad^2, shape (k, 2).
+
+        That of a normal is the mean of the rotations about the two axes across it, as a turn about itself changes
+        nothing.
+        """
         points, normals = self.points, self.normals
-        arms = point_jacobians(points)
+        arms, turn = point_jacobians(points), self.covariance[:3, :3]
         error = arms @ self.covariance @ np.swapaxes(arms, 1, 2)
         if normals is None:
-            across = np.trace(error, axis1=1, axis2=2) / 3.0
+            across, turned = np.trace(error, axis1=1, axis2=2) / 3.0, np.full(len(points), np.trace(turn) / 3.0)
         else:
             across = np.einsum("ki,kij,kj->k", normals, error, normals)
-        return np.stack([across, np.full(len(points), np.trace(self.covariance[:3, :3]) / 3.0)], axis=1)
+            turned = 0.5 * (np.trace(turn) - np.einsum("ki,ij,kj->k", normals, turn, normals))
+        return np.stack([across, turned], axis=1)
 
     def joined_by(self, now: "Keyframe", max_frames: int) -> "Keyframe":
         """Averages the current touch with this one, by the same fingers at the same places."""

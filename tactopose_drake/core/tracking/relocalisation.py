@@ -23,7 +23,6 @@ from tactopose_drake.core.kernels.matrix_kernels import inverses
 from tactopose_drake.core.objectives.objective import SmoothObjective, SmoothSum
 from tactopose_drake.core.poses import compose, increments_between, increments_of_images
 from tactopose_drake.core.posterior.modes import Modes
-from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pose_problem import make_problem
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.contact_update import begin_modes
@@ -35,11 +34,9 @@ from tactopose_drake.core.tracking.keyframes import (
     past_information,
     past_objective,
 )
-from tactopose_drake.core.tracking.tracked_modes import TrackedModes
+from tactopose_drake.core.tracking.tracked_modes import REFINEMENT, TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
-
-_REFINEMENT = LevenbergMarquardt(max_iterations=20, tolerance=1e-2)
 
 
 def relocalise(
@@ -109,7 +106,7 @@ def _fit_past(
     Returns:
         The poses and the logarithms of their weights.
     """
-    moved = _REFINEMENT.refine_each(SmoothSum([touch, past_objective(model, params, window)]), X_PO).X_PO
+    moved = REFINEMENT.refine_each(SmoothSum([touch, past_objective(model, params, window)]), X_PO).X_PO
     of_now = touch.cost(moved) - touch.cost(X_PO)
     of_past = past_cost(model, params, window, moved) - past_cost(model, params, window, X_PO)
     gain = -of_past - np.maximum(of_now, 0.0)

@@ -22,7 +22,6 @@ from tactopose_drake.core.posterior.modes import Modes, find_modes
 from tactopose_drake.core.posterior.plausibility import explain_with_doubt, is_comfortable
 from tactopose_drake.core.posterior.posterior import make_posterior
 from tactopose_drake.core.searches.doubt import search_with_doubt
-from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.searches.pair_search import PairSearch, Start, global_stages
 from tactopose_drake.core.searches.patch_searches import patch_search
 from tactopose_drake.core.searches.pose_problem import PoseProblem, make_problem
@@ -32,12 +31,10 @@ from tactopose_drake.core.times import has_passed
 from tactopose_drake.core.tracking.calibration_scale import estimate_scale, follow_scale
 from tactopose_drake.core.tracking.contact_errors import LEAST_INLIER
 from tactopose_drake.core.tracking.keyframes import Touch
-from tactopose_drake.core.tracking.tracked_modes import TrackedModes
+from tactopose_drake.core.tracking.tracked_modes import REFINEMENT, TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, RelocalisationParams
 from tactopose_drake.core.tracking.weighed_modes import WeighedModes
 from tactopose_drake.core.validation import FloatArray
-
-_REFINEMENT = LevenbergMarquardt(max_iterations=20, tolerance=1e-2)
 
 
 class TouchWeighing(NamedTuple):
@@ -217,9 +214,9 @@ def _settle_poses(model: ObjectModel, params: RelocalisationParams, evidence: Ev
     problem = make_problem(model, evidence)
     if evidence.prior is None:
         X_PO = nearest_images(X_PO, X_PO[0], model.symmetry_turns, model.symmetries)
-    found = _REFINEMENT.refine(problem.objective, X_PO)
+    found = REFINEMENT.refine(problem.objective, X_PO)
     if not is_comfortable(model, evidence, problem, found.X_PO):
-        found = _REFINEMENT.refine(problem.doubted(problem.objective), np.concatenate([X_PO, found.X_PO]))
+        found = REFINEMENT.refine(problem.doubted(problem.objective), np.concatenate([X_PO, found.X_PO]))
     X_PO = _distinct(model, params, problem, found.X_PO, found.cost).mixture.X_PO
     judgement = None if problem.mixture is None else problem.mixture.judge(X_PO)
     return X_PO[explain_with_doubt(model, evidence, judgement, X_PO, params.posterior.plausibility)]

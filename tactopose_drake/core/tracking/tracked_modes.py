@@ -11,11 +11,14 @@ import numpy as np
 from tactopose_drake.core.motion.rigid_motion import Motion, carry, three_each
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.poses import RANDOM_ROTATION_VARIANCE, increments_between
+from tactopose_drake.core.searches.levenberg_marquardt import LevenbergMarquardt
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.tracker_params import MixtureParams, PoseTrackerParams
 from tactopose_drake.core.validation import FloatArray
 
+REFINEMENT = LevenbergMarquardt(max_iterations=20, tolerance=1e-2)
+"""Refines poses of modes, new ones and those weighed by earlier touches."""
 # Stands for unbounded information, 1/rad^2 and 1/m^2.
 _NO_BOUND = 1e16
 

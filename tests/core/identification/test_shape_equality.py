@@ -46,6 +46,15 @@ def test_a_small_part_that_breaks_a_symmetry_does_not_hide_that_shapes_are_equal
         np.testing.assert_allclose(X_BA, X[:3], atol=0.01)
 
 
+def test_a_tiny_part_that_breaks_the_symmetries_of_a_cube_does_not_hide_that_shapes_are_equal() -> None:
+    place = trimesh.transformations.translation_matrix((0.046, 0.014, -0.013))
+    part = trimesh.creation.box((0.0086, 0.0085, 0.0084), place)
+    mesh = trimesh.boolean.union([trimesh.creation.box((0.092, 0.092, 0.092)), part], engine="manifold")
+    for seed in range(4):
+        moved = mesh.copy().apply_transform(random_pose(np.random.default_rng(seed)))
+        assert find_alignment(make(mesh), make(moved)) is not None
+
+
 def test_other_shapes_are_not_equal(model: ObjectModel) -> None:
     mirrored = shape_poor_in_symmetry()
     mirrored.apply_transform(np.diag([1.0, 1.0, -1.0, 1.0]))

@@ -44,6 +44,17 @@ def test_a_mixture_from_outside_is_checked(name: str, value: np.ndarray, message
         checked_mixture("belief", dataclasses.replace(two, **{name: value}))
 
 
+def test_a_mixture_is_unaffected_by_changes_of_the_arrays_it_was_made_of() -> None:
+    arrays = {"X_PO": np.tile(np.eye(3, 4), (2, 1, 1)), "weights": np.full(2, 0.5), "covariance": np.zeros((2, 6, 6))}
+    mixture = GaussianMixture(**arrays)
+    for name, array in arrays.items():
+        held, given = getattr(mixture, name), array.copy()
+        array += 1.0
+        np.testing.assert_array_equal(held, given)
+        with pytest.raises(ValueError, match="read-only"):
+            held += 1.0
+
+
 def test_an_empty_mixture_has_no_mode() -> None:
     assert len(GaussianMixture.empty()) == 0
     assert GaussianMixture.empty().entropy == 0.0

@@ -181,7 +181,8 @@ def test_a_turn_that_changes_nothing_is_reported_as_that_and_does_not_cost_sampl
     valley = Round(X, SIGMAS)
     start = modes(valley, X[None])
     held = np.diag([0, 0, 1 / 1.7, 0, 0, 0])
-    start.mixture.covariance[:] = np.linalg.inv(valley.normal_equations(X[None]).hessian + held)
+    covariance = np.linalg.inv(valley.normal_equations(X[None]).hessian + held)
+    start = dataclasses.replace(start, mixture=dataclasses.replace(start.mixture, covariance=covariance))
     found = weigh_modes(
         start, posterior(valley, turns=(axis, np.cross(point, axis)), samples=6000), np.random.default_rng(0)
     )

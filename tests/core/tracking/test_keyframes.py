@@ -8,7 +8,6 @@ from tactopose_drake.core.motion.rigid_motion import Motion
 from tactopose_drake.core.poses import (
     compose,
     exp_so3,
-    log_so3,
     make_poses,
     random_rotations,
     retract,
@@ -47,7 +46,7 @@ def test_contacts_move_with_the_object_and_their_error_is_that_of_all_motions() 
     pose = compose(motions[1].pose, motions[0].pose)
     np.testing.assert_allclose(moved.points, transform_points(pose, frame.points), atol=1e-12)
     # Draws of the motions' errors, to first order, move the points as the variances say.
-    draws, shifts, turns = [], [], []
+    draws, shifts, tilts = [], [], []
     for _ in range(4000):
         X = np.eye(3, 4)
         for motion, root in zip(motions, 1e-3 * roots, strict=True):
@@ -55,9 +54,9 @@ def test_contacts_move_with_the_object_and_their_error_is_that_of_all_motions() 
             X = compose(np.column_stack([exp_so3(error[:3]), error[3:]]), compose(motion.pose, X))
         shifts.append(1e3 * (transform_points(X, frame.points) - moved.points))
         draws.append(np.einsum("ki,ki->k", shifts[-1], moved.normals))
-        turns.append(1e3 * log_so3(X[:, :3] @ pose[:, :3].T))
+        tilts.append(1e3 * (frame.n_PC @ X[:, :3].T - moved.normals))
     np.testing.assert_allclose(np.var(draws, axis=0), moved.added_variances[:, 0], rtol=0.1)
-    np.testing.assert_allclose(moved.added_variances[:, 1], np.var(turns, axis=0).mean(), rtol=0.1)
+    np.testing.assert_allclose(moved.added_variances[:, 1], 0.5 * np.var(tilts, axis=0).sum(axis=1), rtol=0.1)
     # Where no normal is known it is that along any axis.
     anyhow = dataclasses.replace(moved, n_PC=None).added_variances[:, 0]
     np.testing.assert_allclose(np.var(shifts, axis=0).mean(axis=1), anyhow, rtol=0.1)
