@@ -29,6 +29,7 @@ _FEWEST = 50  # least number of points for a fit
 _FARTHEST = 0.3  # of the points from the sensor, m; a larger shape is no fingertip, or not in metres
 # Only the finger's end is fitted if the residual there exceeds the first number, m, and that reduces it to this share.
 _OFF, _BETTER = 1e-3, 0.5
+_ALONG = 0.87  # least cosine between the axis of a capsule along the finger and the direction of the finger's end
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +99,10 @@ def fit_fingertip(
     points = _outside(outline, outwards, [one for one in shapes if one[1] is not shape])
     if len(points) < _FEWEST or np.linalg.norm(points, axis=1).max() > _FARTHEST:
         return None
+    rod = _rod(*shapes[0], outwards) if len(shapes) == 1 else None
+    if rod is not None:
+        touched = points[(points - rod.X_SF[:, 3]) @ rod.X_SF[:, 2] > -0.5 * rod.length]
+        return FittedSurface(rod, residual(rod, touched), residual(hand.surfaces[finger], touched))
     surface = fit_surface(points, outwards)
     end, length = _end(points, outwards)
     off = residual(surface, end)
@@ -106,6 +111,15 @@ def fit_fingertip(
         if residual(of_end, end) < _BETTER * off:
             return FittedSurface(of_end, residual(of_end, end), residual(hand.surfaces[finger], end), length)
     return FittedSurface(surface, residual(surface, points), residual(hand.surfaces[finger], points))
+
+
+def _rod(X_SG: RigidTransform, shape: Shape, outwards: FloatArray) -> CapsuleTip | None:
+    """The surface of a capsule along the finger; None for other shapes, and if its rear end can be touched, too."""
+    along = float(X_SG.rotation().col(2) @ outwards)
+    if not isinstance(shape, Capsule) or shape.length() < shape.radius() or abs(along) < _ALONG:
+        return None
+    turn = RotationMatrix.MakeXRotation(0.0 if along > 0.0 else np.pi)
+    return CapsuleTip(shape.radius(), shape.length(), X_SF=X_SG @ RigidTransform(turn, np.zeros(3)))
 
 
 def _end(points: FloatArray, outwards: FloatArray) -> tuple[FloatArray, float]:

@@ -29,7 +29,8 @@ from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.recorded_grasps import GraspFile
 from tactopose_drake.hand.tactile_pads import TactilePadFile
 from tactopose_drake.resources import model_path
-from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.runs import read_recording, replay, write_mcap
+from tactopose_drake.station.scenario import Scenario, load_scenario
 
 ROOT = Path(__file__).parents[2]
 PAGES = {str(path.relative_to(ROOT)): path.read_text() for path in sorted((ROOT / "docs").rglob("*.md"))}
@@ -135,6 +136,20 @@ def test_examples_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         # A file that the page shows is there under the name that its first line says.
         if named := re.match(r"(?:#|<!--) (\S+\.\w+)", text):
             Path(named[1]).write_text(text)
+
+
+def test_data_recorded_elsewhere_are_replayed_and_exported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    _, told = PAGES["docs/guides/run_and_record.md"].split("## Data that were recorded elsewhere", 1)
+    (_, code), (_, scenario), *_ = FENCE.findall(told)
+    exec(compile(code, "run_and_record.md", "exec"), {"__name__": "run_and_record"})
+    Path("own_data.scenario.yaml").write_text(scenario)
+    replayed = replay(Path("own_data"), load_scenario("own_data.scenario.yaml"))
+    assert replayed.whole
+    assert replayed.view.time > 0.5
+    assert isinstance(replayed.view.value("tracked_hypotheses"), tp.PoseEstimate)
+    write_mcap(read_recording(Path("own_data")), Path("own_data.mcap"))
+    assert Path("own_data.mcap").stat().st_size > 1000
 
 
 def test_the_readmes_code_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

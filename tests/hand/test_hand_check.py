@@ -242,6 +242,21 @@ def test_a_surface_that_fits_far_better_is_named_and_then_taken(tmp_path: Path) 
     assert not [text for _, text in verdicts(check_hand(path), "fingertip left") if "fitted" in text]
 
 
+def test_of_a_capsule_along_the_finger_the_surface_is_its_own(tmp_path: Path) -> None:
+    path = write_gripper(tmp_path)
+    model = tmp_path / "two_finger.urdf"
+    capsule = (
+        '<origin xyz="0 0 0.01" rpy="3.14159265 0 0"/><geometry><capsule radius="0.008" length="0.014"/></geometry>'
+    )
+    ball = '<geometry><sphere radius="0.012"/></geometry>'
+    model.write_text(model.read_text().replace(ball, capsule, 1))
+    (entry,) = (entry for entry in check_hand(path).entries if entry.finger == "left")
+    place = "X_SF: {translation: [0, 0, 0.01], rotation: !Rpy {deg: [0, 0, 0]}}"
+    assert entry.yaml == f"surface: !CapsuleSurface {{radius: 0.008, length: 0.014, {place}}}"
+    path.write_text(YAML.replace("surface: !SphereSurface {radius: 0.012}", entry.yaml, 1))
+    assert not [text for _, text in verdicts(check_hand(path), "fingertip left") if "fitted" in text]
+
+
 def test_a_sensor_on_another_finger_s_link_is_told_and_no_surface_proposed(tmp_path: Path) -> None:
     swapped = (
         YAML.replace("weld: left", "weld: @").replace("weld: right", "weld: left").replace("weld: @", "weld: right")

@@ -194,12 +194,12 @@ class Contacts(PlainValue):
 
     @classmethod
     def from_dataframe(cls, frame: DataFrame, **sigmas: Any) -> Self:
-        """Contacts from a table with a row for each, a DataFrame of pandas or Polars.
+        """Contacts of one touch from a table with a row for each, a DataFrame of pandas or Polars.
 
         Args:
             frame: has the columns `p_x`, `p_y`, `p_z` of the points, in P, m; optionally `n_x`, `n_y`, `n_z` of the
                 normals, `f_x`, `f_y`, `f_z` of the forces, N, and `sigma_position`, `sigma_normal`, `sigma_force` in m,
-                rad and N. Other columns are ignored.
+                rad and N. Other columns are ignored, and NaN is not allowed.
             sigmas: the sigmas and `covariance`, unless the table has such columns.
 
         Raises:
