@@ -148,9 +148,9 @@ def calibrate_hand(
         on_progress: called with the share of the work that is done, from 0 to 1, and the name of the next step.
 
     Raises:
-        InvalidInputError: if fewer than 3 grasps have a contact or can be explained together; if a grasp has a name
-            that the hand lacks, or lacks a joint's reading; if a sensor out of touch reads much more than the hand's
-            `uncertainty` says of its bias.
+        InvalidInputError: if the hand has no force-torque sensor; if fewer than 3 grasps have a contact or can be
+            explained together; if a grasp has a name that the hand lacks, or lacks a joint's reading; if a sensor out
+            of touch reads much more than the hand's `uncertainty` says of its bias.
         InvalidFileError: if the hand's file cannot be used.
     """
     params = params_of(CalibrationParams, params)
@@ -167,6 +167,10 @@ def calibrate_hand(
     if len(grasps) < _FEWEST:
         raise InvalidInputError(f"grasps must be at least {_FEWEST}, not {len(grasps)}.")
     plant, parts = make_hand_plant(dataclasses.replace(config, calibration=""))
+    if not parts.sensor_frames:
+        raise InvalidInputError(
+            "hand must have fingers with a force-torque sensor, but has none. Tactile pads alone cannot calibrate it."
+        )
     check_grasps(plant, parts, grasps)
     uncertainty = HandUncertainty() if config.uncertainty is None else config.uncertainty
     errors = HandErrors.of(plant, parts, uncertainty, _time_span(grasps))

@@ -24,6 +24,7 @@ from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.depth_camera import depth_of
 from tactopose_drake.systems.ports import eval_input
+from tactopose_drake.systems.sample_time import SampleTime
 from tactopose_drake.visualization.body_meshes import BodyMeshes
 
 # Standard deviation of a wrong answer's error along each axis, m.
@@ -90,7 +91,8 @@ class DepthTracker(CollectableSystem):
       of the robot's own bodies; the object's pose is not used.
     - noise: random input, eight standard normal numbers (`AddRandomInputs` connects it), the seed of the faults.
     - vision: `PoseMeasurement` X_PO in the palm, with the time of its picture, or None where the tracker has no
-      answer; changes `latency` after each picture. Your own tracker can replace this one by giving this type.
+      answer; changes `latency` after each picture. If the clock is set back, the tracker begins anew. Your own tracker
+      can replace this one by giving this type.
     - prior: the same as a `PosePrior`, at least as wide; None likewise.
     - hidden_share: size 1, the share of the object's pixels, at the last pose found, that are occluded by something
       nearer, 0 to 1.
@@ -126,6 +128,7 @@ class DepthTracker(CollectableSystem):
         self._state = self.DeclareAbstractState(AbstractValue.Make(_TrackerState()))
         ticket = {self.abstract_state_ticket(self._state)}
         period, latency = self._params.period, self._params.latency
+        self._sampled = SampleTime(self)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._take_picture)
         # If delivery coincides with a picture, that event delivers: of two simultaneous updates only one would count.
         offset = latency - period * math.floor(latency / period + 1e-6)
@@ -137,6 +140,7 @@ class DepthTracker(CollectableSystem):
         self.declare_output("hidden_share", 1, lambda context: [self._get(context).hidden_share], ticket)
 
     def _take_picture(self, context: Context, state: State) -> EventStatus:
+        self._sampled.note(context, state)
         params, before, time = self._params, self._get(context), context.get_time()
         X_WB = eval_input(self._body_poses, context, list)
         generator = np.random.default_rng(np.abs(self._noise.Eval(context)).view(np.uint64))

@@ -16,6 +16,7 @@ from tactopose_drake.hand.geometry import BodySpheres
 from tactopose_drake.systems.camera_view import CameraView
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input
+from tactopose_drake.systems.sample_time import SampleTime
 
 # Surface points that are tested for occlusion; the standard error of the hidden share is then below 3 %.
 _POINTS = 400
@@ -52,7 +53,8 @@ class SimulatedVision(CollectableSystem):
     - noise: random input, six standard normal numbers (`AddRandomInputs` connects it): the directions of the error.
     - tail: random input, a standard normal number that scales the error for heavy tails; the port exists only with
       `degrees_of_freedom`.
-    - prior: `PosePrior` X_PO; changes at each frame, first at t = 0; None before.
+    - prior: `PosePrior` X_PO; changes at each frame, first at t = 0; None before, also once
+      the clock has been set back.
     - hidden_share: size 1, the share of the object's camera side that the hand hides, 0 to 1; changes with `prior`.
     """
 
@@ -88,11 +90,13 @@ class SimulatedVision(CollectableSystem):
             self._tail = self.DeclareVectorInputPort("tail", 1, RandomDistribution.kGaussian)
         self._prior = self.DeclareAbstractState(AbstractValue.Make(None))
         self._hidden = self.DeclareDiscreteState(np.zeros(1))
+        self._sampled = SampleTime(self)
         self.DeclarePeriodicUnrestrictedUpdateEvent(params.period, 0.0, self._take_frame)
         self.DeclareStateOutputPort("prior", self._prior)
         self.DeclareStateOutputPort("hidden_share", self._hidden)
 
     def _take_frame(self, context: Context, state: State) -> EventStatus:
+        self._sampled.note(context, state)
         X_WB = eval_input(self._body_poses, context, list)
         X_CO = self._X_CW @ X_WB[self._object]
         hidden = hidden_share(

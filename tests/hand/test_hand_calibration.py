@@ -278,9 +278,10 @@ def test_unusable_grasps_are_refused_by_name(wrong_hand: WrongHand, grasps: list
 
 
 def test_a_hand_without_force_torque_sensors_is_refused_in_words(blob: ObjectModel) -> None:
-    grasps = [RecordedGrasp(blob, {}, {}, time=float(k)) for k in range(4)]
-    with pytest.raises(InvalidInputError, match="uncertainty must have at least one error above 0"):
-        calibrate_hand("barrett_like", grasps)
+    for wrenches in ({}, {"finger_1": np.ones(6)}):
+        grasps = [RecordedGrasp(blob, {}, wrenches, time=float(k)) for k in range(4)]
+        with pytest.raises(InvalidInputError, match=r"^hand must have fingers with a force-torque sensor, but has"):
+            calibrate_hand("barrett_like", grasps)
 
 
 def test_what_is_no_hand_no_grasps_and_no_parameters_is_named(wrong_hand: WrongHand, grasps: list[ClosedGrasp]) -> None:

@@ -132,6 +132,22 @@ def test_the_pose_is_the_objects_in_the_palm(object_model: ObjectModel, tracked:
     assert tracked.pose_in_world.IsNearlyEqualTo(X_WPalm @ X_PalmP @ RigidTransform(vision.X_PO), 1e-9)
 
 
+def test_answers_from_before_the_clock_was_set_back_are_not_given_after_it(object_model: ObjectModel) -> None:
+    bench = Bench(object_model, latency=0.25).run(0.45)
+    assert bench.vision is not None
+    bench.simulator.get_mutable_context().SetTime(0.0)
+    bench.simulator.Initialize()
+    assert bench.vision is None
+    bench.run(0.24)
+    assert bench.vision is None
+    times = []
+    for until in (0.3, 0.4, 0.5, 0.6):
+        vision = bench.run(until).vision
+        assert vision is not None
+        times.append(vision.time)
+    np.testing.assert_allclose(times, [0.0, 0.1, 0.2, 0.3], atol=1e-9)
+
+
 def test_what_is_unsure_is_so_along_the_same_ways_however_the_palm_is_turned(
     object_model: ObjectModel, tracked: Tracked, monkeypatch: pytest.MonkeyPatch
 ) -> None:

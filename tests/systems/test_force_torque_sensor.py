@@ -108,6 +108,29 @@ def test_there_is_no_reading_before_the_first_sample(finger) -> None:
     assert sensor.GetOutputPort("status").Eval(sensor_context) == "no sample yet"
 
 
+def test_a_sample_is_forgotten_once_the_clock_is_set_back_but_not_by_another_initialization(finger) -> None:
+    sensor = make_sensor(finger, ForceTorqueModel())
+    simulator = Simulator(finger.builder.Build())
+    context = simulator.get_mutable_context()
+    expected = push(finger, context)
+
+    def reading() -> tuple[np.ndarray, str]:
+        own = sensor.GetMyContextFromRoot(context)
+        return sensor.GetOutputPort("wrench").Eval(own), sensor.GetOutputPort("status").Eval(own)
+
+    simulator.AdvanceTo(0.025)
+    simulator.Initialize()
+    np.testing.assert_allclose(reading()[0], expected, atol=1e-12)
+    context.SetTime(0.0)
+    simulator.Initialize()
+    simulator.AdvanceTo(0.005)
+    wrench, status = reading()
+    assert np.all(np.isnan(wrench))
+    assert status == "no sample yet"
+    simulator.AdvanceTo(0.015)
+    np.testing.assert_allclose(reading()[0], expected, atol=1e-12)
+
+
 def test_a_bad_model_is_refused(finger) -> None:
     with pytest.raises(InvalidInputError, match=r"^ForceTorqueModel\.noise\[\d\] must be .*, not -1"):
         make_sensor(finger, ForceTorqueModel(noise=[-1.0] * 6))

@@ -77,6 +77,20 @@ def look_once(diagram: Diagram, vision: SimulatedVision, seed: int = 0, duration
     return vision.GetMyContextFromRoot(context)
 
 
+def test_a_frame_is_forgotten_once_the_clock_is_set_back(object_model: ObjectModel) -> None:
+    diagram, _, vision = make_station(object_model, (0.0, 0.5, 0.6))
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(0.05)
+    context = simulator.get_mutable_context()
+    seen = vision.GetOutputPort("prior")
+    assert seen.Eval(vision.GetMyContextFromRoot(context)) is not None
+    context.SetTime(0.0)
+    simulator.Initialize()
+    assert seen.Eval(vision.GetMyContextFromRoot(context)) is None
+    simulator.AdvanceTo(0.01)
+    assert seen.Eval(vision.GetMyContextFromRoot(context)) is not None
+
+
 @pytest.mark.parametrize(("p_WFinger", "hidden"), [((0.0, 0.5, 0.6), 0.0), ((0.0, 0.05, 0.6), 1.0)])
 def test_the_error_is_that_of_the_hidden_share(object_model: ObjectModel, p_WFinger, hidden: float) -> None:
     diagram, _, vision = make_station(object_model, p_WFinger)
