@@ -8,6 +8,8 @@ import threading
 from types import FrameType
 
 _AGAIN = 0.05  # s until a postponed interrupt is raised again
+# Drake's reader, in which an interrupt becomes an error of the file if it comes in the conversion of an argument.
+_YAML = os.path.join("pydrake", "common", "yaml.py")
 
 
 def start() -> None:
@@ -31,7 +33,7 @@ def _leave(*_: object) -> None:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Interrupts; while a module is being loaded, which may swallow the interrupt, it is postponed."""
+    """Interrupts; while a module or a YAML file is being loaded, which may swallow the interrupt, it is postponed."""
     if _is_loading(frame):
         again = threading.Timer(_AGAIN, signal.raise_signal, (number,))
         again.daemon = True
@@ -42,7 +44,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 def _is_loading(frame: FrameType | None) -> bool:
     while frame is not None:
-        if frame.f_code.co_filename.startswith("<frozen importlib"):
+        if frame.f_code.co_filename.startswith("<frozen importlib") or frame.f_code.co_filename.endswith(_YAML):
             return True
         frame = frame.f_back
     return False

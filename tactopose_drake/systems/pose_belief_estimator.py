@@ -208,7 +208,9 @@ class PoseBeliefEstimator(CollectableSystem):
             )
         if belief.status == "slipping" and belief.probability[0] < DEFAULT_PARAMS.modes.answer_share:
             remarks = ("none of several poses carries most of the mass", *remarks)
-        belief = dataclasses.replace(belief, remarks=(*belief.remarks, *remarks))
+        # What a remark says with its reason is not said without it as well.
+        own = tuple(one for one in belief.remarks if not any(remark.startswith(one) for remark in remarks))
+        belief = dataclasses.replace(belief, remarks=(*own, *remarks))
         return TimedBelief(belief, time.perf_counter() - started)
 
     def _says_nothing(self, belief: PoseBelief, frame: Frame) -> bool:

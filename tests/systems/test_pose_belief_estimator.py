@@ -14,6 +14,7 @@ from pydrake.systems.framework import Context
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
+from tactopose_drake.core.poses import retract
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
@@ -188,6 +189,11 @@ def test_sensors_that_drop_out_and_vision_that_fails_change_the_status_alone(box
     bench.feel(12)
     far = PoseMeasurement.from_prior(PosePrior(RigidTransform([3.0, 0.0, 0.0])), bench.context.get_time())
     bench.fix(vision=far)
+    assert bench.feel(5) == "ok: vision is not believed: it is out of reach of the touch"
+    beside = retract(X_PO.GetAsMatrix34(), np.array([0, 0, 0, 0.06, 0, 0]))
+    bench.fix(vision=PoseMeasurement(bench.context.get_time(), beside, 1e-6 * np.eye(6)))
+    assert bench.feel(5) == "ok: vision is not believed"
+    bench.fix(vision=PoseMeasurement(bench.context.get_time(), far.X_PO, far.covariance))
     assert bench.feel(5) == "ok: vision is not believed: it is out of reach of the touch"
     bench.fix(contacts=Contacts.empty(), fingers_in_contact=())
     bench.simulator.AdvanceTo(bench.context.get_time() + 0.05)

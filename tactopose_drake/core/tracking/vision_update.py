@@ -62,17 +62,16 @@ def read_vision(
         is_recent = record.last is not None and not has_exceeded(time, record.last.time, params.max_age)
         kept = record.remark == "" or (record.remark == _NOT_BELIEVED and is_recent)
         return None, record if kept else dataclasses.replace(record, remark="")
-    age = time - measurement.time
-    if age > params.max_age:
-        return None, dataclasses.replace(record, remark=f"vision is of {age:.1f} s ago")
-    if age < 0.0:
+    if has_exceeded(time, measurement.time, params.max_age):
+        return None, dataclasses.replace(record, remark=f"vision is of {time - measurement.time:.1f} s ago")
+    if has_exceeded(measurement.time, time, 0.0):
         return None, dataclasses.replace(record, remark="vision is of the future")
     if measurement.time in record.times:
         return None, record
     times = (*record.times[-params.remembered :], measurement.time)
     if record.last is not None and not measurement.is_news_after(record.last):
         return None, dataclasses.replace(record, times=times, remark="vision is frozen")
-    now = history.predict(measurement.time, measurement.X_PO, measurement.covariance)
+    now = history.predict(min(measurement.time, time), measurement.X_PO, measurement.covariance)
     record = dataclasses.replace(record, times=times, last=measurement, remark="")
     if now is None:
         return None, record

@@ -302,6 +302,16 @@ def test_a_picture_that_was_not_believed_is_remarked_for_a_second(box: ObjectMod
     assert not any(remarked[20:])
 
 
+def test_a_picture_of_this_very_instant_is_not_of_the_future_by_rounding() -> None:
+    now = 1.7e9
+    history = MotionHistory((now - 1.0,)).followed_by(Motion(np.zeros(6), 1e-6 * np.eye(6)), now, 1.0)
+    picture = PoseMeasurement(np.nextafter(now, np.inf), X_PO, SEEN)
+    sighting, record = read_vision(VisionRecord(), picture, history, now, VisionParams())
+    assert record.remark == ""
+    assert sighting is not None
+    np.testing.assert_allclose(sighting.pose.X_PO, X_PO, atol=1e-12)
+
+
 def test_what_is_seen_far_away_goes_farther_with_the_palm() -> None:
     far = PoseMeasurement(0.5, make_poses(np.eye(3), np.array([9.99, 0.0, 0.0])), SEEN)
     history = MotionHistory((0.0,)).followed_by(Motion(np.array([0, 0, 0, 0.1, 0, 0]), 1e-6 * np.eye(6)), 1.0, 1.0)
