@@ -34,6 +34,7 @@ from tactopose_drake.visualization.touch_marks import add_touch, move_touch
 _PATH = "/tactopose"
 _PERIOD = 0.04  # least time between two moments, s; doubled as often as a long run needs
 _MOST_MOMENTS = 130  # moments of a page, which keep it below 6 MB
+_FRAME_RATE = 1000.0  # of Meshcat's recording, Hz; it holds only the frames of moments, so that the page stays small
 
 
 class Moment(NamedTuple):
@@ -102,7 +103,7 @@ class PageRecorder:
         assert last.estimate is not None
         meshcat = Meshcat(MeshcatParams(host="localhost"))
         self._add_parts(meshcat)
-        meshcat.StartRecording(1.0 / self._period)
+        meshcat.StartRecording(_FRAME_RATE)
         for moment in self._moments:
             self._draw(meshcat, moment)
         meshcat.StopRecording()
@@ -152,7 +153,8 @@ class PageRecorder:
             meshcat.SetTriangleMesh(f"{_PATH}/hand/{row}", mesh.vertices.T, mesh.faces.T, colour)
 
     def _draw(self, meshcat: Meshcat, moment: Moment) -> None:
-        time, hypotheses = moment.time, _shown(moment)
+        # Meshcat rounds down to a frame; this is the nearest one.
+        time, hypotheses = moment.time + 0.5 / _FRAME_RATE, _shown(moment)
         scene = Scene(model=self._model, contacts=moment.contacts, patches=moment.patches, hypotheses=hypotheses)
         move_hypotheses(meshcat, _PATH, self._model, hypotheses[:1] + scene.alternatives, MOVING_ALTERNATIVES, time)
         place(meshcat, f"{_PATH}/prior", moment.prior, time)

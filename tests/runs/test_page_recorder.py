@@ -30,6 +30,7 @@ from tactopose_drake.runs.timeline_recorder import TimelineRecorder
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.simulated_errors import SimulatedErrors
 from tests import held_cube
+from tests.browser import CHROMIUM, Browser
 from tests.recording_meshcat import RecordingMeshcat
 
 
@@ -248,3 +249,24 @@ def test_a_calibrated_hand_is_drawn_where_it_is(scenario: Scenario, model: Objec
     assert simulated.hand_config().calibration == ""
     told = dataclasses.replace(simulated, errors=SimulatedErrors(joint_offsets_deg={names[2]: 3.0}))
     assert told.hand_config().calibration != ""
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium")
+def test_the_slider_shows_each_moment_at_its_time(
+    scenario: Scenario, model: ObjectModel, station: Station, tmp_path: Path
+) -> None:
+    recorder = PageRecorder(scenario, model)
+    for step in range(201):  # 10 s, so that moments are dropped; the rest are not a multiple of a period apart
+        station.time = 0.05 * step
+        touch(station, 1.0, estimate_at(0.01 * station.time, 0.001))
+        recorder.show(RunView(station, station))
+    assert recorder.save(tmp_path / "page.html", "An object that rises")
+    with Browser() as browser:
+        browser.open(tmp_path / "page.html")
+        for moment in recorder._moments[::7]:
+            browser.evaluate(
+                "(() => { const at = document.getElementById('tp-time'); at.step = 'any';"
+                f"at.value = {moment.time}; at.dispatchEvent(new Event('input')); }})()"
+            )
+            height = browser.evaluate("viewer.scene_tree.find(['tactopose', 'estimate']).object.position.z")
+            assert height == pytest.approx(0.01 * moment.time, abs=1e-5)
