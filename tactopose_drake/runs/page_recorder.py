@@ -72,22 +72,30 @@ class PageRecorder:
         self._most_contacts = len(config.fingers) + len(config.pads)
         self._moments: list[Moment] = []
         self._period, self._next = _PERIOD, -np.inf
+        self._ends_early = False  # whether the last moment was not due
 
     def show(self, view: RunView) -> None:
-        """Records the current moment if one is due."""
+        """Records the current moment; one that is not due stays only if it is the last."""
         time = view.context.get_time()
-        if time < self._next:
+        is_due = time >= self._next
+        if not is_due and time <= self._moments[-1].time:
             return
+        if self._ends_early:
+            self._moments.pop()
+            self._timeline.drop_last()
+        self._ends_early = not is_due
         self._timeline.show(view)
         prior, patches = view.value("prior"), tuple(view.value("patches", ()))
         contacts, q = touch_of(view.value("contacts"), patches), view.value("joint_positions")
         X_PO = None if prior is None else prior.X_PO
         self._moments.append(Moment(time, q, contacts, patches, X_PO, view.believed("hypotheses"), view.true_pose))
+        if not is_due:
+            return
         if len(self._moments) > _MOST_MOMENTS:
             self._moments = self._moments[::2]
             self._timeline.thin()
             self._period *= 2
-        self._next = self._moments[-1].time + self._period - TIME_ROUNDING
+        self._next = time + self._period - TIME_ROUNDING
 
     def save(self, path: Path, title: str) -> bool:
         """Writes the page if there was an estimate and there are at least two moments; returns whether it did.

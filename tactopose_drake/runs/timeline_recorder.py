@@ -56,6 +56,10 @@ class TimelineRecorder:
         """Drops every second moment."""
         self._rows = self._rows[::2]
 
+    def drop_last(self) -> None:
+        """Drops the last moment."""
+        self._rows.pop()
+
     def timeline(self) -> Timeline | None:
         """The timeline of all recorded moments; None if there are fewer than two."""
         if len(self._rows) < 2:

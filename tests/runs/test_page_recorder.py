@@ -270,3 +270,21 @@ def test_the_slider_shows_each_moment_at_its_time(
             )
             height = browser.evaluate("viewer.scene_tree.find(['tactopose', 'estimate']).object.position.z")
             assert height == pytest.approx(0.01 * moment.time, abs=1e-5)
+
+
+def test_the_page_ends_with_the_last_instant(
+    scenario: Scenario, model: ObjectModel, station: Station, tmp_path: Path
+) -> None:
+    recorder = PageRecorder(scenario, model)
+    for step in range(268):
+        station.time = 0.03 * step
+        touch(station, 1.0, estimate_at(0.01 * station.time, 0.001))
+        recorder.show(RunView(station, station))
+        assert recorder._moments[-1].time == station.time
+    times = [moment.time for moment in recorder._moments]
+    assert np.diff(times)[:-1].min() > 0.07  # dropped evenly, but for the last
+    timeline = recorder._timeline.timeline()
+    assert timeline is not None
+    np.testing.assert_array_equal(timeline.times, times)
+    assert recorder.save(tmp_path / "page.html", "To the end")
+    assert f"At {station.time:.2f} s" in (tmp_path / "page.html").read_text()
