@@ -22,7 +22,7 @@ from tactopose_drake.visualization.appearance import Look
 from tactopose_drake.visualization.meshcat import draw_scene, upright
 from tactopose_drake.visualization.page import Label, Page, Switch, hand_switch
 from tactopose_drake.visualization.page_tables import Instant, PageTable, Row
-from tactopose_drake.visualization.scene import Scene
+from tactopose_drake.visualization.scene import Scene, inlier_probabilities
 from tactopose_drake.visualization.timeline import Timeline
 from tactopose_drake.visualization.uncertainty import free_arrows, has_cut_ellipsoids, most_radius
 from tactopose_drake.visualization.viewpoint import choose_view, points_of_interest
@@ -169,9 +169,9 @@ def _contacts(scene: Scene) -> PageTable:
         texts = [f"{force:.2f}" for force in np.linalg.norm(contacts.f_PC, axis=1)]
         of_fingers = len(texts) - sum(patch.is_felt for patch in scene.patches)  # Pads come last, without forces.
         columns.append(("force, N", [*texts[:of_fingers], *[""] * (len(texts) - of_fingers)]))
-    inlier = scene.hypotheses[0].inlier_probability if scene.hypotheses else None
-    if inlier is not None and len(inlier) >= len(contacts):
-        columns.append(("of object", [f"{share:.0%}" for share in inlier[: len(contacts)]]))
+    inlier = inlier_probabilities(scene.hypotheses, len(contacts), scene.patches)
+    if inlier is not None:
+        columns.append(("of object", [f"{share:.0%}" for share in inlier]))
     rows = tuple(Row(cells) for cells in zip(*(cells for _, cells in columns), strict=True))
     return PageTable("Contacts in the palm frame", tuple(heading for heading, _ in columns), rows)
 

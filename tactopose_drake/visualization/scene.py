@@ -163,21 +163,27 @@ def worth_drawing(hypotheses: Sequence[ShownHypothesis]) -> tuple[ShownHypothesi
     return (*hypotheses[:1], *(other for other in others if other.probability >= LEAST_ALTERNATIVE))
 
 
-def false_contacts(
+def inlier_probabilities(
     hypotheses: tuple[ShownHypothesis, ...], count: int, patches: Sequence[Patch] = ()
-) -> NDArray[np.bool_]:
-    """Which of `count` contacts are probably not on the object, by the first hypothesis, shape (count,).
+) -> FloatArray | None:
+    """Probability that each of `count` contacts is on the object, by the first hypothesis, shape (count,).
 
     The last contacts may be those of the pressed patches, as by `touch_of`; the hypothesis's inlier probabilities end
-    with those of all patches. A hypothesis of an earlier touch with fewer contacts marks none as false.
+    with those of all patches. None if the hypothesis has none, or is of an earlier touch with fewer contacts.
     """
     inlier = hypotheses[0].inlier_probability if hypotheses else None
     if inlier is not None and len(inlier) >= len(patches):
         silent = [i - len(patches) for i, patch in enumerate(patches) if not patch.is_felt]
         inlier = np.delete(inlier, silent)
-    if inlier is None or len(inlier) < count:
-        return np.zeros(count, dtype=np.bool_)
-    return np.asarray(inlier)[:count] < LEAST_INLIER_PROBABILITY
+    return None if inlier is None or len(inlier) < count else np.asarray(inlier)[:count]
+
+
+def false_contacts(
+    hypotheses: tuple[ShownHypothesis, ...], count: int, patches: Sequence[Patch] = ()
+) -> NDArray[np.bool_]:
+    """Which of `count` contacts are probably not on the object, shape (count,); arguments as `inlier_probabilities`."""
+    inlier = inlier_probabilities(hypotheses, count, patches)
+    return np.zeros(count, dtype=np.bool_) if inlier is None else inlier < LEAST_INLIER_PROBABILITY
 
 
 def touch_of(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:

@@ -38,6 +38,16 @@ def test_the_patch_that_is_false_is_the_one_that_is_drawn_so() -> None:
     assert not false_contacts((), 4, patches).any()
 
 
+def test_the_table_of_contacts_gives_each_pad_its_own_probability(blob: ObjectModel) -> None:
+    patches = (pad(0.0), pad(1e4), pad(0.0), pad(1e4))
+    best = ShownHypothesis(RigidTransform(), inlier_probability=np.array([0.9, 1.0, 0.8, 1.0, 0.2]))
+    touch = touch_of(Contacts([[0.0, 0.0, 0.1]], [[0.0, 0.0, 1.0]]), patches)
+    scene = Scene(model=blob, contacts=touch, patches=patches, hypotheses=(best,))
+    table = instant_of(scene, None).contacts
+    column = table.headings.index("of object")
+    assert [row.cells[column] for row in table.rows] == ["90%", "80%", "20%"]
+
+
 def test_a_contact_without_a_normal_is_drawn_without_one_beside_a_pad_that_has_one(blob: ObjectModel) -> None:
     patches = (pad(1e4),)
     touch = touch_of(Contacts([[0.0, 0.0, 0.1], [0.0, 0.1, 0.0]]), patches)
