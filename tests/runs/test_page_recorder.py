@@ -288,3 +288,45 @@ def test_the_page_ends_with_the_last_instant(
     np.testing.assert_array_equal(timeline.times, times)
     assert recorder.save(tmp_path / "page.html", "To the end")
     assert f"At {station.time:.2f} s" in (tmp_path / "page.html").read_text()
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium")
+def test_legend_and_names_are_of_all_times_and_not_only_of_the_end(
+    scenario: Scenario, model: ObjectModel, station: Station, tmp_path: Path
+) -> None:
+    def turning(about: int) -> PoseEstimate:
+        best = estimate_at(0.1, 0.001).best
+        free = np.eye(6)[about : about + 1]
+        held = dataclasses.replace(best, probability=0.6, free_directions=free, inlier_probability=np.array([0.1, 0.9]))
+        other = dataclasses.replace(held, probability=0.4, X_PO=RigidTransform([0.0, 0.02, 0.1]))
+        return PoseEstimate((held, other), "ambiguous", 0.01)
+
+    recorder = PageRecorder(scenario, model)
+    for step, about in enumerate((0, 2)):
+        station.time = 0.5 * step
+        touch(station, 1.0, turning(about))
+        two = Contacts([[0.0, 0.0, 0.05], [0.0, 0.0, 0.15]], [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], np.eye(3)[:2])
+        station.values |= {"contacts": two, "fingers_in_contact": ["thumb", "first"]}
+        recorder.show(RunView(station, station))
+    station.time = 1.0  # The hand has let go, and the last estimate is certain.
+    station.values |= {"contacts": Contacts.empty(), "fingers_in_contact": [], "hypotheses": estimate_at(0.1, 0.001)}
+    recorder.show(RunView(station, station))
+    assert recorder.save(tmp_path / "page.html", "Let go")
+    labels = "[...document.querySelectorAll('.tp-label')].filter((text) => text.style.display !== 'none')"
+    with Browser() as browser:
+        browser.open(tmp_path / "page.html")
+        legend = browser.evaluate("document.querySelector('.tp-legend').innerText")
+        for name in ("another hypothesis", "not determined", "contact", "false contact", "contact force"):
+            assert f"{name}\n" in legend
+        for time, expected in (
+            (0.0, ["1", "2", "turn about the object's x"]),
+            (0.5, ["1", "2", "turn about the object's z"]),
+            (1.0, []),
+        ):
+            browser.evaluate(
+                f"(() => {{ const at = document.getElementById('tp-time'); at.value = {time};"
+                "at.dispatchEvent(new Event('input')); })()"
+            )
+            browser.screenshot()  # texts are placed where the scene is drawn
+            assert browser.evaluate(f"{labels}.map((text) => text.innerText)") == expected
+        assert browser.errors == []
