@@ -128,14 +128,8 @@ def _switches(scene: Scene, timeline: Timeline | None) -> tuple[Switch, ...]:
     """
     is_over_time = timeline is not None
     looks = {*dataclasses.replace(scene, frames=True).looks, *(() if timeline is None else timeline.looks)}
-    forces = scene.contacts.f_PC
-    details = {}
-    if appearance.FORCE in looks:
-        longest = "the largest of the contacts below"
-        if not is_over_time:
-            assert forces is not None
-            longest = f"{float(np.linalg.norm(forces, axis=1).max()):.1f} N"
-        details[appearance.FORCE] = f"{appearance.FORCE.meaning}; the longest is {longest}"
+    longest = "the largest of the object's contacts below" if is_over_time else f"{scene.largest_force:.1f} N"
+    details = {appearance.FORCE: f"{appearance.FORCE.meaning}; the longest is {longest}"}
     if is_over_time or (scene.hypotheses and has_cut_ellipsoids(scene.model, scene.hypotheses[0])):
         cut = f"cut off at {1e3 * most_radius(scene.model):.0f} mm{' where larger' if is_over_time else ''}"
         details[appearance.UNCERTAINTY] = f"{appearance.UNCERTAINTY.meaning}; {cut}"

@@ -108,6 +108,11 @@ class Scene:
         return false_contacts(self.hypotheses, len(self.contacts), self.patches)
 
     @property
+    def largest_force(self) -> float:
+        """The force of the longest arrow, N; 0 without arrows."""
+        return float(shown_forces(self.contacts, self.is_false).max(initial=0.0))
+
+    @property
     def looks(self) -> list[Look]:
         """The parts of the scene that are visible, for its legend."""
         best = self.hypotheses[0] if self.hypotheses else None
@@ -123,7 +128,7 @@ class Scene:
             appearance.CONTACT: bool(np.any(~is_false)),
             appearance.FALSE_CONTACT: bool(np.any(is_false)),
             appearance.NORMAL: has_normals,
-            appearance.FORCE: contacts.f_PC is not None and len(contacts) > 0,
+            appearance.FORCE: self.largest_force > 0.0,
             appearance.PRESSURE: any(patch.is_felt for patch in self.patches),
             appearance.PATCH_AXES: any(np.isfinite(patch.eigenvectors).any() for patch in self.patches),
             appearance.CONE: self.friction is not None and has_normals,
@@ -199,10 +204,14 @@ def touch_of(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:
     return dataclasses.replace(with_patches(contacts, felt), f_PC=f_PC)
 
 
-def arrow_lengths(contacts: Contacts) -> FloatArray:
-    """Lengths of the force arrows, shape (k,), m, in proportion to the forces; zeros without forces."""
-    if contacts.f_PC is None or not len(contacts):
-        return np.zeros(len(contacts))
-    forces = np.linalg.norm(contacts.f_PC, axis=1)
-    lengths: FloatArray = forces * (LONGEST_ARROW / max(float(forces.max()), 1e-12))
+def shown_forces(contacts: Contacts, is_false: NDArray[np.bool_] | None = None) -> FloatArray:
+    """The forces that are drawn, shape (k,), N; 0 at false contacts, and without forces."""
+    forces = np.zeros(len(contacts)) if contacts.f_PC is None else np.linalg.norm(contacts.f_PC, axis=1)
+    return forces if is_false is None else np.where(is_false, 0.0, forces)
+
+
+def arrow_lengths(contacts: Contacts, is_false: NDArray[np.bool_] | None = None) -> FloatArray:
+    """Lengths of the force arrows, shape (k,), m, in proportion to the forces that are drawn."""
+    forces = shown_forces(contacts, is_false)
+    lengths: FloatArray = forces * (LONGEST_ARROW / max(float(forces.max(initial=0.0)), 1e-12))
     return lengths
