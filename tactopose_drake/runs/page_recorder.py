@@ -34,6 +34,7 @@ from tactopose_drake.visualization.touch_marks import add_touch, move_touch
 _PATH = "/tactopose"
 _PERIOD = 0.04  # least time between two moments, s; doubled as often as a long run needs
 _MOST_MOMENTS = 130  # moments of a page, which keep it below 6 MB
+_FRAME_RATE = 1000.0  # of Meshcat's recording, Hz; it holds only the frames of moments, so that the page stays small
 
 
 class Moment(NamedTuple):
@@ -71,22 +72,30 @@ class PageRecorder:
         self._most_contacts = len(config.fingers) + len(config.pads)
         self._moments: list[Moment] = []
         self._period, self._next = _PERIOD, -np.inf
+        self._ends_early = False  # whether the last moment was not due
 
     def show(self, view: RunView) -> None:
-        """Records the current moment if one is due."""
+        """Records the current moment; one that is not due stays only if it is the last."""
         time = view.context.get_time()
-        if time < self._next:
+        is_due = time >= self._next
+        if not is_due and time <= self._moments[-1].time:
             return
+        if self._ends_early:
+            self._moments.pop()
+            self._timeline.drop_last()
+        self._ends_early = not is_due
         self._timeline.show(view)
         prior, patches = view.value("prior"), tuple(view.value("patches", ()))
         contacts, q = touch_of(view.value("contacts"), patches), view.value("joint_positions")
         X_PO = None if prior is None else prior.X_PO
         self._moments.append(Moment(time, q, contacts, patches, X_PO, view.believed("hypotheses"), view.true_pose))
+        if not is_due:
+            return
         if len(self._moments) > _MOST_MOMENTS:
             self._moments = self._moments[::2]
             self._timeline.thin()
             self._period *= 2
-        self._next = self._moments[-1].time + self._period - TIME_ROUNDING
+        self._next = time + self._period - TIME_ROUNDING
 
     def save(self, path: Path, title: str) -> bool:
         """Writes the page if there was an estimate and there are at least two moments; returns whether it did.
@@ -102,7 +111,7 @@ class PageRecorder:
         assert last.estimate is not None
         meshcat = Meshcat(MeshcatParams(host="localhost"))
         self._add_parts(meshcat)
-        meshcat.StartRecording(1.0 / self._period)
+        meshcat.StartRecording(_FRAME_RATE)
         for moment in self._moments:
             self._draw(meshcat, moment)
         meshcat.StopRecording()
@@ -152,7 +161,8 @@ class PageRecorder:
             meshcat.SetTriangleMesh(f"{_PATH}/hand/{row}", mesh.vertices.T, mesh.faces.T, colour)
 
     def _draw(self, meshcat: Meshcat, moment: Moment) -> None:
-        time, hypotheses = moment.time, _shown(moment)
+        # Meshcat rounds down to a frame; this is the nearest one.
+        time, hypotheses = moment.time + 0.5 / _FRAME_RATE, _shown(moment)
         scene = Scene(model=self._model, contacts=moment.contacts, patches=moment.patches, hypotheses=hypotheses)
         move_hypotheses(meshcat, _PATH, self._model, hypotheses[:1] + scene.alternatives, MOVING_ALTERNATIVES, time)
         place(meshcat, f"{_PATH}/prior", moment.prior, time)

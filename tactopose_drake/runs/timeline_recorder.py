@@ -13,7 +13,7 @@ from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.runs.stepping import RunView
-from tactopose_drake.visualization.appearance import MOST_FREE, MOVING_ALTERNATIVES
+from tactopose_drake.visualization.appearance import MOST_FREE, MOVING_ALTERNATIVES, Look
 from tactopose_drake.visualization.estimate_page import instant_of
 from tactopose_drake.visualization.page_tables import Instant
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis, touch_of
@@ -21,12 +21,13 @@ from tactopose_drake.visualization.timeline import Curve, Plot, Timeline
 
 
 class _Noted(NamedTuple):
-    """A recorded moment: its time, s, the status, the curves' values by name, and the page's texts."""
+    """A recorded moment: its time, s, the status, the curves' values by name, the page's texts, and what is drawn."""
 
     time: float
     status: str
     values: dict[str, float]
     said: Instant
+    looks: tuple[Look, ...]
 
 
 class TimelineRecorder:
@@ -50,11 +51,16 @@ class TimelineRecorder:
             self._rows.clear()
         estimate, status = view.believed("hypotheses"), view.believed("status")
         values = self._forces(view) | self._pressures(view) | self._widths(estimate)
-        self._rows.append(_Noted(time, status, values, instant_of(self._scene(view, estimate), estimate, status)))
+        scene = self._scene(view, estimate)
+        self._rows.append(_Noted(time, status, values, instant_of(scene, estimate, status), tuple(scene.looks)))
 
     def thin(self) -> None:
         """Drops every second moment."""
         self._rows = self._rows[::2]
+
+    def drop_last(self) -> None:
+        """Drops the last moment."""
+        self._rows.pop()
 
     def timeline(self) -> Timeline | None:
         """The timeline of all recorded moments; None if there are fewer than two."""
@@ -67,13 +73,15 @@ class TimelineRecorder:
         plots += [Plot("highest pressure", "kPa", curves["pressure"])] if self._pads else []
         plots += [Plot("\u00b1 position", "mm", (position,)), Plot("\u00b1 angle", "deg", (angle,))]
         times, states, said = zip(*((row.time, row.status, row.said) for row in self._rows), strict=True)
-        return Timeline(np.array(times), states, tuple(plots), said)
+        looks = frozenset(look for row in self._rows for look in row.looks)
+        return Timeline(np.array(times), states, tuple(plots), said, looks)
 
     def _values(self, name: str) -> FloatArray:
         return np.array([row.values.get(name, np.nan) for row in self._rows])
 
     def _scene(self, view: RunView, estimate: PoseEstimate | None) -> Scene:
-        """The scene of the current moment, without the hand."""
+        """The scene of the current moment, without the hand and the true pose."""
+        prior = view.value("prior")
         pads, patches = view.value("pads", ()), view.value("patches", ())
         felt = [name for name, patch in zip(pads, patches, strict=True) if patch.is_felt]
         hypotheses = () if estimate is None else estimate.hypotheses[: 1 + MOVING_ALTERNATIVES]
@@ -84,6 +92,7 @@ class TimelineRecorder:
             patches=patches,
             touched_by=(*view.value("fingers_in_contact"), *felt),
             hypotheses=shown,
+            prior=None if prior is None else prior.X_PO,
         )
 
     def _forces(self, view: RunView) -> dict[str, float]:

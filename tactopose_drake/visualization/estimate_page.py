@@ -19,10 +19,11 @@ from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.visualization import appearance
 from tactopose_drake.visualization.appearance import Look
+from tactopose_drake.visualization.arrow_shapes import SLIDE_TIP, TURN_TIP
 from tactopose_drake.visualization.meshcat import draw_scene, upright
 from tactopose_drake.visualization.page import Label, Page, Switch, hand_switch
 from tactopose_drake.visualization.page_tables import Instant, PageTable, Row
-from tactopose_drake.visualization.scene import Scene
+from tactopose_drake.visualization.scene import Scene, inlier_probabilities
 from tactopose_drake.visualization.timeline import Timeline
 from tactopose_drake.visualization.uncertainty import free_arrows, has_cut_ellipsoids, most_radius
 from tactopose_drake.visualization.viewpoint import choose_view, points_of_interest
@@ -37,11 +38,11 @@ _PARTS: dict[Look, str] = {
     appearance.CONTACT: r"^/tactopose/touch/\d+/point",
     appearance.FALSE_CONTACT: r"^/tactopose/touch/\d+/false",
     appearance.NORMAL: r"^/tactopose/touch/\d+/normal/line",
-    appearance.CONE: r"^/tactopose/touch/\d+/normal/cone",
-    appearance.FRAMES: r"^/tactopose/(palm|estimate/frame)/",
     appearance.FORCE: r"^/tactopose/touch/\d+/force",
     appearance.PRESSURE: r"^/tactopose/patches/\d+/cells/",
     appearance.PATCH_AXES: r"^/tactopose/patches/\d+/axes/",
+    appearance.CONE: r"^/tactopose/touch/\d+/normal/cone",
+    appearance.FRAMES: r"^/tactopose/(palm|estimate/frame)/",
 }
 # Maximum number and minimum probability of the hypotheses beside the best that are visible at first.
 _SHOWN, _LEAST_SHOWN = 3, 0.1
@@ -76,8 +77,8 @@ def page_of(
         title=title or f"{name[0].upper()}{name[1:]} in the hand: pose by touch",
         said=said._replace(sentences=(*said.sentences, *unknown)),
         tables=tables,
-        switches=_switches(scene, is_over_time=timeline is not None),
-        labels=_labels(scene),
+        switches=_switches(scene, timeline),
+        labels=_labels(scene, timeline),
         direction_W=X_WP.rotation() @ choose_view(scene),
         p_WQ=_outermost(X_WP.multiply(points_of_interest(scene).T).T),
         timeline=timeline,
@@ -116,17 +117,19 @@ def instant_of(scene: Scene, estimate: PoseEstimate | None, status: str = "") ->
         sentences=tuple(sentence for sentence in sentences if sentence),
         hypotheses=_hypotheses(estimate, scene.model, len(scene.alternatives)),
         contacts=_contacts(scene),
+        free=_free_names(scene),
     )
 
 
-def _switches(scene: Scene, is_over_time: bool) -> tuple[Switch, ...]:
-    """The legend of a scene. If the scene changes over time, it does not give the largest force, which changes too."""
-    forces = scene.contacts.f_PC
-    details = {}
-    if forces is not None and len(forces):
-        largest = f"{float(np.linalg.norm(forces, axis=1).max()):.1f} N"
-        longest = "the largest of the contacts below" if is_over_time else largest
-        details[appearance.FORCE] = f"{appearance.FORCE.meaning}; the longest is {longest}"
+def _switches(scene: Scene, timeline: Timeline | None) -> tuple[Switch, ...]:
+    """The legend of a scene, and of what a recording shows before its end, whose forces change.
+
+    The largest force is therefore given only without a recording.
+    """
+    is_over_time = timeline is not None
+    looks = {*dataclasses.replace(scene, frames=True).looks, *(() if timeline is None else timeline.looks)}
+    longest = "the largest of the object's contacts below" if is_over_time else f"{scene.largest_force:.1f} N"
+    details = {appearance.FORCE: f"{appearance.FORCE.meaning}; the longest is {longest}"}
     if is_over_time or (scene.hypotheses and has_cut_ellipsoids(scene.model, scene.hypotheses[0])):
         cut = f"cut off at {1e3 * most_radius(scene.model):.0f} mm{' where larger' if is_over_time else ''}"
         details[appearance.UNCERTAINTY] = f"{appearance.UNCERTAINTY.meaning}; {cut}"
@@ -134,7 +137,8 @@ def _switches(scene: Scene, is_over_time: bool) -> tuple[Switch, ...]:
         hand_switch(look)
         if look is appearance.HAND
         else Switch(look, _PARTS[look], details.get(look, ""), look not in _AT_FIRST_OFF)
-        for look in dataclasses.replace(scene, frames=True).looks
+        for look in (*_PARTS, appearance.HAND)
+        if look in looks
     )
 
 
@@ -169,9 +173,9 @@ def _contacts(scene: Scene) -> PageTable:
         texts = [f"{force:.2f}" for force in np.linalg.norm(contacts.f_PC, axis=1)]
         of_fingers = len(texts) - sum(patch.is_felt for patch in scene.patches)  # Pads come last, without forces.
         columns.append(("force, N", [*texts[:of_fingers], *[""] * (len(texts) - of_fingers)]))
-    inlier = scene.hypotheses[0].inlier_probability if scene.hypotheses else None
-    if inlier is not None and len(inlier) >= len(contacts):
-        columns.append(("of object", [f"{share:.0%}" for share in inlier[: len(contacts)]]))
+    inlier = inlier_probabilities(scene.hypotheses, len(contacts), scene.patches)
+    if inlier is not None:
+        columns.append(("of object", [f"{share:.0%}" for share in inlier]))
     rows = tuple(Row(cells) for cells in zip(*(cells for _, cells in columns), strict=True))
     return PageTable("Contacts in the palm frame", tuple(heading for heading, _ in columns), rows)
 
@@ -180,25 +184,27 @@ def _millimetres(point: FloatArray) -> str:
     return " ".join(f"{x:.1f}" for x in np.round(1e3 * point, 1) + 0.0)  # no -0.0
 
 
-def _labels(scene: Scene) -> tuple[Label, ...]:
-    contacts = [
-        Label(f"/tactopose/touch/{row}", str(row + 1), appearance.CONTACT.colour) for row in range(len(scene.contacts))
-    ]
-    arrows = free_arrows(scene.model, scene.hypotheses[0]) if scene.hypotheses else []
+def _labels(scene: Scene, timeline: Timeline | None) -> tuple[Label, ...]:
+    """The texts in a scene; of a recording those of all times, each of which is shown where its part is."""
+    said = () if timeline is None else timeline.said
+    count = max([len(scene.contacts), *(len(instant.contacts.rows) for instant in said)])
+    contacts = [Label(f"/tactopose/touch/{row}", str(row + 1), appearance.CONTACT.colour) for row in range(count)]
+    names, colour = _free_names(scene), appearance.FREE.colour
     free = [
-        Label(
-            f"/tactopose/free/{row}/{'turn' if arrow.is_turn else 'slide'}",
-            arrow.name,
-            appearance.FREE.colour,
-            tuple(arrow.p_AT.tolist()),
-        )
-        for row, arrow in enumerate(arrows)
+        Label(f"/tactopose/free/{row}/{kind}/arrow", names[row] if row < len(names) else "", colour, tip, row)
+        for row in range(max([len(names), *(len(instant.free) for instant in said)]))
+        for kind, tip in (("turn", TURN_TIP), ("slide", SLIDE_TIP))
     ]
     frames = [
         Label(f"/tactopose/{path}", name, appearance.FRAMES.colour)
         for path, name in (("palm", "P"), ("estimate/frame", "O"))
     ]
     return (*contacts, *free, *frames)
+
+
+def _free_names(scene: Scene) -> tuple[str, ...]:
+    arrows = free_arrows(scene.model, scene.hypotheses[0]) if scene.hypotheses else []
+    return tuple(arrow.name for arrow in arrows)
 
 
 def _outermost(points: FloatArray) -> FloatArray:

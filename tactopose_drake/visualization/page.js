@@ -164,6 +164,7 @@
     const said = page.timeline.said.findLast((instant) => instant.from <= time + 1e-9) ?? page.timeline.said[0];
     if (said && said !== lastSaid) {
       for (const part of ["said", "hypotheses", "contacts"]) document.getElementById(`tp-${part}`).innerHTML = said[part];
+      for (const { free, element } of labels) if (free !== null) element.textContent = said.free[free] ?? "";
       lastSaid = said;
       readBoxes();
     }

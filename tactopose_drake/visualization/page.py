@@ -55,12 +55,14 @@ class Label(NamedTuple):
         text: the text.
         colour: colour of the text; replaced by that of a false contact while the part shows one.
         at: position in the part's frame, m.
+        free: the row of a free direction, whose name at the time of a recording replaces the text; None for others.
     """
 
     path: str
     text: str
     colour: Colour
     at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    free: int | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

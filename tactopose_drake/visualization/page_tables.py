@@ -46,12 +46,14 @@ class Instant(NamedTuple):
         sentences: the belief, its uncertainty, and what is not determined.
         hypotheses: the poses; without rows if there is no estimate.
         contacts: the contacts.
+        free: names of the free directions that are drawn.
     """
 
     status: str
     sentences: tuple[str, ...]
     hypotheses: PageTable
     contacts: PageTable
+    free: tuple[str, ...] = ()
 
 
 def state_name(word: str) -> str:

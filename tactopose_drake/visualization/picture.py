@@ -245,9 +245,7 @@ def _handle(look: Look, scene: Scene, prior_label: str) -> Patch | Line2D:
     """The entry of a part in the legend."""
     label = prior_label if look is PRIOR else look.name
     if look is FORCE:
-        assert scene.contacts.f_PC is not None
-        largest = float(np.linalg.norm(scene.contacts.f_PC, axis=1).max())
-        label = f"force on the finger (longest {largest:.1f} N)"
+        label = f"force on the finger (longest {scene.largest_force:.1f} N)"
     if look is UNCERTAINTY and has_cut_ellipsoids(scene.model, scene.hypotheses[0]):
         label = f"{label} (cut off at {1e3 * most_radius(scene.model):.0f} mm)"
     if look.mark == "line":

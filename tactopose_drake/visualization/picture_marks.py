@@ -80,7 +80,7 @@ def smooth(vertices: FloatArray, faces: NDArray[np.int32], colour: Colour | Floa
 
 def _contacts(scene: Scene) -> Iterable[Painted]:
     contacts = scene.contacts
-    for row, (length, is_false) in enumerate(zip(force_lengths(contacts), scene.is_false, strict=True)):
+    for row, (length, is_false) in enumerate(zip(force_lengths(contacts, scene.is_false), scene.is_false, strict=True)):
         ball = trimesh.creation.icosphere(subdivisions=2, radius=_CONTACT_RADIUS).apply_translation(contacts.p_PC[row])
         yield ball, FALSE_CONTACT.colour if is_false else CONTACT.colour
         if is_false:

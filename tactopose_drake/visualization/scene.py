@@ -108,6 +108,11 @@ class Scene:
         return false_contacts(self.hypotheses, len(self.contacts), self.patches)
 
     @property
+    def largest_force(self) -> float:
+        """The force of the longest arrow, N; 0 without arrows."""
+        return float(shown_forces(self.contacts, self.is_false).max(initial=0.0))
+
+    @property
     def looks(self) -> list[Look]:
         """The parts of the scene that are visible, for its legend."""
         best = self.hypotheses[0] if self.hypotheses else None
@@ -123,7 +128,7 @@ class Scene:
             appearance.CONTACT: bool(np.any(~is_false)),
             appearance.FALSE_CONTACT: bool(np.any(is_false)),
             appearance.NORMAL: has_normals,
-            appearance.FORCE: contacts.f_PC is not None and len(contacts) > 0,
+            appearance.FORCE: self.largest_force > 0.0,
             appearance.PRESSURE: any(patch.is_felt for patch in self.patches),
             appearance.PATCH_AXES: any(np.isfinite(patch.eigenvectors).any() for patch in self.patches),
             appearance.CONE: self.friction is not None and has_normals,
@@ -163,21 +168,27 @@ def worth_drawing(hypotheses: Sequence[ShownHypothesis]) -> tuple[ShownHypothesi
     return (*hypotheses[:1], *(other for other in others if other.probability >= LEAST_ALTERNATIVE))
 
 
-def false_contacts(
+def inlier_probabilities(
     hypotheses: tuple[ShownHypothesis, ...], count: int, patches: Sequence[Patch] = ()
-) -> NDArray[np.bool_]:
-    """Which of `count` contacts are probably not on the object, by the first hypothesis, shape (count,).
+) -> FloatArray | None:
+    """Probability that each of `count` contacts is on the object, by the first hypothesis, shape (count,).
 
     The last contacts may be those of the pressed patches, as by `touch_of`; the hypothesis's inlier probabilities end
-    with those of all patches. A hypothesis of an earlier touch with fewer contacts marks none as false.
+    with those of all patches. None if the hypothesis has none, or is of an earlier touch with fewer contacts.
     """
     inlier = hypotheses[0].inlier_probability if hypotheses else None
     if inlier is not None and len(inlier) >= len(patches):
         silent = [i - len(patches) for i, patch in enumerate(patches) if not patch.is_felt]
         inlier = np.delete(inlier, silent)
-    if inlier is None or len(inlier) < count:
-        return np.zeros(count, dtype=np.bool_)
-    return np.asarray(inlier)[:count] < LEAST_INLIER_PROBABILITY
+    return None if inlier is None or len(inlier) < count else np.asarray(inlier)[:count]
+
+
+def false_contacts(
+    hypotheses: tuple[ShownHypothesis, ...], count: int, patches: Sequence[Patch] = ()
+) -> NDArray[np.bool_]:
+    """Which of `count` contacts are probably not on the object, shape (count,); arguments as `inlier_probabilities`."""
+    inlier = inlier_probabilities(hypotheses, count, patches)
+    return np.zeros(count, dtype=np.bool_) if inlier is None else inlier < LEAST_INLIER_PROBABILITY
 
 
 def touch_of(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:
@@ -193,10 +204,14 @@ def touch_of(contacts: Contacts, patches: Sequence[Patch]) -> Contacts:
     return dataclasses.replace(with_patches(contacts, felt), f_PC=f_PC)
 
 
-def arrow_lengths(contacts: Contacts) -> FloatArray:
-    """Lengths of the force arrows, shape (k,), m, in proportion to the forces; zeros without forces."""
-    if contacts.f_PC is None or not len(contacts):
-        return np.zeros(len(contacts))
-    forces = np.linalg.norm(contacts.f_PC, axis=1)
-    lengths: FloatArray = forces * (LONGEST_ARROW / max(float(forces.max()), 1e-12))
+def shown_forces(contacts: Contacts, is_false: NDArray[np.bool_] | None = None) -> FloatArray:
+    """The forces that are drawn, shape (k,), N; 0 at false contacts, and without forces."""
+    forces = np.zeros(len(contacts)) if contacts.f_PC is None else np.linalg.norm(contacts.f_PC, axis=1)
+    return forces if is_false is None else np.where(is_false, 0.0, forces)
+
+
+def arrow_lengths(contacts: Contacts, is_false: NDArray[np.bool_] | None = None) -> FloatArray:
+    """Lengths of the force arrows, shape (k,), m, in proportion to the forces that are drawn."""
+    forces = shown_forces(contacts, is_false)
+    lengths: FloatArray = forces * (LONGEST_ARROW / max(float(forces.max(initial=0.0)), 1e-12))
     return lengths

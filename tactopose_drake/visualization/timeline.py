@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.visualization.appearance import Look
 from tactopose_drake.visualization.page_tables import Instant, said_html, state_name, state_text, table_html
 
 # Colours of statuses by their first word, distinguishable with red-green colour blindness; the names are shown, too.
@@ -60,12 +61,14 @@ class Timeline:
         states: the status at each time; its first word determines the colour.
         plots: plots on the same time axis.
         said: the page's sentences and tables at each time; empty if they do not change.
+        looks: what is drawn at any time, for the legend; what is drawn at the end is in it in any case.
     """
 
     times: FloatArray
     states: tuple[str, ...]
     plots: tuple[Plot, ...] = ()
     said: tuple[Instant, ...] = ()
+    looks: frozenset[Look] = frozenset()
 
     @property
     def end(self) -> float:
@@ -121,12 +124,13 @@ def timeline_html(timeline: Timeline) -> str:
     return '<footer id="tp-foot">' + "".join(rows) + "</footer>"
 
 
-def _parts(said: Instant, time: float) -> dict[str, str]:
-    """The contents of the page's elements at an instant, by their ids without the prefix."""
+def _parts(said: Instant, time: float) -> dict[str, Any]:
+    """The contents of the page's elements at an instant, by their ids without the prefix, and the arrows' names."""
     return {
         "said": said_html(said, f"At {time:.2f} s"),
         "hypotheses": table_html(said.hypotheses),
         "contacts": table_html(said.contacts),
+        "free": said.free,
     }
 
 

@@ -73,7 +73,7 @@ def move_touch(
         time: time in the recording, s, if there is one.
         is_false: which contacts are probably not on the object, shape (k,); by default, all are.
     """
-    lengths, has_normal = arrow_lengths(contacts), tell_normals(contacts)
+    lengths, has_normal = arrow_lengths(contacts, is_false), tell_normals(contacts)
     for row in range(count):
         at = f"{path}/{row}"
         meshcat.SetProperty(at, "visible", row < len(contacts), time)
@@ -87,7 +87,7 @@ def move_touch(
         if contacts.n_PC is not None and has_normal[row]:
             meshcat.SetTransform(f"{at}/normal", along(contacts.n_PC[row]), time)
         has_arrow = contacts.f_PC is not None and bool(lengths[row] > _HEAD_LENGTH)
-        meshcat.SetProperty(f"{at}/force", "visible", has_arrow and not crossed, time)
+        meshcat.SetProperty(f"{at}/force", "visible", has_arrow, time)
         if contacts.f_PC is not None and has_arrow:
             shaft = float(lengths[row]) - _HEAD_LENGTH
             meshcat.SetTransform(f"{at}/force", along(contacts.f_PC[row]), time)

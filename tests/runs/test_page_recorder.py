@@ -30,6 +30,7 @@ from tactopose_drake.runs.timeline_recorder import TimelineRecorder
 from tactopose_drake.station.scenario import Scenario, load_scenario
 from tactopose_drake.station.simulated_errors import SimulatedErrors
 from tests import held_cube
+from tests.browser import CHROMIUM, Browser
 from tests.recording_meshcat import RecordingMeshcat
 
 
@@ -248,3 +249,84 @@ def test_a_calibrated_hand_is_drawn_where_it_is(scenario: Scenario, model: Objec
     assert simulated.hand_config().calibration == ""
     told = dataclasses.replace(simulated, errors=SimulatedErrors(joint_offsets_deg={names[2]: 3.0}))
     assert told.hand_config().calibration != ""
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium")
+def test_the_slider_shows_each_moment_at_its_time(
+    scenario: Scenario, model: ObjectModel, station: Station, tmp_path: Path
+) -> None:
+    recorder = PageRecorder(scenario, model)
+    for step in range(201):  # 10 s, so that moments are dropped; the rest are not a multiple of a period apart
+        station.time = 0.05 * step
+        touch(station, 1.0, estimate_at(0.01 * station.time, 0.001))
+        recorder.show(RunView(station, station))
+    assert recorder.save(tmp_path / "page.html", "An object that rises")
+    with Browser() as browser:
+        browser.open(tmp_path / "page.html")
+        for moment in recorder._moments[::7]:
+            browser.evaluate(
+                "(() => { const at = document.getElementById('tp-time'); at.step = 'any';"
+                f"at.value = {moment.time}; at.dispatchEvent(new Event('input')); }})()"
+            )
+            height = browser.evaluate("viewer.scene_tree.find(['tactopose', 'estimate']).object.position.z")
+            assert height == pytest.approx(0.01 * moment.time, abs=1e-5)
+
+
+def test_the_page_ends_with_the_last_instant(
+    scenario: Scenario, model: ObjectModel, station: Station, tmp_path: Path
+) -> None:
+    recorder = PageRecorder(scenario, model)
+    for step in range(268):
+        station.time = 0.03 * step
+        touch(station, 1.0, estimate_at(0.01 * station.time, 0.001))
+        recorder.show(RunView(station, station))
+        assert recorder._moments[-1].time == station.time
+    times = [moment.time for moment in recorder._moments]
+    assert np.diff(times)[:-1].min() > 0.07  # dropped evenly, but for the last
+    timeline = recorder._timeline.timeline()
+    assert timeline is not None
+    np.testing.assert_array_equal(timeline.times, times)
+    assert recorder.save(tmp_path / "page.html", "To the end")
+    assert f"At {station.time:.2f} s" in (tmp_path / "page.html").read_text()
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium")
+def test_legend_and_names_are_of_all_times_and_not_only_of_the_end(
+    scenario: Scenario, model: ObjectModel, station: Station, tmp_path: Path
+) -> None:
+    def turning(about: int) -> PoseEstimate:
+        best = estimate_at(0.1, 0.001).best
+        free = np.eye(6)[about : about + 1]
+        held = dataclasses.replace(best, probability=0.6, free_directions=free, inlier_probability=np.array([0.1, 0.9]))
+        other = dataclasses.replace(held, probability=0.4, X_PO=RigidTransform([0.0, 0.02, 0.1]))
+        return PoseEstimate((held, other), "ambiguous", 0.01)
+
+    recorder = PageRecorder(scenario, model)
+    for step, about in enumerate((0, 2)):
+        station.time = 0.5 * step
+        touch(station, 1.0, turning(about))
+        two = Contacts([[0.0, 0.0, 0.05], [0.0, 0.0, 0.15]], [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], np.eye(3)[:2])
+        station.values |= {"contacts": two, "fingers_in_contact": ["thumb", "first"]}
+        recorder.show(RunView(station, station))
+    station.time = 1.0  # The hand has let go, and the last estimate is certain.
+    station.values |= {"contacts": Contacts.empty(), "fingers_in_contact": [], "hypotheses": estimate_at(0.1, 0.001)}
+    recorder.show(RunView(station, station))
+    assert recorder.save(tmp_path / "page.html", "Let go")
+    labels = "[...document.querySelectorAll('.tp-label')].filter((text) => text.style.display !== 'none')"
+    with Browser() as browser:
+        browser.open(tmp_path / "page.html")
+        legend = browser.evaluate("document.querySelector('.tp-legend').innerText")
+        for name in ("another hypothesis", "not determined", "contact", "false contact", "contact force"):
+            assert f"{name}\n" in legend
+        for time, expected in (
+            (0.0, ["1", "2", "turn about the object's x"]),
+            (0.5, ["1", "2", "turn about the object's z"]),
+            (1.0, []),
+        ):
+            browser.evaluate(
+                f"(() => {{ const at = document.getElementById('tp-time'); at.value = {time};"
+                "at.dispatchEvent(new Event('input')); })()"
+            )
+            browser.screenshot()  # texts are placed where the scene is drawn
+            assert browser.evaluate(f"{labels}.map((text) => text.innerText)") == expected
+        assert browser.errors == []

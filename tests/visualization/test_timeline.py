@@ -66,7 +66,7 @@ def test_the_slider_moves_through_a_recording(
     titles = browser.evaluate("[...document.querySelectorAll('.tp-strip i')].map((piece) => piece.title)")
     assert titles == [waiting, "ok"]
     legend = browser.evaluate("document.querySelector('.tp-legend').innerText")
-    assert "the longest is the largest of the contacts below" in legend
+    assert "the longest is the largest of the object's contacts below" in legend
     assert browser.evaluate("document.querySelectorAll('.tp-strip i').length") == 2
     assert browser.evaluate("document.querySelectorAll('.tp-plot polyline').length") == 3
     foot = browser.evaluate("document.getElementById('tp-foot').innerText")
