@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from tactopose_drake.core.evidence.contact_reading import ContactReading, SeemingErrors
+from tactopose_drake.core.evidence.contact_reading import ContactReading, ErrorScales
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernel_library import make_kernels_ready
 from tactopose_drake.core.motion.object_motion import move_freely, move_with_fingertips, move_with_palm
@@ -266,22 +266,20 @@ class PoseTracker:
             search = search._replace(time=frame.time)
         touch = Touch(frame.evidence, reading, belief.keyframes, belief.standing, frame.depth_in_hand)
         step = search_on(self._model, params, touch, belief.modes, search, slices=slices, thorough=thorough)
-        belief, weighed = copied(belief, search=step.state), step.weighed
+        belief, found = copied(belief, search=step.state), step.found
         if step.errors is not None:
             belief, reading = self._follow_errors(belief, reading, step.errors)
-        if weighed is None:
+        if found is None:
             return belief
         share = max(1.0 / (1.0 + step.state.agreeing), params.relocalisation.least_share)
-        doubt = follow_doubt(
-            belief.errors.doubt, weighed.inlier_probability, weighed.noise_scale, weighed.sources, share
-        )
+        doubt = follow_doubt(belief.errors.doubt, found.inlier_probability, found.noise_scale, found.sources, share)
         belief, reading = self._follow_errors(belief, reading, belief.errors._replace(doubt=doubt))
         touch = touch._replace(reading=reading)
-        modes = relocalise(self._model, params, touch, belief.modes, weighed.modes, share)
+        modes = relocalise(self._model, params, touch, belief.modes, found.modes, share)
         return copied(belief, modes=modes, search=step.state._replace(agreeing=step.state.agreeing + 1))
 
     def _follow_errors(
-        self, belief: PoseBelief, reading: ContactReading, errors: SeemingErrors
+        self, belief: PoseBelief, reading: ContactReading, errors: ErrorScales
     ) -> tuple[PoseBelief, ContactReading]:
         """Adapts the belief and the reading to another estimate of the contacts' errors."""
         after = with_errors(reading, errors, self._params)

@@ -57,7 +57,7 @@ def test_a_touch_that_stays_exactly_as_it_is_is_searched_on(tracker: PoseTracker
         belief = tracker.step(belief, Frame(0.01 * step, Evidence(contacts[:count]), NAMES[:count]))
         searches.append(belief.search)
     # At first the same reading may be that of a sensor that is slower than the frames.
-    assert len({(search.searches, search.is_settled, id(search.weighing)) for search in searches[8 : 8 + FLICKER]}) == 1
+    assert len({(search.searches, search.is_settled, id(search.sampling)) for search in searches[8 : 8 + FLICKER]}) == 1
     assert belief.explained_time == belief.time
     # Such a box may as well lie turned by half a turn.
     flips = [np.diag(row) for row in ([1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1])]
