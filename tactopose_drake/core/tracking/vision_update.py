@@ -213,7 +213,7 @@ def follow_motion(params: PoseTrackerParams, belief: PoseBelief, motion: Motion,
     """The history of a belief followed by the motion up to a time, s.
 
     Before any touch, a motion over a long gap is replaced by free motion. It may be that since the clock's zero, whose
-    covariance is bounded, so that next to none of it would fall to the last second.
+    covariance is bounded, so that hardly any of it would fall to the last second.
     """
     duration = time - belief.time
     if duration > params.noise.longest_gap and belief.touch_time == -np.inf:
