@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernels.matrix_kernels import inverses
-from tactopose_drake.core.motion.object_motion import move_freely
-from tactopose_drake.core.motion.rigid_motion import Motion, MotionHistory, predict_poses
+from tactopose_drake.core.motion.rigid_motion import MotionHistory
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.poses import increments_between, increments_of_images, retract
 from tactopose_drake.core.shape.free_spin import nearest_images
@@ -24,7 +23,7 @@ from tactopose_drake.core.tracking.contact_update import limit_gain
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief, VisionRecord
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
-from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, VisionParams
+from tactopose_drake.core.tracking.tracker_params import VisionParams
 from tactopose_drake.core.validation import FloatArray
 
 _NOT_BELIEVED = "vision is not believed"
@@ -197,45 +196,6 @@ def fuse(
     covariance = limit_gain(standing.covariance[None], most, covariance[None])[0]
     X_PO = retract(standing.X_PO[None], (gain @ u)[None])[0]
     return measurement.moved_to(measurement.time, X_PO, 0.5 * (covariance + covariance.T))
-
-
-def unknown_past(params: PoseTrackerParams, time: float) -> MotionHistory:
-    """The history of an object of which nothing is known before a time, s: it may have moved freely.
-
-    It reaches back as far as pictures count, so that one from before the first frame is used.
-    """
-    length = params.vision.max_age
-    motion = move_freely(params.noise, length, params.mixture.max_sigma_translation)
-    return MotionHistory((time - length, time), (motion,))
-
-
-def follow_motion(params: PoseTrackerParams, belief: PoseBelief, motion: Motion, time: float) -> MotionHistory:
-    """The history of a belief followed by the motion up to a time, s.
-
-    Before any touch, a motion over a long gap is replaced by free motion. It may be that since the clock's zero, whose
-    covariance is bounded, so that hardly any of it would fall to the last second.
-    """
-    duration = time - belief.time
-    if duration > params.noise.longest_gap and belief.touch_time == -np.inf:
-        return unknown_past(params, time)
-    return belief.history.followed_by(motion, time, params.vision.max_age) if duration > 0.0 else belief.history
-
-
-def move_standing(belief: PoseBelief, motion: Motion, time: float, *, was_taken: bool) -> PoseMeasurement | None:
-    """The fused pose from vision after a motion of the object; before it is felt, it rests and stays as well known.
-
-    Args:
-        belief: before the motion.
-        motion: since then.
-        time: now, s.
-        was_taken: whether the object has left the touch and may have been moved, so that older poses do not apply.
-    """
-    if belief.standing is None or (was_taken and belief.vision.accepted_time <= belief.touch_time):
-        return None
-    if belief.touch_time == -np.inf:
-        motion = dataclasses.replace(motion, covariance=np.zeros((6, 6)))
-    X_PO, covariance = predict_poses(belief.standing.X_PO[None], belief.standing.covariance[None], motion)
-    return belief.standing.moved_to(time, X_PO[0], covariance[0])
 
 
 def update_with_pose(

@@ -14,7 +14,7 @@ from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.posterior.moved_origin import arc_covariance, increments_of_origin, move_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.slip.slip_params import SlipParams
-from tactopose_drake.core.tracking import pose_tracker
+from tactopose_drake.core.tracking import belief_prediction
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
@@ -349,7 +349,7 @@ def test_what_has_just_come_to_touch_holds_nothing_yet(tracker: PoseTracker, mon
         said.append(settled)
         return move_with_fingertips(*args, settled=settled, **options)
 
-    monkeypatch.setattr(pose_tracker, "move_with_fingertips", spy)
+    monkeypatch.setattr(belief_prediction, "move_with_fingertips", spy)
     belief, generator = tracker.start(0.0), np.random.default_rng(0)
     for i, count in enumerate([1] * 15 + [6] * 25):
         contacts = touch(X_PO, generator)[:count]
