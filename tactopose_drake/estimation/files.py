@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tactopose_drake.core.evidence.contacts import SIGMA_LIMITS, Contacts
-from tactopose_drake.core.evidence.gaussian_prior import SIGMA_LIMITS as PRIOR_SIGMA_LIMITS
+from tactopose_drake.core.evidence.gaussian_prior import PRIOR_SIGMA_LIMITS
 from tactopose_drake.core.validation import positive_number, told_of
 from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.estimation.data_checks import (

@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Callable
 
 from tactopose_drake.core.evidence.evidence import Evidence
-from tactopose_drake.core.evidence.hand_clearance import HandClearance
 from tactopose_drake.core.posterior.plausibility import degrees_of_freedom
 from tactopose_drake.core.searches.baselines.gradient_descent import GradientDescent
+from tactopose_drake.core.searches.baselines.hand_clearance import HandClearance
 from tactopose_drake.core.searches.baselines.monte_carlo import MonteCarlo
 from tactopose_drake.core.searches.baselines.scaling_series import ScalingSeries
 from tactopose_drake.core.searches.baselines.simulated_annealing import SimulatedAnnealing

@@ -183,8 +183,8 @@ def save_calibration(path: Path, calibration: HandCalibration) -> None:
         beside.write_text(text, encoding="utf-8")
 
 
-def rounded(value: Any, digits: int = 6) -> Any:
-    """A number, or the numbers in nested lists, rounded to this many significant digits."""
+def rounded(value: Any) -> Any:
+    """A number, or the numbers in nested lists, rounded to six significant digits."""
     if isinstance(value, list | np.ndarray):
-        return [rounded(item, digits) for item in value]
-    return float(f"{float(value):.{digits}g}")
+        return [rounded(item) for item in value]
+    return float(f"{float(value):.6g}")

@@ -27,7 +27,7 @@ STAGES = {
     "state the problem": [(inference, "make_problem")],
     "search for minima": [(inference, "_search")],
     "tell modes apart": [(inference, "_modes_of")],
-    "cover modes": [(importance_sampling, "begin_weighing")],
+    "cover modes": [(importance_sampling, "begin_sampling")],
     "join modes": [(importance_sampling, "join_modes")],
     "sample": [(importance_sampling, name) for name in ("_first_round", "minima_between", "_next_round")],
     "take moments": [(importance_sampling, name) for name in ("_as_sampled", "widen_by_doubt")],

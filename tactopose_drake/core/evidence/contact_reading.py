@@ -13,8 +13,8 @@ from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.validation import FloatArray
 
 
-class SeemingErrors(NamedTuple):
-    """Estimated factors of the variances of the contacts' lasting errors over what is told.
+class ErrorScales(NamedTuple):
+    """Estimated scales of the contacts' lasting errors: factors of their variances over what is told.
 
     Attributes:
         doubt: factors by source, from the one-shot estimate; 1 for sources that are absent.
@@ -64,7 +64,7 @@ class ContactReading(NamedTuple):
     source: NDArray[np.intp]
     sources: tuple[str, ...]
     is_new: bool
-    errors: SeemingErrors
+    errors: ErrorScales
     evidence: Evidence
     parts: ErrorParts
 

@@ -12,7 +12,7 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 
 UNKNOWN_SIGMA = 1e3
 """Standard deviation, m and rad, of which nothing is known: the largest."""
-SIGMA_LIMITS = {"sigma_translation": (1e-7, UNKNOWN_SIGMA), "sigma_rotation": (1e-6, UNKNOWN_SIGMA)}
+PRIOR_SIGMA_LIMITS = {"sigma_translation": (1e-7, UNKNOWN_SIGMA), "sigma_rotation": (1e-6, UNKNOWN_SIGMA)}
 """In m and rad. Beyond these, the information of the prior and of the touch exceed the precision of a double."""
 
 
@@ -37,7 +37,7 @@ class GaussianPrior(PlainValue):
         mean = pose_near("mean", self.mean)
         mean.setflags(write=False)
         object.__setattr__(self, "mean", mean)
-        for name, (least, most) in SIGMA_LIMITS.items():
+        for name, (least, most) in PRIOR_SIGMA_LIMITS.items():
             object.__setattr__(self, name, positive_number(name, getattr(self, name), least=least, most=most))
 
     def __repr__(self) -> str:

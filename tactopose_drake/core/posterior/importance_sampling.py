@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.posterior.doubted_spread import widen_by_doubt
-from tactopose_drake.core.posterior.importance_sampling_kernels import Draws, Weighed, weigh
+from tactopose_drake.core.posterior.importance_sampling_kernels import Draws, WeightSummary, weigh
 from tactopose_drake.core.posterior.joined_modes import Families
 from tactopose_drake.core.posterior.mode_cover import (
     Cover,
@@ -35,7 +35,7 @@ from tactopose_drake.core.posterior.mode_cover import (
     tile_samples,
 )
 from tactopose_drake.core.posterior.mode_moments import with_moments
-from tactopose_drake.core.posterior.mode_moments_kernels import Weighted
+from tactopose_drake.core.posterior.mode_moments_kernels import WeightedSamples
 from tactopose_drake.core.posterior.modes import Modes
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.student_t_mixture import StudentTMixture
@@ -57,7 +57,7 @@ class Samples(NamedTuple):
         group: the mode of each of these, shape (n,).
         weights: importance weights split among the modes, relative to the density exp(lowest - cost), shape (B, g).
         variance: contribution of each mode's samples to the variance of the noisiest family's probability, shape (g,).
-        weighed: summary of the weights.
+        summary: of the weights.
     """
 
     X_PO: FloatArray
@@ -70,7 +70,7 @@ class Samples(NamedTuple):
     group: NDArray[np.intp]
     weights: FloatArray
     variance: FloatArray
-    weighed: Weighed
+    summary: WeightSummary
 
     @property
     def draws(self) -> Draws:
@@ -87,8 +87,8 @@ class Samples(NamedTuple):
         return np.bincount(self.proposal.group, self.proposal.count, len(self.times)).astype(np.intp)
 
 
-class Weighing(NamedTuple):
-    """State of the weighting, which `weigh_on` advances by steps of about equal duration.
+class SamplingState(NamedTuple):
+    """State of the sampling, which `sample_on` advances by steps of about equal duration.
 
     Attributes:
         modes: by Laplace's approximation; once done, as the samples give them.
@@ -113,26 +113,26 @@ def weigh_modes(modes: Modes, posterior: Posterior, generator: np.random.Generat
 
     Each is then widened for single contacts that may be false, which few of the samples show; see `widen_by_doubt`.
     """
-    weighing = begin_weighing(modes, posterior, generator)
-    while weighing.cover is not None:
-        weighing = weigh_on(weighing, posterior, generator)
-    return widen_by_doubt(weighing.modes, posterior)
+    state = begin_sampling(modes, posterior, generator)
+    while state.cover is not None:
+        state = sample_on(state, posterior, generator)
+    return widen_by_doubt(state.modes, posterior)
 
 
-def begin_weighing(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> Weighing:
+def begin_sampling(modes: Modes, posterior: Posterior, generator: np.random.Generator) -> SamplingState:
     """The first step: covers the modes with proposals, or falls back to Laplace's approximation if it cannot."""
-    return Weighing(modes, cover_modes(modes, posterior, generator))
+    return SamplingState(modes, cover_modes(modes, posterior, generator))
 
 
-def weigh_on(weighing: Weighing, posterior: Posterior, generator: np.random.Generator) -> Weighing:
+def sample_on(state: SamplingState, posterior: Posterior, generator: np.random.Generator) -> SamplingState:
     """The next step for modes that are covered: join, sample, find minima between, join again, resample, or finish."""
-    modes, cover, families, samples, X_between, is_joined = weighing
+    modes, cover, families, samples, X_between, is_joined = state
     assert cover is not None
     if families is None:
         families = join_modes(cover, posterior)
     elif samples is None:
         samples = _first_round(cover, families, posterior, generator)
-        is_joined = samples.weighed.standard_error <= posterior.params.sampling.standard_error
+        is_joined = samples.summary.standard_error <= posterior.params.sampling.standard_error
     elif not is_joined and X_between is None:  # Minima between the modes may have been missed.
         X_between = minima_between(samples.X_PO, samples.weights, cover, posterior)
     elif not is_joined:
@@ -141,14 +141,14 @@ def weigh_on(weighing: Weighing, posterior: Posterior, generator: np.random.Gene
     elif (further := _next_round(samples, cover, families, posterior, generator)) is not None:
         samples = further
     else:
-        return Weighing(_as_sampled(modes, cover, families, samples, posterior), None)
-    return Weighing(modes, cover, families, samples, X_between, is_joined)
+        return SamplingState(_as_sampled(modes, cover, families, samples, posterior), None)
+    return SamplingState(modes, cover, families, samples, X_between, is_joined)
 
 
 def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples, posterior: Posterior) -> Modes:
     """Returns the modes with the masses and moments of their samples."""
-    close, worthy, weights, weighed = cover.close, cover.worthy, samples.weights, samples.weighed
-    every = np.exp(cover.laplace + weighed.lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turn_axes))
+    close, worthy, weights, summary = cover.close, cover.worthy, samples.weights, samples.summary
+    every = np.exp(cover.laplace + summary.lowest) * (2.0 * np.pi) ** (3.0 - 0.5 * len(posterior.turn_axes))
     # Samples do not count for modes of much higher cost than the best: these keep Laplace's approximation.
     cost = modes.cost[close[worthy]]
     counts = cost < cost.min() + posterior.params.sampling.most_excess_cost
@@ -158,13 +158,13 @@ def _as_sampled(modes: Modes, cover: Cover, families: Families, samples: Samples
     mass = masses.sum()
     if not mass > 0.0:  # No sample counts, nor has a mode that was not sampled any weight.
         return modes
-    weighted = Weighted(cover.X_PO, samples.X_PO, weights)
+    weighted = WeightedSamples(cover.X_PO, samples.X_PO, weights)
     found = with_moments(modes, close[worthy], masses / mass, weighted, families, posterior)
     if found is None:
         return modes  # One sample outweighs all others; Laplace's approximation is more reliable.
-    whole = mass + weighed.mass - weights.sum()  # Includes the samples that belong to no mode.
-    log_mass = float(np.log(whole) - weighed.lowest + np.log(TURN_VOLUME[len(posterior.turn_axes)]))
-    return copied(found, log_mass=log_mass, standard_error=weighed.standard_error)
+    whole = mass + summary.mass - weights.sum()  # Includes the samples that belong to no mode.
+    log_mass = float(np.log(whole) - summary.lowest + np.log(TURN_VOLUME[len(posterior.turn_axes)]))
+    return copied(found, log_mass=log_mass, standard_error=summary.standard_error)
 
 
 def _first_round(cover: Cover, families: Families, posterior: Posterior, generator: np.random.Generator) -> Samples:
@@ -176,7 +176,7 @@ def _first_round(cover: Cover, families: Families, posterior: Posterior, generat
     proposal.add_to(density, X_PO)
     cost = np.concatenate([cover.cost_by_contact, cost_within_modes(X_tiles, cover.X_PO, posterior)])
     by_contact = density_by_contact(X_PO, cover, posterior)
-    nothing = Weighed(cover.lowest, 0.0, 0.0, 0.0)
+    nothing = WeightSummary(cover.lowest, 0.0, 0.0, 0.0)
     drawn = np.ones(g, dtype=np.intp), proposal.count, proposal.group
     samples = Samples(X_PO, cost, density, by_contact, proposal, *drawn, density, density[0], nothing)
     return _weighed_anew(samples, cover, families, posterior)
@@ -186,8 +186,8 @@ def _weighed_anew(samples: Samples, cover: Cover, families: Families, posterior:
     """Recomputes the weights for these families, in new arrays."""
     params, weights, variance = posterior.params.sampling, np.empty_like(samples.density), np.empty(len(cover.X_PO))
     limits = params.most_excess_cost, params.truncation
-    weighed = weigh(samples.draws, families.family, cover.lowest, *limits, weights, variance)
-    return samples._replace(weights=weights, variance=variance, weighed=weighed)
+    summary = weigh(samples.draws, families.family, cover.lowest, *limits, weights, variance)
+    return samples._replace(weights=weights, variance=variance, summary=summary)
 
 
 def _next_round(
@@ -199,9 +199,9 @@ def _next_round(
     samples are weighted by the mixture of all proposals [CMMR12]. This splits heavy samples into many light ones, which
     favours likely regions a little. Once the effective sample size suffices, the existing proposals are sampled again.
     """
-    params, weighed, drawn = posterior.params.sampling, samples.weighed, len(samples.X_PO)
-    effective = weighed.effective_samples
-    sure = weighed.standard_error <= params.standard_error and effective >= params.effective_samples
+    params, summary, drawn = posterior.params.sampling, samples.summary, len(samples.X_PO)
+    effective = summary.effective_samples
+    sure = summary.standard_error <= params.standard_error and effective >= params.effective_samples
     if sure or effective == 0.0:
         return None
     if samples.times.max() > 1 or effective >= max(params.effective_samples, params.efficiency * drawn):

@@ -42,7 +42,7 @@ class Draws(NamedTuple):
     group: Longs1
 
 
-class Weighed(NamedTuple):
+class WeightSummary(NamedTuple):
     """Summary of the importance weights.
 
     Attributes:
@@ -67,7 +67,7 @@ def weigh(
     power: float,
     weights: OutFloats2,
     variance: OutFloats1,
-) -> Weighed:
+) -> WeightSummary:
     """Fills the weights (B, g), and each group's contribution (g,) to the variance of the noisiest probability.
 
     Variances are those of families, each named by one of its groups (g,), as probability that moves between groups of
@@ -92,7 +92,7 @@ def weigh(
     for g in range(family.shape[0]):
         variance[g] = 0.0
     if not total > 0.0:
-        return Weighed(lowest, 0.5, 0.0, mass)
+        return WeightSummary(lowest, 0.5, 0.0, mass)
     most, squares = total * cost.shape[0] ** (power - 1.0), 0.0
     for b in range(cost.shape[0]):
         squares += (each[b] / total) ** 2  # Normalised first, as the weights may be near underflow.
@@ -116,7 +116,7 @@ def weigh(
             largest = whole
             for k in range(family.shape[0]):
                 variance[k] = own[k]
-    return Weighed(lowest, np.sqrt(largest), 1.0 / squares, mass)
+    return WeightSummary(lowest, np.sqrt(largest), 1.0 / squares, mass)
 
 
 @part

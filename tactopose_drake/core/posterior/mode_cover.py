@@ -1,7 +1,7 @@
 """Covers modes with proposal densities for importance sampling, and finds which of the modes are one.
 
 A narrow mode is covered by a density like Laplace's approximation. A wide one bends, and has bumps along its floor:
-tiles are placed along it, more of them the wider it is. Modes with hardly any barrier between them are one, whether
+tiles are placed along it, more for a wider mode. Modes with hardly any barrier between them are one, whether
 directly or through minima that the search has missed and the samples lead to. Where a single contact leaves a whole
 surface of poses, poses drawn from all of it are among the samples; see `single_contact.py`.
 """

@@ -18,7 +18,7 @@ from tactopose_drake.core.posterior.mode_moments_kernels import (
     Joined,
     Minima,
     Tried,
-    Weighted,
+    WeightedSamples,
     try_means,
 )
 from tactopose_drake.core.posterior.modes import Modes, free_directions
@@ -30,7 +30,7 @@ def with_moments(
     modes: Modes,
     sampled: NDArray[np.intp],
     masses: FloatArray,
-    samples: Weighted,
+    samples: WeightedSamples,
     families: Families,
     posterior: Posterior,
 ) -> Modes | None:

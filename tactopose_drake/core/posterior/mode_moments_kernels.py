@@ -62,7 +62,7 @@ class Minima(NamedTuple):
     laplace: Floats3
 
 
-class Weighted(NamedTuple):
+class WeightedSamples(NamedTuple):
     """Samples of g modes: the modes' poses, shape (g, 3, 4), and the samples' poses (B, 3, 4) and weights (B, g)."""
 
     X_mode: Floats3
@@ -95,7 +95,7 @@ class Work(NamedTuple):
 
 @kernel
 def try_means(
-    minima: Minima, samples: Weighted, shares: Floats1, noise_limit: float, joined: Joined, tried: Tried
+    minima: Minima, samples: WeightedSamples, shares: Floats1, noise_limit: float, joined: Joined, tried: Tried
 ) -> int:
     """Joins the modes with moments by family, and tries the given shares (s,) of their shrunken means.
 
@@ -136,7 +136,7 @@ def try_means(
 
 
 @part
-def add_moments(samples: Weighted, effective_samples: OutFloats1, first: OutFloats2, second: OutFloats3) -> None:
+def add_moments(samples: WeightedSamples, effective_samples: OutFloats1, first: OutFloats2, second: OutFloats3) -> None:
     """Fills the effective sample sizes (g,), means (g, 6) and second moments (g, 6, 6); these are zero on entry."""
     X_mode, X, weights = samples
     u = np.empty(6)

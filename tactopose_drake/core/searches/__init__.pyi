@@ -1,4 +1,5 @@
 from .baselines.gradient_descent import GradientDescent as GradientDescent
+from .baselines.hand_clearance import HandClearance as HandClearance
 from .baselines.monte_carlo import MonteCarlo as MonteCarlo
 from .baselines.monte_carlo import MonteCarloDesign as MonteCarloDesign
 from .baselines.scaling_series import ScalingSeries as ScalingSeries

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.evidence.contact_reading import ContactReading, SeemingErrors
+from tactopose_drake.core.evidence.contact_reading import ContactReading, ErrorScales
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact, along_normals
 from tactopose_drake.core.poses import ANY_POSE
@@ -93,7 +93,7 @@ def estimate_scale(
     return np.exp(log_factors / total) if total > 0.0 else None
 
 
-def follow_scale(errors: SeemingErrors, now: FloatArray, params: CalibrationScaleParams) -> SeemingErrors:
+def follow_scale(errors: ErrorScales, now: FloatArray, params: CalibrationScaleParams) -> ErrorScales:
     """Updates the running geometric mean of the factors with another estimate of them, shape (2,)."""
     share = max(1.0 / (1.0 + errors.estimates), params.least_share)
     mean = np.exp((1.0 - share) * np.log(errors.calibration) + share * np.log(now))

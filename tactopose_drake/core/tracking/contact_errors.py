@@ -14,7 +14,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tactopose_drake.core.evidence.contact_reading import ContactReading, ErrorParts, SeemingErrors
+from tactopose_drake.core.evidence.contact_reading import ContactReading, ErrorParts, ErrorScales
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
@@ -134,7 +134,7 @@ def split_errors(
 
 
 def read_contacts(
-    frame: Frame, sources: tuple[str, ...], before: Contacts, errors: SeemingErrors, params: PoseTrackerParams
+    frame: Frame, sources: tuple[str, ...], before: Contacts, errors: ErrorScales, params: PoseTrackerParams
 ) -> ContactReading:
     """The frame's contacts, indexed by the known sources and the new ones.
 
@@ -162,7 +162,7 @@ def _is_repeated(contacts: Contacts, before: Contacts) -> bool:
     return np.array_equal(contacts.n_PC, before.n_PC)
 
 
-def with_errors(reading: ContactReading, errors: SeemingErrors, params: PoseTrackerParams) -> ContactReading:
+def with_errors(reading: ContactReading, errors: ErrorScales, params: PoseTrackerParams) -> ContactReading:
     """The reading with another estimate of its errors; see `split_errors`."""
     after = reading._replace(errors=errors)
     return after._replace(parts=split_errors(after.contacts, after.doubt, errors.calibration, params))

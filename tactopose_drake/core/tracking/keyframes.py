@@ -1,8 +1,8 @@
 """The fixed-lag window: the last few touches that told something new, related by the motion since.
 
 A pose is judged by all of them together, as one touch may determine what another leaves open. The motion between them
-is measured with an error, which adds to that of each contact. So a touch counts the less the more the object has moved
-since, and one from the time when the fingers were still closing counts for next to nothing.
+is measured with an error, which adds to that of each contact. So a touch counts less as the object moves on, and one
+from the time when the fingers were still closing hardly counts.
 """
 
 import dataclasses

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactopose_drake.core.evidence.contact_reading import SeemingErrors
+from tactopose_drake.core.evidence.contact_reading import ErrorScales
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
@@ -117,7 +117,7 @@ class PoseBelief(ReadOnlyCopies):
     slip_test: SlipTest = dataclasses.field(default_factory=SlipTest)
     force_test: ForceTest = dataclasses.field(default_factory=ForceTest)
     rigidity_test: RigidityTest = dataclasses.field(default_factory=RigidityTest)
-    errors: SeemingErrors = dataclasses.field(default_factory=SeemingErrors)
+    errors: ErrorScales = dataclasses.field(default_factory=ErrorScales)
     joined_time: float = -np.inf
     unsettled_time: float = -np.inf
     felt_time: Mapping[str, float] = dataclasses.field(default_factory=dict)

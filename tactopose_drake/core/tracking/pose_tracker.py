@@ -6,10 +6,9 @@ import dataclasses
 
 import numpy as np
 
-from tactopose_drake.core.evidence.contact_reading import ContactReading, SeemingErrors
+from tactopose_drake.core.evidence.contact_reading import ContactReading, ErrorScales
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.kernel_library import make_kernels_ready
-from tactopose_drake.core.motion.object_motion import move_freely, move_with_fingertips, move_with_palm
 from tactopose_drake.core.motion.rigid_motion import Motion
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.plain_values import copied, seal
@@ -19,6 +18,7 @@ from tactopose_drake.core.slip.slip_by_forces import BY_FORCES, detect_by_forces
 from tactopose_drake.core.slip.slip_by_motion import BY_MOTION, detect_by_motion
 from tactopose_drake.core.slip.slip_by_surface import BY_SURFACE, PoseChange, SlipTest, detect_by_surface
 from tactopose_drake.core.times import has_exceeded, has_passed
+from tactopose_drake.core.tracking.belief_prediction import follow_motion, motion_since, move_standing, unknown_past
 from tactopose_drake.core.tracking.contact_errors import (
     as_doubted,
     follow_doubt,
@@ -34,7 +34,7 @@ from tactopose_drake.core.tracking.relocalisation import relocalise
 from tactopose_drake.core.tracking.sliced_search import search_on
 from tactopose_drake.core.tracking.tracked_modes import has_moved, predict_modes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
-from tactopose_drake.core.tracking.vision_update import follow_motion, move_standing, see, unknown_past
+from tactopose_drake.core.tracking.vision_update import see
 from tactopose_drake.core.validation import instance_of
 from tactopose_drake.errors import InvalidInputError
 
@@ -141,7 +141,8 @@ class PoseTracker:
         )
         slip_time, slip_sign = (frame.time, BY_MOTION) if slides else (belief.slip_time, belief.slip_sign)
         slips = not has_passed(belief.time, slip_time, params.slip_time)
-        motion = self._motion(belief, frame, reading.contacts, slips=slips)
+        is_over = self._is_over(belief, frame)
+        motion = motion_since(params, belief, frame, reading.contacts, slips=slips, is_over=is_over)
         modes = belief.modes.with_sources(len(reading.sources))
         has_been_free = has_exceeded(frame.time, belief.touch_time, params.lost_time)
         was_taken = has_been_free and belief.touch_time > -np.inf and not reading.has_contact
@@ -160,28 +161,6 @@ class PoseTracker:
             keyframes=move_keyframes(belief.keyframes, motion),
             standing=move_standing(belief, motion, frame.time, was_taken=was_taken),
             X_WP=frame.X_WP,
-        )
-
-    def _motion(self, belief: PoseBelief, frame: Frame, contacts: Contacts, *, slips: bool) -> Motion:
-        """The object's motion since the belief's time."""
-        duration, params, noise = frame.time - belief.time, self._params, self._params.noise
-        # If the palm's pose is known, an object that is not touched rests in the world.
-        if not len(contacts) and frame.X_WP is None and not self._is_over(belief, frame):
-            return move_with_palm(noise, duration, slips=slips)
-        if not len(contacts) or duration > noise.longest_gap:
-            motion = move_freely(noise, duration, params.mixture.max_sigma_translation, belief.X_WP, frame.X_WP)
-            # Before it is felt, the object rests in the world: late poses from vision tell as much as those of now.
-            rests = belief.touch_time == -np.inf and not len(contacts)
-            is_known = rests and belief.X_WP is not None and frame.X_WP is not None
-            return dataclasses.replace(motion, covariance=np.zeros((6, 6))) if is_known else motion
-        if frame.tip_velocity is None:
-            return move_with_palm(noise, duration, slips=slips)
-        forces = frame.evidence.contacts if len(frame.evidence.contacts) == len(contacts) else contacts
-        felt = min(belief.felt_time.get(name, -np.inf) for name in frame.names)
-        is_steady = not has_exceeded(belief.time, felt, params.flicker_time)
-        settled = is_steady and has_passed(belief.time, belief.joined_time, params.settling_time)
-        return move_with_fingertips(
-            forces, frame.names, frame.tip_velocity, noise, duration, slips=slips, settled=settled
         )
 
     def _update_with_touch(
@@ -266,22 +245,20 @@ class PoseTracker:
             search = search._replace(time=frame.time)
         touch = Touch(frame.evidence, reading, belief.keyframes, belief.standing, frame.depth_in_hand)
         step = search_on(self._model, params, touch, belief.modes, search, slices=slices, thorough=thorough)
-        belief, weighed = copied(belief, search=step.state), step.weighed
+        belief, found = copied(belief, search=step.state), step.found
         if step.errors is not None:
             belief, reading = self._follow_errors(belief, reading, step.errors)
-        if weighed is None:
+        if found is None:
             return belief
         share = max(1.0 / (1.0 + step.state.agreeing), params.relocalisation.least_share)
-        doubt = follow_doubt(
-            belief.errors.doubt, weighed.inlier_probability, weighed.noise_scale, weighed.sources, share
-        )
+        doubt = follow_doubt(belief.errors.doubt, found.inlier_probability, found.noise_scale, found.sources, share)
         belief, reading = self._follow_errors(belief, reading, belief.errors._replace(doubt=doubt))
         touch = touch._replace(reading=reading)
-        modes = relocalise(self._model, params, touch, belief.modes, weighed.modes, share)
+        modes = relocalise(self._model, params, touch, belief.modes, found.modes, share)
         return copied(belief, modes=modes, search=step.state._replace(agreeing=step.state.agreeing + 1))
 
     def _follow_errors(
-        self, belief: PoseBelief, reading: ContactReading, errors: SeemingErrors
+        self, belief: PoseBelief, reading: ContactReading, errors: ErrorScales
     ) -> tuple[PoseBelief, ContactReading]:
         """Adapts the belief and the reading to another estimate of the contacts' errors."""
         after = with_errors(reading, errors, self._params)

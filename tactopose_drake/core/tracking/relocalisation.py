@@ -144,7 +144,7 @@ def _mean_weights(before: FloatArray, now: FloatArray, same: NDArray[np.bool_], 
 
     A valley has many minima, and each search finds different ones. Means are therefore taken over families of modes
     that are one, and a family's mass is divided among its modes as in this posterior: no mass is lost on a minimum that
-    held next to none. Means of logarithms adapt at once where the evidence is clear. Modes that the filter does not
+    held hardly any. Means of logarithms adapt at once where the evidence is clear. Modes that the filter does not
     have keep their present probability.
 
     Args:

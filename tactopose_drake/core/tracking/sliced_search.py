@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactopose_drake.core.evidence.contact_reading import SeemingErrors
+from tactopose_drake.core.evidence.contact_reading import ErrorScales
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.motion.rigid_motion import Motion
 from tactopose_drake.core.poses import compose
-from tactopose_drake.core.posterior.importance_sampling import Weighing, begin_weighing, weigh_on
+from tactopose_drake.core.posterior.importance_sampling import SamplingState, begin_sampling, sample_on
 from tactopose_drake.core.posterior.modes import Modes, find_modes
 from tactopose_drake.core.posterior.plausibility import explain_with_doubt, is_comfortable
 from tactopose_drake.core.posterior.posterior import make_posterior
@@ -30,19 +30,19 @@ from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.times import has_passed
 from tactopose_drake.core.tracking.calibration_scale import estimate_scale, follow_scale
 from tactopose_drake.core.tracking.contact_errors import LEAST_INLIER
+from tactopose_drake.core.tracking.found_modes import FoundModes
 from tactopose_drake.core.tracking.keyframes import Touch
 from tactopose_drake.core.tracking.tracked_modes import REFINEMENT, TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, RelocalisationParams
-from tactopose_drake.core.tracking.weighed_modes import WeighedModes
 from tactopose_drake.core.validation import FloatArray
 
 
-class TouchWeighing(NamedTuple):
-    """The touch of one slice, the sources of its contacts, and the state of weighting its modes."""
+class TouchSampling(NamedTuple):
+    """The touch of one slice, the sources of its contacts, and the state of sampling its posterior."""
 
     evidence: Evidence
     sources: tuple[str, ...]
-    weighing: Weighing
+    state: SamplingState
 
 
 class SearchState(NamedTuple):
@@ -53,7 +53,7 @@ class SearchState(NamedTuple):
         is_settled: whether these are minima of all the evidence.
         is_scaled: whether the calibration's errors have been estimated at these.
         minima: result of the last search, at its time, shape (m, 3, 4), so that modes led astray are found again.
-        weighing: state of weighting the modes, or the weighted modes before they are tested against the hand; None
+        sampling: state of weighting the modes, or the weighted modes before they are tested against the hand; None
             outside these stages.
         X_PP: the motion of the object in P since then, to be multiplied from the left, shape (3, 4).
         searches: number of completed searches.
@@ -65,7 +65,7 @@ class SearchState(NamedTuple):
     is_settled: bool = False
     is_scaled: bool = False
     minima: FloatArray = np.empty((0, 3, 4))
-    weighing: TouchWeighing | WeighedModes | None = None
+    sampling: TouchSampling | FoundModes | None = None
     X_PP: FloatArray = np.eye(3, 4)
     searches: int = 0
     agreeing: int = 0
@@ -88,7 +88,7 @@ class SearchState(NamedTuple):
 
     def ended(self) -> SearchState:
         """The state after the end of a search."""
-        return self._replace(X_PO=None, is_settled=False, is_scaled=False, weighing=None, searches=self.searches + 1)
+        return self._replace(X_PO=None, is_settled=False, is_scaled=False, sampling=None, searches=self.searches + 1)
 
 
 class SearchStep(NamedTuple):
@@ -96,14 +96,14 @@ class SearchStep(NamedTuple):
 
     Attributes:
         state: progress of the search.
-        weighed: the posterior, when it is complete, else None.
+        found: the posterior, when it is complete, else None.
         errors: the contacts' errors, with the calibration's estimated anew, if these slices include that stage and
             `estimate_scale` could tell it; else None.
     """
 
     state: SearchState
-    weighed: WeighedModes | None = None
-    errors: SeemingErrors | None = None
+    found: FoundModes | None = None
+    errors: ErrorScales | None = None
 
 
 def search_on(
@@ -134,28 +134,28 @@ def search_on(
         one_round = dataclasses.replace(params.relocalisation, most_samples=params.relocalisation.samples)
         params = dataclasses.replace(params, relocalisation=one_round)
     while True:
-        search, weighed, estimated = _next_slice(model, params, touch, modes, search)
+        search, found, estimated = _next_slice(model, params, touch, modes, search)
         taken += 1
         if estimated is not None:
             errors = estimated
             touch = touch._replace(reading=touch.reading._replace(errors=errors))
         if search.X_PO is None or taken == most:
-            return SearchStep(search, weighed, errors)
+            return SearchStep(search, found, errors)
 
 
 def _next_slice(
     model: ObjectModel, params: PoseTrackerParams, touch: Touch, modes: TrackedModes, search: SearchState
 ) -> SearchStep:
     """Advances the search by one slice. A search that ends leaves no poses in its state."""
-    if isinstance(search.weighing, WeighedModes):  # Their poses date from the slice in which weighting began.
-        weighed, search = search.weighing.moved(search.X_PP), search.as_of_now()
-        return SearchStep(search.ended(), _clear_of_the_hand(model, params.relocalisation, touch, weighed))
-    if search.weighing is not None:
-        samples = search.weighing.weighing.samples
+    if isinstance(search.sampling, FoundModes):  # Their poses date from the slice in which weighting began.
+        found, search = search.sampling.moved(search.X_PP), search.as_of_now()
+        return SearchStep(search.ended(), _clear_of_the_hand(model, params.relocalisation, touch, found))
+    if search.sampling is not None:
+        samples = search.sampling.state.samples
         drawn = 0 if samples is None else len(samples.X_PO)  # So that no two rounds use the same random numbers.
         generator = np.random.default_rng([params.seed, search.searches, 1 + drawn])
-        weighing = _weigh_on(model, params.relocalisation, search.weighing, generator)
-        return SearchStep(search._replace(weighing=weighing))
+        sampling = _sample_on(model, params.relocalisation, search.sampling, generator)
+        return SearchStep(search._replace(sampling=sampling))
     search = search.as_of_now()
     evidence, settings = touch.averaged(params), params.relocalisation
     generator = np.random.default_rng([params.seed, search.searches])
@@ -167,23 +167,21 @@ def _next_slice(
         errors = None if scale is None else follow_scale(touch.reading.errors, scale, params.calibration_scale)
         return SearchStep(search._replace(is_scaled=True), errors=errors)
     if search.is_settled:
-        weighing = _begin_weighing(model, settings, touch, evidence, search.X_PO, generator)
-        return SearchStep(search._replace(weighing=weighing))
+        sampling = _begin_sampling(model, settings, touch, evidence, search.X_PO, generator)
+        return SearchStep(search._replace(sampling=sampling))
     X_PO = np.concatenate([modes.X_PO, search.minima, search.X_PO])
     X_PO = _settle_poses(model, settings, evidence, X_PO) if len(X_PO) else X_PO
     search = search._replace(X_PO=X_PO, is_settled=True, minima=X_PO[: params.mixture.max_modes])
     return SearchStep(search if len(X_PO) else search.ended())
 
 
-def _clear_of_the_hand(
-    model: ObjectModel, params: RelocalisationParams, touch: Touch, weighed: WeighedModes
-) -> WeighedModes:
+def _clear_of_the_hand(model: ObjectModel, params: RelocalisationParams, touch: Touch, found: FoundModes) -> FoundModes:
     """The modes, weighted by the penetration of the hand at each if several are likely."""
-    likely = weighed.likely(params)
+    likely = found.likely(params)
     if touch.depth_in_hand is None or not len(likely):
-        return weighed
-    depth = touch.depth_in_hand(np.ascontiguousarray(weighed.modes.mixture.X_PO[likely]))
-    return weighed.clear(model, touch.evidence.hand, params, likely, depth)
+        return found
+    depth = touch.depth_in_hand(np.ascontiguousarray(found.modes.mixture.X_PO[likely]))
+    return found.clear(model, touch.evidence.hand, params, likely, depth)
 
 
 def _propose_poses(
@@ -222,19 +220,19 @@ def _settle_poses(model: ObjectModel, params: RelocalisationParams, evidence: Ev
     return X_PO[explain_with_doubt(model, evidence, judgement, X_PO, params.posterior.plausibility)]
 
 
-def _begin_weighing(
+def _begin_sampling(
     model: ObjectModel,
     params: RelocalisationParams,
     touch: Touch,
     evidence: Evidence,
     X_PO: FloatArray,
     generator: np.random.Generator,
-) -> TouchWeighing:
+) -> TouchSampling:
     """Begins to weight the posterior's modes at minima (m, 3, 4), at least one, of a touch with this mean evidence."""
     problem, modes = _modes_at(model, params, evidence, X_PO)
     posterior = make_posterior(model, evidence, problem, params.posterior)
     sources = touch.reading.names[: len(evidence.contacts)]
-    return TouchWeighing(evidence, sources, begin_weighing(modes, posterior, generator))
+    return TouchSampling(evidence, sources, begin_sampling(modes, posterior, generator))
 
 
 def _modes_at(
@@ -260,26 +258,26 @@ def _estimate_scale(
     return estimate_scale(model, params, touch.reading, mean, now.frames, modes, inlier)
 
 
-def _weigh_on(
-    model: ObjectModel, params: RelocalisationParams, touch: TouchWeighing, generator: np.random.Generator
-) -> TouchWeighing | WeighedModes:
+def _sample_on(
+    model: ObjectModel, params: RelocalisationParams, touch: TouchSampling, generator: np.random.Generator
+) -> TouchSampling | FoundModes:
     """One step of the weighting; after the last, the weighted modes.
 
     Without proposals that cover the modes, they are those of Laplace's approximation.
     """
-    evidence, sources, weighing = touch
+    evidence, sources, state = touch
     problem = make_problem(model, evidence)
-    if weighing.cover is not None:
+    if state.cover is not None:
         posterior = make_posterior(model, evidence, problem, params.posterior)
-        weighing = weigh_on(weighing, posterior, generator)
-    if weighing.cover is not None:
-        return touch._replace(weighing=weighing)
-    modes = weighing.modes
+        state = sample_on(state, posterior, generator)
+    if state.cover is not None:
+        return touch._replace(state=state)
+    modes = state.modes
     if problem.mixture is None:
-        return WeighedModes(modes, np.zeros(0), (), 1.0)
+        return FoundModes(modes, np.zeros(0), (), 1.0)
     judgement, weights = problem.mixture.judge(modes.mixture.X_PO), modes.mixture.weights
     log_inlier = weights @ np.log(np.maximum(judgement.inlier_probability, LEAST_INLIER))
-    return WeighedModes(modes, np.exp(log_inlier), sources, float(weights @ judgement.noise_scale))
+    return FoundModes(modes, np.exp(log_inlier), sources, float(weights @ judgement.noise_scale))
 
 
 def _distinct(

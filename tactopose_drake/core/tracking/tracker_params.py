@@ -169,9 +169,8 @@ class PoseTrackerParams:
                 _check_numbers(getattr(self, field.name))
 
 
-# Fields whose names end so are shares, at most 1.
-_PARTS_OF_ONE = ("_share", "_probability", "_margin", "gain")
-_NOT_PARTS = ("least_gain",)  # of a cost
+# Fields that are at most 1, besides those whose names end in "_share" or "_probability".
+_PARTS_OF_ONE = ("friction_margin", "gain", "noise_gain", "roughness_gain")
 _MAY_BE_ZERO = ("seed", "doublings", "halvings")
 # Standard deviations of contacts and surfaces, m, at most as large as may be told.
 _POSITIONS = ("calibration_position", "frame_position", "surface_position")
@@ -180,8 +179,8 @@ _POSITIONS = ("calibration_position", "frame_position", "surface_position")
 def _check_numbers(params: Any) -> None:
     """Raises InvalidInputError unless all floats are positive, and all integers at least one; some may be zero."""
     name, fields = type(params).__name__, dataclasses.fields(params)
-    parts = [field.name for field in fields if field.name.endswith(_PARTS_OF_ONE) and field.name not in _NOT_PARTS]
-    most = dict.fromkeys(parts, 1.0) | dict.fromkeys(_POSITIONS, MOST_SIGMA_POSITION)
+    shares = [field.name for field in fields if field.name.endswith(("_share", "_probability"))]
+    most = dict.fromkeys((*shares, *_PARTS_OF_ONE), 1.0) | dict.fromkeys(_POSITIONS, MOST_SIGMA_POSITION)
     check_numbers(name, params, may_be_zero=_MAY_BE_ZERO, most=most, units=dict.fromkeys(_POSITIONS, "m"))
     for field in fields:
         if isinstance(field.default_factory, type):

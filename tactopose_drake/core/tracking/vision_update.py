@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactopose_drake.core.evidence.contact_reading import ContactReading
+from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
 from tactopose_drake.core.kernels.matrix_kernels import inverses
-from tactopose_drake.core.motion.object_motion import move_freely
-from tactopose_drake.core.motion.rigid_motion import Motion, MotionHistory, predict_poses
+from tactopose_drake.core.motion.rigid_motion import MotionHistory
+from tactopose_drake.core.plain_values import copied
 from tactopose_drake.core.poses import increments_between, increments_of_images, retract
 from tactopose_drake.core.shape.free_spin import nearest_images
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -22,7 +23,7 @@ from tactopose_drake.core.tracking.contact_update import limit_gain
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief, VisionRecord
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
-from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams, VisionParams
+from tactopose_drake.core.tracking.tracker_params import VisionParams
 from tactopose_drake.core.validation import FloatArray
 
 _NOT_BELIEVED = "vision is not believed"
@@ -92,53 +93,82 @@ def see(
         reading: its contacts.
         params: what is assumed about vision.
     """
-    standing, modes, is_outlier, is_anew = belief.standing, belief.modes, False, False
     never_felt = belief.touch_time == -np.inf
-    prior = None if frame.evidence.prior == belief.vision.spent else frame.evidence.prior
+    prior = frame.evidence.prior if never_felt and frame.evidence.prior != belief.vision.spent else None
     sighting, record = read_vision(belief.vision, frame.vision, belief.history, frame.time, params)
-    guess = PoseMeasurement.from_prior(prior, frame.time) if never_felt and prior is not None else None
-    begins = standing is None and guess is not None
-    if begins:
-        standing, record = guess, dataclasses.replace(record, prior=prior)
-    is_counted = guess is None or _is_repeated(guess, record)
-    if sighting is not None:
-        if len(modes):
-            log_outlier = math.log(params.outlier_probability / (8.0 * math.pi**2 * params.outlier_volume))
-            modes, is_inlier = update_with_pose(model, modes, sighting, log_outlier)
-            is_outlier = not is_inlier[0]
-            order = np.argsort(-modes.log_weight, kind="stable")
-            if order[0] != 0:
-                belief = dataclasses.replace(belief, slip_test=belief.slip_test.restarted())
-            modes = modes.chosen(order)
-        # Only vision tells where an object is that nothing feels. If it contradicts the earlier poses for so long, the
-        # object has been moved, or the first pose was the outlier.
-        latest = max(record.accepted_time, belief.touch_time)
-        is_anew = is_outlier and not reading.has_contact and has_exceeded(frame.time, latest, params.max_age)
-        if is_outlier and not is_anew:
-            record = dataclasses.replace(record, remark=_NOT_BELIEVED)
-        else:
-            # A prior is a guess of the same kind, which the first picture replaces.
-            is_first = begins or is_anew or len(record.times) == 1
-            standing = sighting.pose if is_first else fuse(model, standing, sighting, params)
-            is_outlier, is_counted, told = False, True, record.prior if is_counted else prior
-            record = dataclasses.replace(record, accepted_time=sighting.pose.time, prior=told)
-    # Vision that is not believed may be an outlier, but not if nothing else has been seen for so long.
-    waits = record.remark == _NOT_BELIEVED and not has_exceeded(frame.time, record.accepted_time, params.max_age)
-    if not is_counted and not waits:
-        is_counted, standing = True, guess
-        record = dataclasses.replace(record, prior=prior, remark="")
+    is_outlier = False
+    if sighting is not None and len(belief.modes):
+        belief, is_outlier = _update_modes(model, belief, sighting, params)
+    # Only vision tells where an object is that nothing feels. If it contradicts the earlier poses for so long, the
+    # object has been moved, or the first pose was the outlier.
+    latest = max(record.accepted_time, belief.touch_time)
+    is_anew = is_outlier and not reading.has_contact and has_exceeded(frame.time, latest, params.max_age)
+    if is_outlier and not is_anew:
+        sighting, record = None, dataclasses.replace(record, remark=_NOT_BELIEVED)
+    standing = None if is_anew else belief.standing
+    standing, record = _update_standing(model, standing, record, sighting, prior, frame.time, params)
+    modes = belief.modes
     if (never_felt or is_anew) and standing is not None and not reading.has_contact:
         modes = TrackedModes.independent(standing.X_PO[None], standing.covariance[None], len(reading.sources))
-        if never_felt and prior is not None and is_counted:
+        if prior is not None and not _is_news(prior, record):
             record = dataclasses.replace(record, accepted_time=frame.time)
-    if modes is belief.modes and standing is belief.standing and record is belief.vision:
-        return belief, is_outlier
-    return dataclasses.replace(belief, modes=modes, standing=standing, vision=record), is_outlier
+    return copied(belief, modes=modes, standing=standing, vision=record), is_outlier and not is_anew
 
 
-def _is_repeated(guess: PoseMeasurement, record: VisionRecord) -> bool:
-    """Whether a prior says no more than the one already used."""
-    return record.prior is not None and not guess.is_news_after(PoseMeasurement.from_prior(record.prior, guess.time))
+def _update_modes(
+    model: ObjectModel, belief: PoseBelief, sighting: Sighting, params: VisionParams
+) -> tuple[PoseBelief, bool]:
+    """Updates the modes with vision; also tells whether it is an outlier to the mode that was best before."""
+    log_outlier = math.log(params.outlier_probability / (8.0 * math.pi**2 * params.outlier_volume))
+    modes, is_inlier = update_with_pose(model, belief.modes, sighting, log_outlier)
+    order = np.argsort(-modes.log_weight, kind="stable")
+    slip_test = belief.slip_test if order[0] == 0 else belief.slip_test.restarted()
+    return copied(belief, modes=modes.chosen(order), slip_test=slip_test), not is_inlier[0]
+
+
+def _update_standing(
+    model: ObjectModel,
+    standing: PoseMeasurement | None,
+    record: VisionRecord,
+    sighting: Sighting | None,
+    prior: GaussianPrior | None,
+    time: float,
+    params: VisionParams,
+) -> tuple[PoseMeasurement | None, VisionRecord]:
+    """The fused pose, and the record, with a new pose from vision, or else with a new prior.
+
+    Args:
+        model: the object.
+        standing: the fused pose so far; None to begin anew.
+        record: of the poses up to now.
+        sighting: a new pose that is believed.
+        prior: applies only until the object is felt.
+        time: now, s.
+        params: what is assumed about vision.
+    """
+    is_news = prior is not None and _is_news(prior, record)
+    if sighting is not None:
+        # A prior is a guess of the same kind, which the first picture replaces.
+        standing = sighting.pose if len(record.times) == 1 else fuse(model, standing, sighting, params)
+        told = prior if is_news else record.prior
+        return standing, dataclasses.replace(record, accepted_time=sighting.pose.time, prior=told)
+    if prior is None or not is_news:
+        return standing, record
+    guess = PoseMeasurement.from_prior(prior, time)
+    if standing is None:
+        return guess, dataclasses.replace(record, prior=prior)
+    # Vision that is not believed may be an outlier, but not if nothing else has been seen for so long.
+    if record.remark == _NOT_BELIEVED and not has_exceeded(time, record.accepted_time, params.max_age):
+        return standing, record
+    return guess, dataclasses.replace(record, prior=prior, remark="")
+
+
+def _is_news(prior: GaussianPrior, record: VisionRecord) -> bool:
+    """Whether a prior says more than the last one that was used."""
+    if record.prior is None:
+        return True
+    guess, last = (PoseMeasurement.from_prior(each, 0.0) for each in (prior, record.prior))
+    return guess.is_news_after(last)
 
 
 def fuse(
@@ -166,45 +196,6 @@ def fuse(
     covariance = limit_gain(standing.covariance[None], most, covariance[None])[0]
     X_PO = retract(standing.X_PO[None], (gain @ u)[None])[0]
     return measurement.moved_to(measurement.time, X_PO, 0.5 * (covariance + covariance.T))
-
-
-def unknown_past(params: PoseTrackerParams, time: float) -> MotionHistory:
-    """The history of an object of which nothing is known before a time, s: it may have moved freely.
-
-    It reaches back as far as pictures count, so that one from before the first frame is used.
-    """
-    length = params.vision.max_age
-    motion = move_freely(params.noise, length, params.mixture.max_sigma_translation)
-    return MotionHistory((time - length, time), (motion,))
-
-
-def follow_motion(params: PoseTrackerParams, belief: PoseBelief, motion: Motion, time: float) -> MotionHistory:
-    """The history of a belief followed by the motion up to a time, s.
-
-    Before any touch, a motion over a long gap is replaced by free motion. It may be that since the clock's zero, whose
-    covariance is bounded, so that next to none of it would fall to the last second.
-    """
-    duration = time - belief.time
-    if duration > params.noise.longest_gap and belief.touch_time == -np.inf:
-        return unknown_past(params, time)
-    return belief.history.followed_by(motion, time, params.vision.max_age) if duration > 0.0 else belief.history
-
-
-def move_standing(belief: PoseBelief, motion: Motion, time: float, *, was_taken: bool) -> PoseMeasurement | None:
-    """The fused pose from vision after a motion of the object; before it is felt, it rests and stays as well known.
-
-    Args:
-        belief: before the motion.
-        motion: since then.
-        time: now, s.
-        was_taken: whether the object has left the touch and may have been moved, so that older poses do not apply.
-    """
-    if belief.standing is None or (was_taken and belief.vision.accepted_time <= belief.touch_time):
-        return None
-    if belief.touch_time == -np.inf:
-        motion = dataclasses.replace(motion, covariance=np.zeros((6, 6)))
-    X_PO, covariance = predict_poses(belief.standing.X_PO[None], belief.standing.covariance[None], motion)
-    return belief.standing.moved_to(time, X_PO[0], covariance[0])
 
 
 def update_with_pose(

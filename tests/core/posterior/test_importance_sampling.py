@@ -13,7 +13,7 @@ from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.importance_sampling import Samples, weigh_modes
 from tactopose_drake.core.posterior.joined_modes import Families
 from tactopose_drake.core.posterior.mode_moments import with_moments
-from tactopose_drake.core.posterior.mode_moments_kernels import Weighted
+from tactopose_drake.core.posterior.mode_moments_kernels import WeightedSamples
 from tactopose_drake.core.posterior.modes import Modes
 from tactopose_drake.core.posterior.posterior_params import PosteriorParams, SamplingParams
 from tactopose_drake.core.validation import FloatArray
@@ -69,7 +69,7 @@ def test_the_spread_is_about_the_pose_wherever_it_ends(count: int) -> None:
     normal = np.random.default_rng(1).normal(size=(count, 6)) + np.array([0.9, 0, 0, 0, 0, 0])
     X_PO, weights = retract(pose(), 0.5 * normal * SIGMAS), np.ones((count, 1))
     alone, told = Families(pose()[None], np.zeros(1, dtype=int), np.eye(3, 4)[None], 0.1), posterior(valley)
-    found = with_moments(start, np.array([0]), np.ones(1), Weighted(pose()[None], X_PO, weights), alone, told)
+    found = with_moments(start, np.array([0]), np.ones(1), WeightedSamples(pose()[None], X_PO, weights), alone, told)
     assert found is not None
     moved, scale = found.mixture.X_PO, np.outer(SIGMAS, SIGMAS)
     share = increments_between(pose(), moved[0])[0] / increments_between(pose(), X_PO)[:, 0].mean()
@@ -82,7 +82,7 @@ def test_the_spread_is_about_the_pose_wherever_it_ends(count: int) -> None:
 def test_modes_of_which_only_one_sample_counts_have_no_moments() -> None:
     valley, X_PO = Valley(pose(), SIGMAS), retract(pose(), np.diag(SIGMAS)[:2])
     alone = Families(pose()[None], np.zeros(1, dtype=int), np.eye(3, 4)[None], 0.1)
-    samples = Weighted(pose()[None], X_PO, np.array([[1.0], [0.0]]))
+    samples = WeightedSamples(pose()[None], X_PO, np.array([[1.0], [0.0]]))
     start, masses = modes(valley, pose()[None]), np.ones(1)
     assert with_moments(start, np.array([0]), masses, samples, alone, posterior(valley)) is None
 
@@ -281,7 +281,7 @@ def first_and_last(
 
 def test_proposals_that_are_good_enough_are_drawn_from_again_as_they_are() -> None:
     first, last = first_and_last(*two_modes())
-    assert first.weighed.standard_error > 0.019 >= last.weighed.standard_error
+    assert first.summary.standard_error > 0.019 >= last.summary.standard_error
     assert last.times.min() >= 1
     assert last.times.max() > 1
     assert last.proposal is first.proposal
@@ -306,7 +306,7 @@ def test_the_noisier_samples_are_the_more_of_them_are_drawn() -> None:
     for often, cost in ((False, exact), (True, rough)):
         _, last = first_and_last(start, smooth, cost)
         assert (last.times[0] > 1.5 * last.times[1]) == often
-        assert last.weighed.standard_error <= 0.019
+        assert last.summary.standard_error <= 0.019
 
 
 @pytest.mark.parametrize(("error", "most"), [(1e-3, 1), (1e-3, 500), (1e-200, 1000)])
@@ -321,7 +321,7 @@ def test_proposals_that_are_not_are_made_anew_first() -> None:
     # The exact posterior lies beside the smooth one, where few of the first samples are.
     beside = Valley(retract(pose(), 1.6 * SIGMAS), 0.6 * SIGMAS)
     first, last = first_and_last(modes(Valley(pose(), SIGMAS), pose()[None]), Valley(pose(), SIGMAS), beside.cost)
-    shares = [each.weighed.effective_samples / len(each.X_PO) for each in (first, last)]
+    shares = [each.summary.effective_samples / len(each.X_PO) for each in (first, last)]
     assert shares[0] < 0.1
     assert len(last.proposal.group) > len(first.proposal.group)
     assert shares[1] > 2.0 * shares[0]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactopose_drake.core.posterior.importance_sampling_kernels import Draws, Weighed, weigh
+from tactopose_drake.core.posterior.importance_sampling_kernels import Draws, WeightSummary, weigh
 
 
 def test_of_groups_that_are_one_the_shares_are_as_sure_as_what_they_are_together() -> None:
@@ -9,7 +9,7 @@ def test_of_groups_that_are_one_the_shares_are_as_sure_as_what_they_are_together
     cost = np.linspace(0.5, 3.0, 40)
     draws, variance = Draws(cost, densities, np.array([20, 20]), np.array([2, 0])), np.empty(3)
 
-    def weigh_families(family: list[int]) -> Weighed:
+    def weigh_families(family: list[int]) -> WeightSummary:
         return weigh(draws, np.array(family), 1.0, 10.0, 1.0, weights, variance)
 
     lowest, error, effective_samples, mass = weigh_families([0, 1, 2])
@@ -29,13 +29,13 @@ def test_a_sample_far_above_the_best_is_no_part_of_any_mode_however_much_room_th
     # Three modes, of which the first two are one; samples at heights 2, 4 and 6 over the lowest, about each mode.
     height, density, weights = np.array([5.0, 7.0, 9.0]), np.full((3, 3), 1e-9), np.empty((3, 3))
     draws = Draws(height, density, np.array([3]), np.array([0]))
-    weighed = weigh(draws, np.array([0, 0, 2]), 3.0, 5.0, 1.0, weights, np.empty(3))
-    assert weighed.mass == pytest.approx(np.sum(np.exp(3.0 - height) / density.sum(axis=1)))
+    summary = weigh(draws, np.array([0, 0, 2]), 3.0, 5.0, 1.0, weights, np.empty(3))
+    assert summary.mass == pytest.approx(np.sum(np.exp(3.0 - height) / density.sum(axis=1)))
     np.testing.assert_array_equal(weights > 0.0, [[True] * 3, [True] * 3, [False] * 3])
     # Nor do samples that are no part of any outweigh all others in what they are together.
     density[2] = 1e-30
-    weighed = weigh(draws, np.array([0, 0, 2]), 3.0, 5.0, 1.0, weights, np.empty(3))
-    np.testing.assert_allclose(weighed.mass, 2.0 * weights.sum())
+    summary = weigh(draws, np.array([0, 0, 2]), 3.0, 5.0, 1.0, weights, np.empty(3))
+    np.testing.assert_allclose(summary.mass, 2.0 * weights.sum())
 
 
 def test_one_sample_does_not_outweigh_all_others() -> None:

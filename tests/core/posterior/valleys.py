@@ -5,7 +5,7 @@ import numpy as np
 from tactopose_drake.core.objectives.objective import LeastSquaresObjective
 from tactopose_drake.core.poses import exp_so3, increments_between, make_poses, retract
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
-from tactopose_drake.core.posterior.mode_moments_kernels import Joined, Weighted, add_moments
+from tactopose_drake.core.posterior.mode_moments_kernels import Joined, WeightedSamples, add_moments
 from tactopose_drake.core.posterior.modes import Modes
 from tactopose_drake.core.posterior.posterior import Posterior
 from tactopose_drake.core.posterior.posterior_params import PosteriorParams, SamplingParams
@@ -61,5 +61,5 @@ def moments_of(X_mode: FloatArray, X_PO: FloatArray, weights: FloatArray) -> Joi
     """Moments of samples (B, 3, 4) by their increments from modes (g, 3, 4) and their weights (B, g)."""
     g = weights.shape[1]
     moments = Joined(weights.sum(axis=0), np.empty(g), np.zeros((g, 6)), np.zeros((g, 6, 6)))
-    add_moments(Weighted(X_mode, X_PO, weights), *moments[1:])
+    add_moments(WeightedSamples(X_mode, X_PO, weights), *moments[1:])
     return moments

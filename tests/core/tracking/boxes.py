@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from tactopose_drake.core.evidence.contact_reading import ContactReading, SeemingErrors
+from tactopose_drake.core.evidence.contact_reading import ContactReading, ErrorScales
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.motion.object_motion import MotionNoise
@@ -68,4 +68,4 @@ def read(
     """New contacts of some sources, of which none is doubted."""
     source = np.arange(len(contacts)) if source is None else source
     parts = split_errors(contacts, np.ones(len(contacts)), np.ones(2), params)
-    return ContactReading(contacts, source, sources, True, SeemingErrors(), Evidence(contacts), parts)
+    return ContactReading(contacts, source, sources, True, ErrorScales(), Evidence(contacts), parts)

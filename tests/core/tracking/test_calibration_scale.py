@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from tactopose_drake.core.evidence.contact_reading import ContactReading, SeemingErrors
+from tactopose_drake.core.evidence.contact_reading import ContactReading, ErrorScales
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import make_poses, random_rotations, retract
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
@@ -145,7 +145,7 @@ def test_too_few_contacts_or_frames_and_touch_without_normals_tell_nothing(box: 
 
 def test_the_factors_are_a_mean_in_which_later_estimates_count_at_least_as_told() -> None:
     settings = dataclasses.replace(PARAMS.calibration_scale, least_share=0.5)
-    errors = SeemingErrors()
+    errors = ErrorScales()
     for now, expected in ((4.0, 4.0), (16.0, 8.0), (0.5, 2.0)):
         errors = follow_scale(errors, np.full(2, now), settings)
         np.testing.assert_allclose(errors.calibration, expected)

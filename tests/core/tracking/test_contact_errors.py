@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from tactopose_drake.core.evidence.contact_reading import SeemingErrors
+from tactopose_drake.core.evidence.contact_reading import ErrorScales
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.poses import make_poses, random_rotations
@@ -51,7 +51,7 @@ def test_a_calibration_that_seems_worse_adds_what_it_errs_beyond_what_is_told() 
     added = calibration_excess(contacts, PARAMS, factors)
     np.testing.assert_allclose(added, np.tile(factors * of_hand - of_hand, (6, 1)))
     np.testing.assert_array_equal(calibration_excess(contacts, PARAMS, np.ones(2)), 0.0)
-    reading = with_errors(read(contacts), SeemingErrors(calibration=factors), PARAMS)
+    reading = with_errors(read(contacts), ErrorScales(calibration=factors), PARAMS)
     np.testing.assert_allclose(reading.parts.new, np.tile(of_all - of_hand, (6, 1)))
     seeming = as_doubted(reading).evidence.contacts
     np.testing.assert_allclose(np.square(seeming.sigma_position), of_all[0] + 3.0 * of_hand[0])
@@ -83,7 +83,7 @@ def test_what_a_hand_declares_beside_its_sensors_and_calibration_lasts() -> None
 def test_a_doubted_contact_is_less_sure_by_what_lasts_of_its_mean() -> None:
     contacts = Contacts(p_OC, n_OC, covariance=np.tile(np.diag(np.repeat([0.002**2, 0.2**2], 3)), (6, 1, 1)))
     doubt = np.array([9.0, 1.0, 1.0, 2.0, 1.0, 1.0])
-    errors = SeemingErrors(doubt=dict(zip("abcdef", doubt, strict=True)))
+    errors = ErrorScales(doubt=dict(zip("abcdef", doubt, strict=True)))
     reading = with_errors(read(contacts), errors, PARAMS)
     lasts = averaged_variances(contacts, PARAMS, PARAMS.window.max_frames)
     more = (doubt - 1.0)[:, None] * lasts
@@ -116,4 +116,4 @@ def test_a_reading_is_repeated_where_points_and_normals_are() -> None:
     ):
         names = tuple("abcdef")[: len(contacts)]
         frame = Frame(0.0, Evidence(contacts), names)
-        assert read_contacts(frame, (), before, SeemingErrors(), PARAMS).is_new == is_new
+        assert read_contacts(frame, (), before, ErrorScales(), PARAMS).is_new == is_new

@@ -2,7 +2,7 @@ import dataclasses
 
 import numpy as np
 
-from tactopose_drake.core.evidence.contact_reading import SeemingErrors
+from tactopose_drake.core.evidence.contact_reading import ErrorScales
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.motion.rigid_motion import Motion
 from tactopose_drake.core.poses import (
@@ -124,7 +124,7 @@ def test_the_same_touch_again_is_averaged_and_another_one_is_kept() -> None:
 def test_the_mean_of_a_touch_is_as_sure_as_the_calibration_seems_to_be() -> None:
     params, contacts = PoseTrackerParams(), touch(X_PO, np.random.default_rng(0))
     factors = np.array([4.0, 2.25])
-    reading = with_errors(read(contacts), SeemingErrors(calibration=factors), params)
+    reading = with_errors(read(contacts), ErrorScales(calibration=factors), params)
     mean = dataclasses.replace(feel(), p_PC=contacts.p_PC + 0.001, frames=5)
     seen = PoseMeasurement(0.0, X_PO, np.diag(np.repeat([0.1, 0.01], 3) ** 2))
     felt = Touch(Evidence(contacts), reading, (mean,), seen).averaged(params)

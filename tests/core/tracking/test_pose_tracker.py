@@ -14,7 +14,7 @@ from tactopose_drake.core.poses import increments_between, retract
 from tactopose_drake.core.posterior.moved_origin import arc_covariance, increments_of_origin, move_origin
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.slip.slip_params import SlipParams
-from tactopose_drake.core.tracking import pose_tracker
+from tactopose_drake.core.tracking import belief_prediction
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
@@ -57,7 +57,7 @@ def test_a_touch_that_stays_exactly_as_it_is_is_searched_on(tracker: PoseTracker
         belief = tracker.step(belief, Frame(0.01 * step, Evidence(contacts[:count]), NAMES[:count]))
         searches.append(belief.search)
     # At first the same reading may be that of a sensor that is slower than the frames.
-    assert len({(search.searches, search.is_settled, id(search.weighing)) for search in searches[8 : 8 + FLICKER]}) == 1
+    assert len({(search.searches, search.is_settled, id(search.sampling)) for search in searches[8 : 8 + FLICKER]}) == 1
     assert belief.explained_time == belief.time
     # Such a box may as well lie turned by half a turn.
     flips = [np.diag(row) for row in ([1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1])]
@@ -349,7 +349,7 @@ def test_what_has_just_come_to_touch_holds_nothing_yet(tracker: PoseTracker, mon
         said.append(settled)
         return move_with_fingertips(*args, settled=settled, **options)
 
-    monkeypatch.setattr(pose_tracker, "move_with_fingertips", spy)
+    monkeypatch.setattr(belief_prediction, "move_with_fingertips", spy)
     belief, generator = tracker.start(0.0), np.random.default_rng(0)
     for i, count in enumerate([1] * 15 + [6] * 25):
         contacts = touch(X_PO, generator)[:count]

@@ -8,7 +8,7 @@ import pytest
 import scipy.stats
 import trimesh
 
-from tactopose_drake.core.evidence.contact_reading import SeemingErrors
+from tactopose_drake.core.evidence.contact_reading import ErrorScales
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.evidence import Evidence
 from tactopose_drake.core.evidence.gaussian_prior import GaussianPrior
@@ -28,6 +28,7 @@ from tactopose_drake.core.tracking.contact_errors import (
     with_errors,
 )
 from tactopose_drake.core.tracking.contact_update import begin_modes
+from tactopose_drake.core.tracking.found_modes import FoundModes
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.keyframes import (
     Keyframe,
@@ -38,10 +39,9 @@ from tactopose_drake.core.tracking.keyframes import (
 )
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
 from tactopose_drake.core.tracking.relocalisation import _join, _mean_weights, _same_modes, relocalise
-from tactopose_drake.core.tracking.sliced_search import SearchState, TouchWeighing, search_on
+from tactopose_drake.core.tracking.sliced_search import SearchState, TouchSampling, search_on
 from tactopose_drake.core.tracking.tracked_modes import TrackedModes
 from tactopose_drake.core.tracking.tracker_params import PoseTrackerParams
-from tactopose_drake.core.tracking.weighed_modes import WeighedModes
 from tests.core.tracking.boxes import SIGMA_NORMAL, SIGMA_POSITION, draw_biases, make_box, read, touch
 
 PARAMS = PoseTrackerParams()
@@ -67,9 +67,9 @@ def search(
     """The modes after some searches, all of the same touch."""
     touched, state = touch_of(touch(X_PO, np.random.default_rng(1)), standing), SearchState()
     while state.searches < count:
-        state, weighed, _ = search_on(box, PARAMS, touched, modes, state)
-        if weighed is not None:
-            modes = relocalise(box, PARAMS, touched, modes, weighed.modes, share)
+        state, found, _ = search_on(box, PARAMS, touched, modes, state)
+        if found is not None:
+            modes = relocalise(box, PARAMS, touched, modes, found.modes, share)
     return modes
 
 
@@ -109,9 +109,9 @@ def test_a_mode_of_the_filter_is_found_again_by_whichever_of_its_images_it_is_kn
 def test_a_search_may_begin_with_few_poses(box: ObjectModel, starts: int) -> None:
     params = dataclasses.replace(PARAMS, relocalisation=dataclasses.replace(PARAMS.relocalisation, starts=starts))
     touched = touch_of(touch(X_PO, np.random.default_rng(1)))
-    _, weighed, _ = search_on(box, params, touched, TrackedModes.empty(6), SearchState())
-    assert weighed is not None
-    assert len(weighed.modes.cost)
+    _, found, _ = search_on(box, params, touched, TrackedModes.empty(6), SearchState())
+    assert found is not None
+    assert len(found.modes.cost)
 
 
 def test_vision_that_is_far_off_does_not_keep_the_pose_from_being_found(box: ObjectModel) -> None:
@@ -181,7 +181,7 @@ def test_what_is_free_turns_with_the_motion_as_spreads_do() -> None:
     generator = np.random.default_rng(0)
     free, root = generator.normal(size=(2, 6)), generator.normal(size=(6, 6))
     modes = Modes(GaussianMixture(X_PO[None], np.ones(1), (root @ root.T)[None]), np.zeros(1), (free,), 0.0)
-    moved = WeighedModes(modes, np.ones(1), ("a",), 1.0).moved(motion.pose).modes
+    moved = FoundModes(modes, np.ones(1), ("a",), 1.0).moved(motion.pose).modes
     after = motion.of_poses(X_PO)
     np.testing.assert_allclose(moved.mixture.X_PO[0], after, atol=1e-12)
     rows = np.concatenate([free, root.T])
@@ -258,22 +258,22 @@ def test_a_mode_that_is_surer_than_the_touch_does_not_keep_its_pose(
 
 def test_a_search_is_made_of_slices_while_there_is_a_mode_to_keep_up(box: ObjectModel) -> None:
     touched, state = touch_of(touch(X_PO, np.random.default_rng(1))), SearchState()
-    slices, weighed = 0, None
-    while weighed is None:
+    slices, found = 0, None
+    while found is None:
         assert state.searches == 0
-        state, weighed, _ = search_on(box, PARAMS, touched, modes_at(X_PO), state)
+        state, found, _ = search_on(box, PARAMS, touched, modes_at(X_PO), state)
         slices += 1
     # Poses are proposed, settled, asked of the calibration, covered, joined, sampled, joined by way of what samples
     # lead to, and sampled on.
     assert 5 <= slices <= 14
     twice, by_two = SearchState(), 0
     while not twice.searches:
-        twice, weighed, _ = search_on(box, PARAMS, touched, modes_at(X_PO), twice, slices=2)
+        twice, found, _ = search_on(box, PARAMS, touched, modes_at(X_PO), twice, slices=2)
         by_two += 1
     assert by_two == -(-slices // 2)
     assert search_on(box, PARAMS, touched, modes_at(X_PO), SearchState(), slices=None)[1] is not None
-    _, weighed, _ = search_on(box, PARAMS, touched, TrackedModes.empty(6), SearchState())
-    assert weighed is not None
+    _, found, _ = search_on(box, PARAMS, touched, TrackedModes.empty(6), SearchState())
+    assert found is not None
 
 
 def test_a_search_weighs_modes_by_how_far_the_calibration_seems_to_be_off(box: ObjectModel) -> None:
@@ -285,24 +285,24 @@ def test_a_search_weighs_modes_by_how_far_the_calibration_seems_to_be_off(box: O
         contacts = touch(X_PO, np.random.default_rng(1), bias, (SIGMA_POSITION, SIGMA_NORMAL))
         reading = read(contacts)
         keyframes = (dataclasses.replace(Keyframe.of_now(reading, NAMES), frames=8),)
-        touched, state, found = Touch(Evidence(contacts), reading, keyframes, None), SearchState(), None
-        while found is None:
-            state, weighed, found = search_on(box, PARAMS, touched, modes_at(X_PO), state)
-            assert weighed is None
-        touched = touched._replace(reading=reading._replace(errors=found))
+        touched, state, errors = Touch(Evidence(contacts), reading, keyframes, None), SearchState(), None
+        while errors is None:
+            state, found, errors = search_on(box, PARAMS, touched, modes_at(X_PO), state)
+            assert found is None
+        touched = touched._replace(reading=reading._replace(errors=errors))
         state = search_on(box, PARAMS, touched, modes_at(X_PO), state).state
-        assert isinstance(state.weighing, TouchWeighing)
-        stated = state.weighing.evidence.contacts
+        assert isinstance(state.sampling, TouchSampling)
+        stated = state.sampling.evidence.contacts
         np.testing.assert_allclose(
             np.square([stated.sigma_position, stated.sigma_normal]).T,
-            averaged_variances(contacts, PARAMS, 8) + calibration_excess(contacts, PARAMS, found.calibration),
+            averaged_variances(contacts, PARAMS, 8) + calibration_excess(contacts, PARAMS, errors.calibration),
         )
         # In the same frame it is put to use likewise.
         at_once = search_on(box, PARAMS, touched._replace(reading=reading), modes_at(X_PO), SearchState(), slices=4)
-        assert isinstance(at_once.state.weighing, TouchWeighing)
-        again = at_once.state.weighing.evidence.contacts
+        assert isinstance(at_once.state.sampling, TouchSampling)
+        again = at_once.state.sampling.evidence.contacts
         np.testing.assert_allclose(again.sigma_position, stated.sigma_position)
-        scales.append(found.calibration)
+        scales.append(errors.calibration)
     assert scales[0].max() < 1.0
     assert np.all(scales[1] > 4.0 * scales[0])
     # One frame tells nothing of what lasts.
@@ -321,10 +321,10 @@ def test_what_a_search_has_found_starts_the_next_however_little_is_proposed(
     monkeypatch.setattr(sliced_search, "_propose_poses", lambda *_: np.empty((0, 3, 4)))
     astray = modes_at(ELSEWHERE)
     for start in (state._replace(minima=np.empty((0, 3, 4))), state):
-        again, weighed = start, None
-        while weighed is None and again.searches == state.searches:
-            again, weighed, _ = search_on(box, PARAMS, touched, astray, again)
-        finds_it = weighed is not None and off(relocalise(box, PARAMS, touched, astray, weighed.modes, 1.0)) < 0.005
+        again, found = start, None
+        while found is None and again.searches == state.searches:
+            again, found, _ = search_on(box, PARAMS, touched, astray, again)
+        finds_it = found is not None and off(relocalise(box, PARAMS, touched, astray, found.modes, 1.0)) < 0.005
         assert finds_it == (start is state)
 
 
@@ -336,9 +336,9 @@ def test_what_is_found_meanwhile_moves_with_the_object() -> None:
         np.testing.assert_allclose(X[0], compose(motion.pose, compose(motion.pose, X_PO)), atol=1e-15)
 
 
-def test_modes_are_weighed_as_of_the_time_that_this_began_and_moved_with_the_object_then(box: ObjectModel) -> None:
+def test_modes_are_weighted_as_of_the_time_that_this_began_and_moved_with_the_object_then(box: ObjectModel) -> None:
     touched, state = touch_of(touch(X_PO, np.random.default_rng(1))), SearchState()
-    while state.weighing is None:
+    while state.sampling is None:
         state, *_ = search_on(box, PARAMS, touched, modes_at(X_PO), state)
     rests: SearchState = pickle.loads(pickle.dumps(state))  # As a belief that is kept on disk.
     motion, X_PP = Motion(np.array([0.1, -0.2, 0.3, 0.01, 0.02, -0.01]), np.zeros((6, 6))), np.eye(3, 4)
@@ -368,7 +368,7 @@ def test_weights_are_means_over_the_searches_that_agree(box: ObjectModel) -> Non
 
 
 def test_a_mode_of_a_hand_that_seems_better_than_told_begins_with_a_covariance_that_can_be(box: ObjectModel) -> None:
-    best = SeemingErrors(calibration=np.array([0.5, 0.5]))
+    best = ErrorScales(calibration=np.array([0.5, 0.5]))
     for seed in range(4):
         contacts = touch(X_PO, np.random.default_rng(seed), sigmas=(0.0005, math.radians(2.5)))
         reading = with_errors(read(contacts), best, PARAMS)
@@ -395,29 +395,29 @@ def test_a_valley_keeps_its_mass_when_a_search_finds_another_one_of_its_minima(b
 
 
 def test_of_a_touch_that_is_as_told_little_is_doubted(box: ObjectModel) -> None:
-    _, weighed, _ = search_on(
+    _, found, _ = search_on(
         box, PARAMS, touch_of(touch(X_PO, np.random.default_rng(1))), TrackedModes.empty(6), SearchState()
     )
-    assert weighed is not None
-    doubt = follow_doubt({}, weighed.inlier_probability, weighed.noise_scale, weighed.sources, 1.0)
+    assert found is not None
+    doubt = follow_doubt({}, found.inlier_probability, found.noise_scale, found.sources, 1.0)
     assert set(doubt) == set(NAMES)
     assert all(1.0 <= factor < 2.0 for factor in doubt.values())
 
 
-def weighed_modes(*sigmas: float) -> WeighedModes:
+def found_modes(*sigmas: float) -> FoundModes:
     """Equally probable modes, each known to so much, m and rad."""
     n = len(sigmas)
     X = retract(np.repeat(X_PO[None], n, axis=0), np.linspace(0.0, 0.05, n)[:, None] * np.eye(6)[3])
     mixture = GaussianMixture(X, np.full(n, 1.0 / n), np.square(sigmas)[:, None, None] * np.eye(6))
-    return WeighedModes(Modes(mixture, np.zeros(n), (np.zeros((0, 6)),) * n, 0.0), np.ones(4), tuple("abcd"), 1.0)
+    return FoundModes(Modes(mixture, np.zeros(n), (np.zeros((0, 6)),) * n, 0.0), np.ones(4), tuple("abcd"), 1.0)
 
 
 def test_a_mode_in_the_hand_counts_the_less_the_deeper_it_is(box: ObjectModel) -> None:
     settings = PARAMS.relocalisation
 
     def weights(*depths: float) -> np.ndarray:
-        every, weighed = np.arange(len(depths)), weighed_modes(*(0.0,) * len(depths))
-        return weighed.clear(box, None, settings, every, np.array(depths)).modes.mixture.weights
+        every, found = np.arange(len(depths)), found_modes(*(0.0,) * len(depths))
+        return found.clear(box, None, settings, every, np.array(depths)).modes.mixture.weights
 
     for depth, most in ((0.0005, 0.5), (0.003, 0.2), (0.006, 1e-3)):
         found = weights(0.0005, depth)
@@ -429,7 +429,7 @@ def test_a_mode_in_the_hand_counts_the_less_the_deeper_it_is(box: ObjectModel) -
 def test_a_mode_that_may_slide_out_of_the_hand_is_not_dropped(box: ObjectModel) -> None:
     hand = HandGeometry([X_PO[:, 3] + [0.05, 0.0, 0.0]], [0.03], sigma=0.001)
     narrow, wide = (
-        weighed_modes(0.0001, sigma).clear(box, hand, PARAMS.relocalisation, np.arange(2), np.array([0.0, 0.006]))
+        found_modes(0.0001, sigma).clear(box, hand, PARAMS.relocalisation, np.arange(2), np.array([0.0, 0.006]))
         for sigma in (0.0001, 0.05)
     )
     assert narrow.modes.mixture.weights[1] < 1e-4
@@ -440,8 +440,8 @@ def test_the_hand_s_own_surface_is_unsure_too(box: ObjectModel) -> None:
     weights = []
     for sigma in (0.0001, 0.004):
         hand = HandGeometry([X_PO[:, 3] + [0.05, 0.0, 0.0]], [0.03], sigma=sigma)
-        weighed = weighed_modes(1e-6, 1e-6)
-        cleared = weighed.clear(box, hand, PARAMS.relocalisation, np.arange(2), np.array([0.0, 0.006]))
+        found = found_modes(1e-6, 1e-6)
+        cleared = found.clear(box, hand, PARAMS.relocalisation, np.arange(2), np.array([0.0, 0.006]))
         weights.append(cleared.modes.mixture.weights[1])
     allowed = PARAMS.relocalisation.allowed_depth
     clear = scipy.stats.norm.cdf((allowed - np.array([0.0, 0.006])) / 0.004)
@@ -461,12 +461,12 @@ def test_of_several_likely_modes_it_is_asked_once_how_deep_they_are_and_of_a_sin
     for standing, expected in ((None, [4]), (seen, [])):
         asked.clear()
         touched = touch_of(touch(X_PO, np.random.default_rng(1)), standing)._replace(depth_in_hand=depth)
-        state, weighed = SearchState(searches=1), None
-        while weighed is None:
-            state, weighed, _ = search_on(box, PARAMS, touched, modes_at(X_PO), state)
+        state, found = SearchState(searches=1), None
+        while found is None:
+            state, found, _ = search_on(box, PARAMS, touched, modes_at(X_PO), state)
         assert asked == expected
         assert state.X_PO is None
-        assert state.weighing is None
+        assert state.sampling is None
 
 
 def test_further_rounds_of_samples_make_searches_agree(box: ObjectModel) -> None:
@@ -477,11 +477,11 @@ def test_further_rounds_of_samples_make_searches_agree(box: ObjectModel) -> None
         )
         errors, slices = [], []
         for searches in range(6):
-            state, weighed, taken = SearchState(searches=searches), None, 0
-            while weighed is None:
-                state, weighed, _ = search_on(box, params, touched, modes_at(X_PO), state)
+            state, found, taken = SearchState(searches=searches), None, 0
+            while found is None:
+                state, found, _ = search_on(box, params, touched, modes_at(X_PO), state)
                 taken += 1
-            errors.append(weighed.modes.standard_error)
+            errors.append(found.modes.standard_error)
             slices.append(taken)
         spread.append((np.mean(errors), np.mean(slices)))
     (few, fast), (many, slow) = spread
@@ -500,8 +500,8 @@ def test_no_round_draws_the_samples_of_another_again(box: ObjectModel, monkeypat
     touched, state, times, X = touch_of(touch(X_PO, np.random.default_rng(1))), SearchState(), np.zeros(1), X_PO[None]
     while state.searches < 1:
         state, *_ = search_on(box, params, touched, modes_at(X_PO), state)
-        if isinstance(state.weighing, TouchWeighing) and state.weighing.weighing.samples is not None:
-            X, times = state.weighing.weighing.samples.X_PO, state.weighing.weighing.samples.times
+        if isinstance(state.sampling, TouchSampling) and state.sampling.state.samples is not None:
+            X, times = state.sampling.state.samples.X_PO, state.sampling.state.samples.times
     assert times.max() > 2
     assert len(np.unique(X.round(12).reshape(-1, 12), axis=0)) == len(X)
 

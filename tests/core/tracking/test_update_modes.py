@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tactopose_drake.core.evidence.contact_reading import SeemingErrors
+from tactopose_drake.core.evidence.contact_reading import ErrorScales
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.objectives.surface_contact import SurfaceContact
 from tactopose_drake.core.poses import retract
@@ -80,7 +80,7 @@ def test_what_is_left_of_a_surface_s_roughness_stays_where_the_hand_s_errors_see
     params, generator = PoseTrackerParams(), np.random.default_rng(0)
     rough = 1e-7 * generator.uniform(size=(1, 6, 2))
     before, after = (
-        with_errors(read(touch(X_PO, generator)), SeemingErrors(dict.fromkeys("abcdef", doubt)), params)
+        with_errors(read(touch(X_PO, generator)), ErrorScales(dict.fromkeys("abcdef", doubt)), params)
         for doubt in (4.0, 2.0)
     )
     modes = make_modes(np.diag(np.repeat([1e-4, 1e-6], 3))[None])
@@ -207,7 +207,7 @@ def test_a_new_mode_shares_less_with_biases_that_seem_smaller_than_told(box: Obj
     """Of the hand's part of a bias a half or a quarter is left, and of what the pose shares with it as much less."""
     params, covariance = PoseTrackerParams(), np.diag(np.repeat([0.02**2, 0.001**2], 3))[None]
     as_told = read(touch(X_PO, np.random.default_rng(1)))
-    better = with_errors(as_told, SeemingErrors(calibration=np.array([0.5, 0.25])), params)
+    better = with_errors(as_told, ErrorScales(calibration=np.array([0.5, 0.25])), params)
     before, after = (begin_modes(box, params, reading, None, X_PO[None], covariance) for reading in (as_told, better))
     assert np.abs(before.cross_covariance).max() > 1e-9
     bias = BiasModel.from_params(params)
@@ -231,7 +231,7 @@ def test_modes_that_hardly_count_wait_for_a_search(box: ObjectModel) -> None:
 
 def test_a_doubted_finger_counts_for_less_and_so_does_what_a_hand_declares(box: ObjectModel) -> None:
     contacts, params = touch(X_PO, np.random.default_rng(0)), PoseTrackerParams()
-    doubted = with_errors(read(contacts), SeemingErrors(doubt={"a": 16.0}), params)
+    doubted = with_errors(read(contacts), ErrorScales(doubt={"a": 16.0}), params)
     mean = averaged_variances(contacts, params, params.window.max_frames)[0]
     np.testing.assert_allclose(doubted.parts.excess[0], 15.0 * mean)
     seems = as_doubted(doubted).evidence.contacts

@@ -82,8 +82,8 @@ class MonteCarlo(Search):
         anywhere: the design for any other space: broad.
         same_rotation, same_translation: two poses are the same if their quaternions are closer than the former, and
             their translations closer than the latter, m.
-        is_possible: maps poses (B, 3, 4) to whether they are free of collision, shape (B,); the others are discarded,
-            unless all are.
+        is_possible: maps poses (B, 3, 4) to whether they are free of collision, shape (B,), as `HandClearance` does;
+            the others are discarded, unless all are.
         polish: the final refinement of the best pose. The others stay as they were found.
     """
 

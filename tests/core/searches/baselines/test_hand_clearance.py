@@ -1,8 +1,8 @@
 import numpy as np
 
-from tactopose_drake.core.evidence.hand_clearance import HandClearance
 from tactopose_drake.core.evidence.hand_geometry import HandGeometry
 from tactopose_drake.core.poses import exp_so3, identity_poses
+from tactopose_drake.core.searches.baselines.hand_clearance import HandClearance
 
 
 def test_points_near_the_middle_of_a_sphere_collide() -> None:

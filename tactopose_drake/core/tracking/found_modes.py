@@ -1,4 +1,4 @@
-"""The result of the one-shot posterior in a search, and its correction for penetration of the hand."""
+"""The modes that a search has found, by the one-shot posterior, and their correction for penetration of the hand."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from tactopose_drake.core.tracking.tracker_params import RelocalisationParams
 from tactopose_drake.core.validation import FloatArray
 
 
-class WeighedModes(NamedTuple):
-    """The modes of the one-shot posterior, and what they imply about the contacts.
+class FoundModes(NamedTuple):
+    """The modes of the one-shot posterior that a search has found, and what they imply about the contacts.
 
     Attributes:
         modes: of the pose.
@@ -34,7 +34,7 @@ class WeighedModes(NamedTuple):
     sources: tuple[str, ...]
     noise_scale: float
 
-    def moved(self, X_PP: FloatArray) -> WeighedModes:
+    def moved(self, X_PP: FloatArray) -> FoundModes:
         """The result after a motion (3, 4) of the object from the left, which also rotates translations."""
         turn, mixture = np.eye(6), self.modes.mixture
         turn[3:, 3:] = X_PP[:, :3]
