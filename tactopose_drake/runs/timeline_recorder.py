@@ -5,29 +5,34 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
+from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.descriptions import determined_sigmas
 from tactopose_drake.estimation.far_origins import about_middle
+from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.runs.stepping import RunView
-from tactopose_drake.visualization.appearance import MOST_FREE, MOVING_ALTERNATIVES, Look
+from tactopose_drake.visualization.appearance import MOST_FREE, MOVING_ALTERNATIVES
 from tactopose_drake.visualization.estimate_page import instant_of
-from tactopose_drake.visualization.page_tables import Instant
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis, touch_of
 from tactopose_drake.visualization.timeline import Curve, Plot, Timeline
 
 
-class _Noted(NamedTuple):
-    """A recorded moment: its time, s, the status, the curves' values by name, the page's texts, and what is drawn."""
+class _Seen(NamedTuple):
+    """The outputs of a station at one time, s, with the estimate and status of the tracking if there is one."""
 
     time: float
     status: str
-    values: dict[str, float]
-    said: Instant
-    looks: tuple[Look, ...]
+    estimate: PoseEstimate | None
+    prior: PosePrior | None
+    contacts: Contacts
+    touched_by: tuple[str, ...]
+    solutions: dict[str, ContactSolution]
+    pads: tuple[str, ...]
+    patches: tuple[Patch, ...]
 
 
 class TimelineRecorder:
@@ -42,68 +47,71 @@ class TimelineRecorder:
         self._fingers = config.sensing
         self._pads = [pad.name for pad in config.pads]
         self._model = model
-        self._rows: list[_Noted] = []
+        self._seen: list[_Seen] = []
 
     def show(self, view: RunView) -> None:
-        """Records the current moment."""
+        """Records the current moment; its texts are made later, as they take milliseconds."""
         time = view.context.get_time()
-        if self._rows and time <= self._rows[-1].time:
-            self._rows.clear()
-        estimate, status = view.believed("hypotheses"), view.believed("status")
-        values = self._forces(view) | self._pressures(view) | self._widths(estimate)
-        scene = self._scene(view, estimate)
-        self._rows.append(_Noted(time, status, values, instant_of(scene, estimate, status), tuple(scene.looks)))
+        if self._seen and time <= self._seen[-1].time:
+            self._seen.clear()
+        self._seen.append(
+            _Seen(
+                time,
+                view.believed("status"),
+                view.believed("hypotheses"),
+                view.value("prior"),
+                view.value("contacts"),
+                tuple(view.value("fingers_in_contact")),
+                view.value("contact_solutions"),
+                tuple(view.value("pads", ())),
+                tuple(view.value("patches", ())),
+            )
+        )
 
     def thin(self) -> None:
         """Drops every second moment."""
-        self._rows = self._rows[::2]
+        self._seen = self._seen[::2]
 
     def drop_last(self) -> None:
         """Drops the last moment."""
-        self._rows.pop()
+        self._seen.pop()
 
     def timeline(self) -> Timeline | None:
         """The timeline of all recorded moments; None if there are fewer than two."""
-        if len(self._rows) < 2:
+        if len(self._seen) < 2:
             return None
-        names = {"force": self._fingers, "pressure": self._pads, "width": ["position", "angle"]}
-        curves = {kind: tuple(Curve(name, self._values(f"{kind}_{name}")) for name in names[kind]) for kind in names}
-        position, angle = curves["width"]
-        plots = [Plot("contact force", "N", curves["force"])] if self._fingers else []
-        plots += [Plot("highest pressure", "kPa", curves["pressure"])] if self._pads else []
-        plots += [Plot("\u00b1 position", "mm", (position,)), Plot("\u00b1 angle", "deg", (angle,))]
-        times, states, said = zip(*((row.time, row.status, row.said) for row in self._rows), strict=True)
-        looks = frozenset(look for row in self._rows for look in row.looks)
-        return Timeline(np.array(times), states, tuple(plots), said, looks)
+        times, states = zip(*((seen.time, seen.status) for seen in self._seen), strict=True)
+        scenes = [self._scene(seen) for seen in self._seen]
+        said = (instant_of(scene, seen.estimate, seen.status) for scene, seen in zip(scenes, self._seen, strict=True))
+        looks = frozenset(look for scene in scenes for look in scene.looks)
+        return Timeline(np.array(times), states, self._plots(), tuple(said), looks)
 
-    def _values(self, name: str) -> FloatArray:
-        return np.array([row.values.get(name, np.nan) for row in self._rows])
+    def _plots(self) -> tuple[Plot, ...]:
+        values = [_forces(seen) | _pressures(seen) | self._widths(seen.estimate) for seen in self._seen]
 
-    def _scene(self, view: RunView, estimate: PoseEstimate | None) -> Scene:
-        """The scene of the current moment, without the hand and the true pose."""
-        prior = view.value("prior")
-        pads, patches = view.value("pads", ()), view.value("patches", ())
-        felt = [name for name, patch in zip(pads, patches, strict=True) if patch.is_felt]
-        hypotheses = () if estimate is None else estimate.hypotheses[: 1 + MOVING_ALTERNATIVES]
-        shown = tuple(map(ShownHypothesis.of, hypotheses))
-        return Scene(
-            model=self._model,
-            contacts=touch_of(view.value("contacts"), patches),
-            patches=patches,
-            touched_by=(*view.value("fingers_in_contact"), *felt),
-            hypotheses=shown,
-            prior=None if prior is None else prior.X_PO,
+        def curve(kind: str, name: str) -> Curve:
+            return Curve(name, np.array([each.get(f"{kind}_{name}", np.nan) for each in values]))
+
+        plots = [Plot("contact force", "N", tuple(curve("force", name) for name in self._fingers))]
+        plots += [Plot("highest pressure", "kPa", tuple(curve("pressure", name) for name in self._pads))]
+        return (
+            *(plot for plot in plots if plot.curves),
+            Plot("\u00b1 position", "mm", (curve("width", "position"),)),
+            Plot("\u00b1 angle", "deg", (curve("width", "angle"),)),
         )
 
-    def _forces(self, view: RunView) -> dict[str, float]:
-        solutions = view.value("contact_solutions")
-        return {f"force_{name}": _force(solutions[name]) for name in self._fingers if name in solutions}
-
-    def _pressures(self, view: RunView) -> dict[str, float]:
-        return {
-            f"pressure_{name}": float(np.nanmax(patch.pressure, initial=0.0)) / 1e3
-            for name, patch in zip(view.value("pads", ()), view.value("patches", ()), strict=True)
-        }
+    def _scene(self, seen: _Seen) -> Scene:
+        """The scene of a moment, without the hand and the true pose."""
+        felt = [name for name, patch in zip(seen.pads, seen.patches, strict=True) if patch.is_felt]
+        hypotheses = () if seen.estimate is None else seen.estimate.hypotheses[: 1 + MOVING_ALTERNATIVES]
+        return Scene(
+            model=self._model,
+            contacts=touch_of(seen.contacts, seen.patches),
+            patches=seen.patches,
+            touched_by=(*seen.touched_by, *felt),
+            hypotheses=tuple(map(ShownHypothesis.of, hypotheses)),
+            prior=None if seen.prior is None else seen.prior.X_PO,
+        )
 
     def _widths(self, estimate: PoseEstimate | None) -> dict[str, float]:
         if estimate is None or len(estimate.best.free_directions) > MOST_FREE:
@@ -111,6 +119,17 @@ class TimelineRecorder:
         rotation, translation = determined_sigmas(about_middle(estimate.best, self._model), self._model.size)
         widths = {"width_position": 1e3 * translation, "width_angle": math.degrees(rotation)}
         return {name: width for name, width in widths.items() if not math.isnan(width)}
+
+
+def _forces(seen: _Seen) -> dict[str, float]:
+    return {f"force_{name}": _force(solution) for name, solution in seen.solutions.items()}
+
+
+def _pressures(seen: _Seen) -> dict[str, float]:
+    return {
+        f"pressure_{name}": float(np.nanmax(patch.pressure, initial=0.0)) / 1e3
+        for name, patch in zip(seen.pads, seen.patches, strict=True)
+    }
 
 
 def _force(solution: ContactSolution) -> float:
