@@ -2,7 +2,8 @@
 
 A driver is one generator, its conversation: it yields an `Exchange` (frames to send, and a callback for the replies) or
 a `Pause`, and is resumed when that is over. It uses no threads, sockets or real time, so that the same code runs on a
-bus, on a recorded log and in virtual time. The `DeviceBus` runs it.
+bus, on a recorded log and in virtual time. The `DeviceBus` runs it. The driver of a device that sends by itself yields
+exchanges without frames.
 """
 
 import collections
@@ -86,7 +87,7 @@ class Device(ABC, Generic[Sample]):
         Args:
             bus: the bus that the device is on.
             name: the device's name in messages.
-            requests: identifiers of the frames that the driver sends.
+            requests: identifiers of the frames that the driver sends; empty if it only listens.
             replies: identifiers of the frames that the device sends.
         """
         self.bus, self.name, self.requests, self.replies = bus, name, requests, replies
@@ -171,6 +172,8 @@ class Device(ABC, Generic[Sample]):
 
     def handle(self, frame: can.Message, time: float) -> None:
         """Takes a frame of the device that was received at `time`, whatever its time stamp."""
+        if self.bus.follows_log and not self.requests:
+            self._end_waits(time)
         self._now = time
         if self._begun and isinstance(self._step, Exchange):
             assert self._conversation is not None
@@ -202,6 +205,13 @@ class Device(ABC, Generic[Sample]):
             self._take(self._conversation.send(False))
         self._begun = self._begun or self._shows_next(request)
 
+    def _end_waits(self, time: float) -> None:
+        """In a replay, ends the waits of a driver that only listens until `time`: no request in the log ends them."""
+        assert self._conversation is not None
+        while self.due < time:
+            self._now = self.due
+            self._take(self._conversation.send(False))
+
     def _shows_next(self, request: can.Message) -> bool:
         """Whether a recorded request is the next one of the present step."""
         if isinstance(self._step, Pause) or self._sent == len(self._step.frames):
@@ -217,7 +227,7 @@ class Device(ABC, Generic[Sample]):
         if isinstance(step, Pause):
             self._begun, self.due = True, self._now + step.duration
         elif self.bus.follows_log:
-            self._begun = not step.frames
+            self._begun, self.due = not step.frames, self._now + step.timeout
         elif self.bus.is_hushed(self, self._now):
             self.due = self.bus.quiet_until
         else:
