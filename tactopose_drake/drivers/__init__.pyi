@@ -12,7 +12,10 @@ from .barrett_tactile import CELLS as CELLS
 from .can_recorder import CanRecorder as CanRecorder
 from .clock import VirtualClock as VirtualClock
 from .device import NO_SAMPLE as NO_SAMPLE
+from .device import Conversation as Conversation
 from .device import Device as Device
+from .device import Exchange as Exchange
+from .device import Pause as Pause
 from .device_bus import DeviceBus as DeviceBus
 from .frames import ERROR_BUS_OFF as ERROR_BUS_OFF
 from .frames import ERROR_CONTROLLER as ERROR_CONTROLLER
@@ -25,6 +28,7 @@ from .lcm_messages import HandSensesMessage as HandSensesMessage
 from .lcm_messages import ObjectBeliefMessage as ObjectBeliefMessage
 from .lcm_messages import ObjectPoseMessage as ObjectPoseMessage
 from .netcanoem import BoardCalibration as BoardCalibration
+from .netcanoem import ForceTorqueSample as ForceTorqueSample
 from .netcanoem import NetCanOemForceTorque as NetCanOemForceTorque
 from .netcanoem_protocol import Firmware as Firmware
 from .netcanoem_protocol import ForceUnit as ForceUnit

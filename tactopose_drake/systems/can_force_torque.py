@@ -1,19 +1,20 @@
 """A force-torque sensor on a CAN bus or in a log, as a replacement for a simulated one."""
 
+from typing import Any
+
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.validation import positive_number
-from tactopose_drake.drivers.device import NO_SAMPLE
-from tactopose_drake.drivers.netcanoem import NetCanOemForceTorque
+from tactopose_drake.drivers.device import NO_SAMPLE, Device
 from tactopose_drake.systems.collectable_system import CollectableSystem
 
 
 class CanForceTorque(CollectableSystem):
-    """Outputs the newest sample of a force-torque board and its age.
+    """Outputs the newest sample of a force-torque board, or of another sensor of wrenches, and its age.
 
-    The board need not answer when the diagram starts, and may drop out and come back; the wrench is NaN meanwhile.
+    The sensor need not answer when the diagram starts, and may drop out and come back; the wrench is NaN meanwhile.
     Unlike the simulated sensor it does not know the fingertip's weight: the tare subtracts the load of that moment.
 
     .. pydrake_system::
@@ -28,14 +29,15 @@ class CanForceTorque(CollectableSystem):
       Changes once a period, first right after t = 0. NaN where there is no valid sample.
     - age: age of the newest sample, valid or not, s, shape (1,); infinite before the first. Changes with `wrench`.
     - status: str, the status of the sample (`ForceTorqueSample`), or why there is none: "no sample yet", "stale: " and
-      its age, or what is wrong with the board or its bus. Changes with `wrench`.
+      its age, or what is wrong with the sensor or its bus. Changes with `wrench`.
     """
 
-    def __init__(self, sensor: NetCanOemForceTorque, period: float = 0.005, max_age: float = 0.05) -> None:
+    def __init__(self, sensor: Device[Any], period: float = 0.005, max_age: float = 0.05) -> None:
         """Keeps the driver; the caller closes it.
 
         Args:
-            sensor: the driver. On a bus without a thread, the diagram's time counts from the bus's origin.
+            sensor: the driver, of any device whose samples have `F_S`, as `ForceTorqueSample` has. On a bus without a
+                thread, the diagram's time counts from the bus's origin.
             period: time between two polls, s.
             max_age: samples older than this are stale, s.
         """
