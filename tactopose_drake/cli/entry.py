@@ -10,6 +10,9 @@ from types import FrameType
 _AGAIN = 0.05  # s until a postponed interrupt is raised again
 # Drake's reader, in which an interrupt becomes an error of the file if it comes in the conversion of an argument.
 _YAML = os.path.join("pydrake", "common", "yaml.py")
+# Numba's compiler, which loads and makes kernels: an interrupt is lost in a callback from it, and leaves objects behind
+# that are freed twice.
+_COMPILER = f"{os.sep}llvmlite{os.sep}"
 
 
 def start() -> None:
@@ -33,9 +36,10 @@ def _leave(*_: object) -> None:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Interrupts; while a module or a YAML file is being loaded, which may swallow the interrupt, it is postponed."""
+    """Interrupts; while a module, YAML file or kernel is loaded, which may swallow the interrupt, it is postponed."""
     if _is_loading(frame):
-        again = threading.Timer(_AGAIN, signal.raise_signal, (number,))
+        # To the main thread, which may be waiting by then: a signal to the timer's own thread would not wake it.
+        again = threading.Timer(_AGAIN, signal.pthread_kill, (threading.main_thread().ident, number))
         again.daemon = True
         again.start()
     else:
@@ -44,7 +48,8 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 def _is_loading(frame: FrameType | None) -> bool:
     while frame is not None:
-        if frame.f_code.co_filename.startswith("<frozen importlib") or frame.f_code.co_filename.endswith(_YAML):
+        file = frame.f_code.co_filename
+        if file.startswith("<frozen importlib") or file.endswith(_YAML) or _COMPILER in file:
             return True
         frame = frame.f_back
     return False
