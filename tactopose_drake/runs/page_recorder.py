@@ -22,7 +22,6 @@ from tactopose_drake.visualization.frame_marks import add_frames
 from tactopose_drake.visualization.meshcat import upright
 from tactopose_drake.visualization.page import save_html
 from tactopose_drake.visualization.patch_marks import add_patches, move_patches
-from tactopose_drake.visualization.picture import save_picture
 from tactopose_drake.visualization.pose_marks import add_hypotheses, add_object, move_hypotheses, place
 from tactopose_drake.visualization.scene import Scene, ShownHypothesis
 from tactopose_drake.visualization.touch_marks import add_touch, move_touch
@@ -109,6 +108,8 @@ class PageRecorder:
         Raises:
             InvalidFileError: if the file cannot be written.
         """
+        from tactopose_drake.visualization.picture import save_picture  # Deferred: it loads matplotlib.
+
         estimated = [moment for moment in self._moments if moment.estimate is not None]
         if estimated:
             save_picture(path, self._scene(estimated[-1]))
