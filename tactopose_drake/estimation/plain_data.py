@@ -97,9 +97,9 @@ def read_covariance(name: str, value: Any) -> FloatArray:
     with np.errstate(over="ignore", invalid="ignore"):  # An infinite or NaN correlation fails the check below.
         correlation = covariance / sigma[:, None] / sigma
         off = np.abs(correlation - correlation.T).max()
-    if not off <= _ROUNDING:
-        raise InvalidInputError(f"{name} must be symmetric.")
-    if np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:
+    if off > _ROUNDING:
+        raise InvalidInputError(f"{name} must be symmetric, not of correlations that differ by {off:.3g}.")
+    if np.isnan(off) or np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:
         raise InvalidInputError(
             f"{name} must be positive semidefinite, but some combination of errors has a variance below 0."
         )

@@ -18,7 +18,7 @@ def geometry_query(plant: MultibodyPlant, context: Context) -> QueryObject:
         InvalidInputError: if the plant is not finalized, or the context is not the plant's or knows no SceneGraph.
     """
     if not plant.is_finalized():
-        raise InvalidInputError("plant must be finalized, and part of a diagram.")
+        raise InvalidInputError("plant must be finalized, and part of a diagram, but is not finalized.")
     try:
         plant.ValidateContext(context)
     except RuntimeError:

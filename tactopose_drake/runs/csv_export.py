@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform
 
+from tactopose_drake.core.times import has_exceeded
 from tactopose_drake.estimation.output_files import written_beside
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.hand.hand_config import load_hand_config
@@ -31,10 +32,11 @@ _Cells = tuple[float, str, Sequence[str]]
 def write_csv(run: RecordedRun, path: Path) -> None:
     """Writes a row for each time at which anything changed.
 
-    A cell is empty if its column has no new value at that time, and "nan" if there was no reading, or a pose is no
-    longer known. Columns are named `<what>/<part>_<unit>`: `time_s`, `joint/<joint>_rad`, `wrench/<finger>/f_x_N`,
-    `pressure/<pad>/<cell>_Pa`, `prior/p_x_m`, `true/p_x_m`, `object/p_x_m` of the best hypothesis, `status`,
-    `sense_status` of a run on devices, and with tracking `tracked/p_x_m` and `tracked_status`.
+    Changes of different things within 1 us are in one row, with the time of the first. A cell is empty if its column
+    has no new value at that time, and "nan" if there was no reading, or a pose is no longer known. Columns are named
+    `<what>/<part>_<unit>`: `time_s`, `joint/<joint>_rad`, `wrench/<finger>/f_x_N`, `pressure/<pad>/<cell>_Pa`,
+    `prior/p_x_m`, `true/p_x_m`, `object/p_x_m` of the best hypothesis, `status`, `sense_status` of a run on devices,
+    and with tracking `tracked/p_x_m` and `tracked_status`.
 
     Args:
         run: the recording.
@@ -56,11 +58,14 @@ def write_csv(run: RecordedRun, path: Path) -> None:
         table = csv.writer(file)
         table.writerow(["time_s", *header])
         row, row_time, known = [""] * len(header), None, set[str]()
+        filled = dict[str, float]()  # the time of each group of columns that has cells in this row
         for time, name, cells in _changes(run):
-            if row_time is not None and time > row_time:
+            if row_time is None:
+                row_time = time
+            elif has_exceeded(time, row_time, 0.0) or time > filled.get(name, time):
                 table.writerow([repr(row_time), *row])
-                row = [""] * len(header)
-            row_time = time
+                row, row_time, filled = [""] * len(header), time, {}
+            filled[name] = time
             # A value that becomes unknown must not look like one that stays as it was.
             known |= {name} if cells else set()
             values = cells or ["nan" if name in known else ""] * len(columns[name])

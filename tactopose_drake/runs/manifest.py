@@ -17,6 +17,7 @@ from tactopose_drake.resources import load_typed_yaml, read_yaml
 from tactopose_drake.resources.yaml_files import bare
 from tactopose_drake.station.can_senses import CanSenses
 from tactopose_drake.station.scenario import Scenario
+from tactopose_drake.station.scenario_paths import resolve_paths, with_absolute_paths
 from tactopose_drake.station.senses import RecordedSenses
 
 MANIFEST, SIGNALS, ESTIMATES = "manifest.yaml", "signals.jsonl", "estimates.jsonl"
@@ -27,7 +28,7 @@ _PACKAGES = ("tactopose_drake", "drake", "numpy", "numba", "python-can")
 
 @dataclasses.dataclass(kw_only=True, slots=True)
 class Manifest:
-    """`manifest.yaml` of a recording; only data."""
+    """`manifest.yaml` of a recording; only data. Paths in the file are relative to its folder."""
 
     format: int = _FORMAT
     scenario: Scenario = dataclasses.field(default_factory=Scenario)  # with the seeds of all noise
@@ -74,6 +75,7 @@ class Manifest:
         The estimation's parameters may differ, but not the hand, the object, and the devices. Of absolute paths only
         the file names are compared, since a project's folder may have moved.
         """
+        scenario = with_absolute_paths(scenario)
         for name in ("hand", "object"):
             given, recorded = getattr(scenario, name), getattr(self.scenario, name)
             is_moved = os.path.isabs(recorded) and os.path.isabs(given) and Path(given).name == Path(recorded).name
@@ -110,7 +112,7 @@ def save_manifest(
         InvalidFileError: if it cannot be written.
     """
     manifest = Manifest(
-        scenario=scenario,
+        scenario=with_absolute_paths(scenario),
         versions=versions(),
         start=start,
         buses={name: path.name for name, path in buses.items()},
@@ -132,6 +134,7 @@ def load_manifest(folder: Path) -> Manifest:
         raise InvalidFileError(f"{folder} must be a recording, but has no {MANIFEST}.")
     _check_format(folder / MANIFEST)
     manifest = load_typed_yaml(Manifest, folder / MANIFEST)
+    resolve_paths(folder, manifest.scenario)
     with told_of(f"{folder / MANIFEST}: ", InvalidFileError):
         manifest.validate()
     for name, file in manifest.buses.items():

@@ -1,23 +1,19 @@
 """Records a run as a page with a time slider that shows hand, touch and belief."""
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams, Rgba
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.times import TIME_ROUNDING
 from tactopose_drake.core.validation import FloatArray
-from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_in_plant import make_hand_plant, make_hand_with_shapes
 from tactopose_drake.hand.joint_matrices import reading_offsets
 from tactopose_drake.resources import fixed_pose
 from tactopose_drake.runs.stepping import RunView
-from tactopose_drake.runs.timeline_recorder import TimelineRecorder
+from tactopose_drake.runs.timeline_recorder import Moment, TimelineRecorder
 from tactopose_drake.station.scenario import Scenario
 from tactopose_drake.visualization.appearance import MOVING_ALTERNATIVES
 from tactopose_drake.visualization.body_meshes import BodyMeshes
@@ -26,27 +22,14 @@ from tactopose_drake.visualization.frame_marks import add_frames
 from tactopose_drake.visualization.meshcat import upright
 from tactopose_drake.visualization.page import save_html
 from tactopose_drake.visualization.patch_marks import add_patches, move_patches
-from tactopose_drake.visualization.picture import save_picture
 from tactopose_drake.visualization.pose_marks import add_hypotheses, add_object, move_hypotheses, place
-from tactopose_drake.visualization.scene import Scene, ShownHypothesis, touch_of
+from tactopose_drake.visualization.scene import Scene, ShownHypothesis
 from tactopose_drake.visualization.touch_marks import add_touch, move_touch
 
 _PATH = "/tactopose"
 _PERIOD = 0.04  # least time between two moments, s; doubled as often as a long run needs
 _MOST_MOMENTS = 130  # moments of a page, which keep it below 6 MB
 _FRAME_RATE = 1000.0  # of Meshcat's recording, Hz; it holds only the frames of moments, so that the page stays small
-
-
-class Moment(NamedTuple):
-    """The outputs of a station at one time; the estimate is of the touch one period before."""
-
-    time: float
-    q: FloatArray
-    contacts: Contacts
-    patches: tuple[Patch, ...]
-    prior: RigidTransform | None
-    estimate: PoseEstimate | None
-    truth: RigidTransform | None
 
 
 class PageRecorder:
@@ -70,9 +53,12 @@ class PageRecorder:
         self._context = self._plant.CreateDefaultContext()
         self._meshes = BodyMeshes.from_inspector(self._plant, inspector, self._hand.model_instance)
         self._most_contacts = len(config.fingers) + len(config.pads)
-        self._moments: list[Moment] = []
         self._period, self._next = _PERIOD, -np.inf
         self._ends_early = False  # whether the last moment was not due
+
+    @property
+    def _moments(self) -> list[Moment]:
+        return self._timeline.moments
 
     def show(self, view: RunView) -> None:
         """Records the current moment; one that is not due stays only if it is the last."""
@@ -82,18 +68,12 @@ class PageRecorder:
             return
         if self._ends_early:
             self._moments.pop()
-            self._timeline.drop_last()
         self._ends_early = not is_due
         self._timeline.show(view)
-        prior, patches = view.value("prior"), tuple(view.value("patches", ()))
-        contacts, q = touch_of(view.value("contacts"), patches), view.value("joint_positions")
-        X_PO = None if prior is None else prior.X_PO
-        self._moments.append(Moment(time, q, contacts, patches, X_PO, view.believed("hypotheses"), view.true_pose))
         if not is_due:
             return
         if len(self._moments) > _MOST_MOMENTS:
-            self._moments = self._moments[::2]
-            self._timeline.thin()
+            del self._moments[1::2]
             self._period *= 2
         self._next = time + self._period - TIME_ROUNDING
 
@@ -128,6 +108,8 @@ class PageRecorder:
         Raises:
             InvalidFileError: if the file cannot be written.
         """
+        from tactopose_drake.visualization.picture import save_picture  # Deferred: it loads matplotlib.
+
         estimated = [moment for moment in self._moments if moment.estimate is not None]
         if estimated:
             save_picture(path, self._scene(estimated[-1]))
@@ -138,18 +120,18 @@ class PageRecorder:
         X_WP = self._hand.palm_frame.CalcPoseInWorld(self._context)
         return Scene(
             model=self._model,
-            contacts=moment.contacts,
+            contacts=moment.touch,
             patches=moment.patches,
             hypotheses=_shown(moment)[: 1 + MOVING_ALTERNATIVES],
-            prior=moment.prior,
-            truth=moment.truth,
+            prior=moment.guess,
+            truth=moment.true_pose,
             hand=self._meshes.merged(X_PB),
             up_P=X_WP.rotation().inverse() @ np.array([0.0, 0.0, 1.0]),
         )
 
     def _add_parts(self, meshcat: Meshcat) -> None:
         add_object(meshcat, f"{_PATH}/prior", self._model, "prior")
-        if self._moments[-1].truth is not None:
+        if self._moments[-1].true_pose is not None:
             add_object(meshcat, f"{_PATH}/truth", self._model, "truth")
         add_hypotheses(meshcat, _PATH, self._model, MOVING_ALTERNATIVES)
         add_touch(meshcat, f"{_PATH}/touch", self._most_contacts)
@@ -163,12 +145,12 @@ class PageRecorder:
     def _draw(self, meshcat: Meshcat, moment: Moment) -> None:
         # Meshcat rounds down to a frame; this is the nearest one.
         time, hypotheses = moment.time + 0.5 / _FRAME_RATE, _shown(moment)
-        scene = Scene(model=self._model, contacts=moment.contacts, patches=moment.patches, hypotheses=hypotheses)
+        scene = Scene(model=self._model, contacts=moment.touch, patches=moment.patches, hypotheses=hypotheses)
         move_hypotheses(meshcat, _PATH, self._model, hypotheses[:1] + scene.alternatives, MOVING_ALTERNATIVES, time)
-        place(meshcat, f"{_PATH}/prior", moment.prior, time)
-        if moment.truth is not None:
-            place(meshcat, f"{_PATH}/truth", moment.truth, time)
-        move_touch(meshcat, f"{_PATH}/touch", moment.contacts, self._most_contacts, time, scene.is_false)
+        place(meshcat, f"{_PATH}/prior", moment.guess, time)
+        if moment.true_pose is not None:
+            place(meshcat, f"{_PATH}/truth", moment.true_pose, time)
+        move_touch(meshcat, f"{_PATH}/touch", scene.contacts, self._most_contacts, time, scene.is_false)
         move_patches(meshcat, f"{_PATH}/patches", moment.patches, *self._pads(), time)
         X_PB = self._body_poses(moment.q)
         for row, body in enumerate(self._meshes.body):

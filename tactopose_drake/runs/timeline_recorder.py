@@ -4,11 +4,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from pydrake.math import RigidTransform
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.sensing.intrinsic_contact import ContactSolution
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.descriptions import determined_sigmas
 from tactopose_drake.estimation.far_origins import about_middle
 from tactopose_drake.estimation.prior import PosePrior
@@ -21,10 +23,13 @@ from tactopose_drake.visualization.scene import Scene, ShownHypothesis, touch_of
 from tactopose_drake.visualization.timeline import Curve, Plot, Timeline
 
 
-class _Seen(NamedTuple):
-    """The outputs of a station at one time, s, with the estimate and status of the tracking if there is one."""
+class Moment(NamedTuple):
+    """The outputs of a station at one time, with the estimate and status of the tracking if there is one.
 
-    time: float
+    The estimate is of the touch one period before.
+    """
+
+    time: float  # s
     status: str
     estimate: PoseEstimate | None
     prior: PosePrior | None
@@ -33,6 +38,18 @@ class _Seen(NamedTuple):
     solutions: dict[str, ContactSolution]
     pads: tuple[str, ...]
     patches: tuple[Patch, ...]
+    q: FloatArray
+    true_pose: RigidTransform | None
+
+    @property
+    def touch(self) -> Contacts:
+        """The contacts, followed by those of the pads."""
+        return touch_of(self.contacts, self.patches)
+
+    @property
+    def guess(self) -> RigidTransform | None:
+        """The pose of the prior if there is one."""
+        return None if self.prior is None else self.prior.X_PO
 
 
 class TimelineRecorder:
@@ -40,6 +57,9 @@ class TimelineRecorder:
 
     With tracking, they are those of the belief over time. Pass `show` to a run as the observer; if time goes back, the
     recording restarts.
+
+    Attributes:
+        moments: what was recorded, in order of time.
     """
 
     def __init__(self, config: HandConfig, model: ObjectModel) -> None:
@@ -47,15 +67,15 @@ class TimelineRecorder:
         self._fingers = config.sensing
         self._pads = [pad.name for pad in config.pads]
         self._model = model
-        self._seen: list[_Seen] = []
+        self.moments: list[Moment] = []
 
     def show(self, view: RunView) -> None:
         """Records the current moment; its texts are made later, as they take milliseconds."""
         time = view.context.get_time()
-        if self._seen and time <= self._seen[-1].time:
-            self._seen.clear()
-        self._seen.append(
-            _Seen(
+        if self.moments and time <= self.moments[-1].time:
+            self.moments.clear()
+        self.moments.append(
+            Moment(
                 time,
                 view.believed("status"),
                 view.believed("hypotheses"),
@@ -65,29 +85,26 @@ class TimelineRecorder:
                 view.value("contact_solutions"),
                 tuple(view.value("pads", ())),
                 tuple(view.value("patches", ())),
+                view.value("joint_positions"),
+                view.true_pose,
             )
         )
 
-    def thin(self) -> None:
-        """Drops every second moment."""
-        self._seen = self._seen[::2]
-
-    def drop_last(self) -> None:
-        """Drops the last moment."""
-        self._seen.pop()
-
     def timeline(self) -> Timeline | None:
         """The timeline of all recorded moments; None if there are fewer than two."""
-        if len(self._seen) < 2:
+        if len(self.moments) < 2:
             return None
-        times, states = zip(*((seen.time, seen.status) for seen in self._seen), strict=True)
-        scenes = [self._scene(seen) for seen in self._seen]
-        said = (instant_of(scene, seen.estimate, seen.status) for scene, seen in zip(scenes, self._seen, strict=True))
+        times, states = zip(*((moment.time, moment.status) for moment in self.moments), strict=True)
+        scenes = [self._scene(moment) for moment in self.moments]
+        said = (
+            instant_of(scene, moment.estimate, moment.status)
+            for scene, moment in zip(scenes, self.moments, strict=True)
+        )
         looks = frozenset(look for scene in scenes for look in scene.looks)
         return Timeline(np.array(times), states, self._plots(), tuple(said), looks)
 
     def _plots(self) -> tuple[Plot, ...]:
-        values = [_forces(seen) | _pressures(seen) | self._widths(seen.estimate) for seen in self._seen]
+        values = [_forces(moment) | _pressures(moment) | self._widths(moment.estimate) for moment in self.moments]
 
         def curve(kind: str, name: str) -> Curve:
             return Curve(name, np.array([each.get(f"{kind}_{name}", np.nan) for each in values]))
@@ -100,17 +117,17 @@ class TimelineRecorder:
             Plot("\u00b1 angle", "deg", (curve("width", "angle"),)),
         )
 
-    def _scene(self, seen: _Seen) -> Scene:
+    def _scene(self, moment: Moment) -> Scene:
         """The scene of a moment, without the hand and the true pose."""
-        felt = [name for name, patch in zip(seen.pads, seen.patches, strict=True) if patch.is_felt]
-        hypotheses = () if seen.estimate is None else seen.estimate.hypotheses[: 1 + MOVING_ALTERNATIVES]
+        felt = [name for name, patch in zip(moment.pads, moment.patches, strict=True) if patch.is_felt]
+        hypotheses = () if moment.estimate is None else moment.estimate.hypotheses[: 1 + MOVING_ALTERNATIVES]
         return Scene(
             model=self._model,
-            contacts=touch_of(seen.contacts, seen.patches),
-            patches=seen.patches,
-            touched_by=(*seen.touched_by, *felt),
+            contacts=moment.touch,
+            patches=moment.patches,
+            touched_by=(*moment.touched_by, *felt),
             hypotheses=tuple(map(ShownHypothesis.of, hypotheses)),
-            prior=None if seen.prior is None else seen.prior.X_PO,
+            prior=moment.guess,
         )
 
     def _widths(self, estimate: PoseEstimate | None) -> dict[str, float]:
@@ -121,14 +138,14 @@ class TimelineRecorder:
         return {name: width for name, width in widths.items() if not math.isnan(width)}
 
 
-def _forces(seen: _Seen) -> dict[str, float]:
-    return {f"force_{name}": _force(solution) for name, solution in seen.solutions.items()}
+def _forces(moment: Moment) -> dict[str, float]:
+    return {f"force_{name}": _force(solution) for name, solution in moment.solutions.items()}
 
 
-def _pressures(seen: _Seen) -> dict[str, float]:
+def _pressures(moment: Moment) -> dict[str, float]:
     return {
         f"pressure_{name}": float(np.nanmax(patch.pressure, initial=0.0)) / 1e3
-        for name, patch in zip(seen.pads, seen.patches, strict=True)
+        for name, patch in zip(moment.pads, moment.patches, strict=True)
     }
 
 

@@ -1,12 +1,15 @@
 """Resolution of a scenario's paths, which are relative to the folder of its file; names stay names."""
 
+import copy
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from tactopose_drake.station.can_senses import CanSenses, JointFile
 from tactopose_drake.station.message_channels import Ros2Publishing, Ros2Senses
 from tactopose_drake.station.senses import RecordedSenses
+
+_Scenario = TypeVar("_Scenario")
 
 
 def resolve_paths(folder: Path, scenario: Any) -> None:
@@ -30,6 +33,13 @@ def resolve_paths(folder: Path, scenario: Any) -> None:
     for link in (senses, scenario.publish):
         if isinstance(link, Ros2Senses | Ros2Publishing):
             link.config = _path(folder, link.config)
+
+
+def with_absolute_paths(scenario: _Scenario) -> _Scenario:
+    """A copy of a `Scenario` whose relative paths, which are from the current folder, are absolute."""
+    resolved = copy.deepcopy(scenario)
+    resolve_paths(Path.cwd(), resolved)
+    return resolved
 
 
 def _named(folder: Path, name_or_path: str) -> str:

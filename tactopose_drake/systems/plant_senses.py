@@ -160,7 +160,7 @@ def _find_in(place: MultibodyPlant | Hand, config: HandConfig) -> Hand:
     plant = place.palm_frame.GetParentPlant() if isinstance(place, Hand) else place
     instance_of("plant", plant, MultibodyPlant)
     if not plant.is_finalized():
-        raise InvalidInputError("plant must be finalized.")
+        raise InvalidInputError("plant must be finalized, but is not.")
     if isinstance(place, Hand):
         return find_hand(plant, config, place.model_instance)
     every = [ModelInstanceIndex(index) for index in range(plant.num_model_instances())]

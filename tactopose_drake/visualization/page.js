@@ -153,15 +153,17 @@
   const slider = document.getElementById("tp-time");
   let playedFrom = null, lastSaid = null;
   function setTime(time) {
+    const said = page.timeline.said.findLast((instant) => instant.from <= time + 1e-9) ?? page.timeline.said[0];
+    // The scene stays as it was at the last moment that was recorded; moments are rounded to a millisecond.
+    const drawn = said ? said.from + 0.5e-3 : time;
     for (const action of viewer.animator.actions) {
       action.enabled = true;
       action.paused = false;
-      action.time = Math.min(time, action.getClip().duration);
+      action.time = Math.min(drawn, action.getClip().duration);
     }
     viewer.animator.mixer.update(0);
     slider.value = time;
     document.getElementById("tp-seconds").textContent = `${time.toFixed(2)} s`;
-    const said = page.timeline.said.findLast((instant) => instant.from <= time + 1e-9) ?? page.timeline.said[0];
     if (said && said !== lastSaid) {
       for (const part of ["said", "hypotheses", "contacts"]) document.getElementById(`tp-${part}`).innerHTML = said[part];
       for (const { free, element } of labels) if (free !== null) element.textContent = said.free[free] ?? "";

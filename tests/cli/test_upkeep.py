@@ -125,6 +125,15 @@ def test_an_estimate_of_a_known_object_loads_little(tmp_path: Path, folder: Path
         assert bool(loaded & HEAVY) == heavy, loaded & HEAVY
 
 
+def test_a_run_without_a_picture_does_not_wait_for_matplotlib() -> None:
+    code = (
+        "import sys; from tactopose_drake.cli.main import cli; cli.get_command(None, 'run');"
+        "cli.get_command(None, 'replay'); print('matplotlib' in sys.modules, 'pydrake' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "True"]
+
+
 def test_help_names_all_commands(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--help") == 0
     shown = capsys.readouterr().out

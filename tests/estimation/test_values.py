@@ -147,8 +147,14 @@ def test_plain_data_that_is_no_value_is_refused(cls, data: dict, message: str) -
         ({"covariance": np.eye(5).tolist()}, r"covariance must have the shape \(6, 6\), not \(5, 5\)"),
         ({"covariance": np.full((6, 6), np.nan)}, r"covariance\[0, 0\] must be .*, not nan"),
         ({"covariance": (-np.eye(6)).tolist()}, "covariance must have variances >= 0, not -1"),
-        ({"covariance": np.triu(np.ones((6, 6))).tolist()}, "covariance must be symmetric"),
-        ({"covariance": (1e-300 * np.eye(6) + 1e10 * np.eye(6)[::-1]).tolist()}, "covariance must be symmetric"),
+        (
+            {"covariance": np.triu(np.ones((6, 6))).tolist()},
+            "covariance must be symmetric, not of correlations that differ by 1",
+        ),
+        (
+            {"covariance": (1e-300 * np.eye(6) + 1e10 * np.eye(6)[::-1]).tolist()},
+            "covariance must be positive semidefinite",
+        ),
         (
             {"covariance": (1e-8 * (3.0 * np.ones((6, 6)) - 2.0 * np.eye(6))).tolist()},
             "covariance must be positive semidefinite, but some combination of errors has a variance below 0",

@@ -292,6 +292,15 @@ def test_what_becomes_unknown_is_not_empty_in_a_table_as_if_it_stayed(recording:
         assert cells[0.2] == "nan"
 
 
+def test_times_that_differ_by_their_rounding_are_one_row(recording: Path, tmp_path: Path) -> None:
+    run = read_recording(recording)
+    prior = Signal([0.1, 0.30000000000000004], [None, PosePrior(np.eye(3, 4))])
+    said = [{"time": time, "status": text, "hypotheses": None} for time, text in ((0.1, "held"), (0.3, "ok"))]
+    write_csv(dataclasses.replace(run, signals={"prior": prior}, estimates=tuple(said)), tmp_path / "run.csv")
+    told = [(row["time_s"], row["status"], row["prior/q_w"]) for row in rows(tmp_path / "run.csv")]
+    assert told == [("0.1", "held", ""), ("0.3", "ok", "1.0")]
+
+
 def test_what_cannot_be_exported_is_refused(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

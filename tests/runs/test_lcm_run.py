@@ -214,7 +214,7 @@ def test_what_does_not_fit_is_said_and_the_rest_goes_on(url: str) -> None:
     for text in ("no joint 'elbow'", "no finger 'pinky'", "no pad 'palm'", "thumb: the wrench is not finite"):
         assert text in said
     for covariance, quaternion, text in (
-        (np.zeros((6, 6)), np.eye(4)[0], "vision: covariance must be positive definite"),
+        (np.zeros((6, 6)), np.eye(4)[0], "vision: covariance must have standard deviations of at least 1e-07, not 0"),
         (np.eye(6), np.zeros(4), "vision: its quaternion has the length 0"),
     ):
         message = ObjectPoseMessage(utime=1, covariance=covariance, quaternion_wxyz=quaternion)

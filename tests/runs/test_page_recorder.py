@@ -263,13 +263,15 @@ def test_the_slider_shows_each_moment_at_its_time(
     assert recorder.save(tmp_path / "page.html", "An object that rises")
     with Browser() as browser:
         browser.open(tmp_path / "page.html")
-        for moment in recorder._moments[::7]:
-            browser.evaluate(
-                "(() => { const at = document.getElementById('tp-time'); at.step = 'any';"
-                f"at.value = {moment.time}; at.dispatchEvent(new Event('input')); }})()"
-            )
-            height = browser.evaluate("viewer.scene_tree.find(['tactopose', 'estimate']).object.position.z")
-            assert height == pytest.approx(0.01 * moment.time, abs=1e-5)
+        for moment in recorder._moments[:-1:7]:
+            # The pose stays until the next moment.
+            for time in (moment.time, moment.time + 0.04):
+                browser.evaluate(
+                    "(() => { const at = document.getElementById('tp-time'); at.step = 'any';"
+                    f"at.value = {time}; at.dispatchEvent(new Event('input')); }})()"
+                )
+                height = browser.evaluate("viewer.scene_tree.find(['tactopose', 'estimate']).object.position.z")
+                assert height == pytest.approx(0.01 * moment.time, abs=1e-5)
 
 
 def test_the_page_ends_with_the_last_instant(

@@ -165,7 +165,7 @@ def test_a_plant_without_the_hand_with_two_or_unfinished_is_refused(box: ObjectM
     ):
         AddPoseEstimation(builder, config, box, params, plant=plant)
     plant, _ = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.004), DiagramBuilder())
-    with pytest.raises(InvalidInputError, match="plant must be finalized"):
+    with pytest.raises(InvalidInputError, match="plant must be finalized, but is not"):
         AddPoseEstimation(DiagramBuilder(), config, box, params, plant=plant)
     with pytest.raises(InvalidInputError, match="plant must be a MultibodyPlant, not a str"):
         AddPoseEstimation(DiagramBuilder(), config, box, params, plant="plant")

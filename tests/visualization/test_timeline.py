@@ -26,7 +26,7 @@ def test_the_slider_moves_through_a_recording(
 ) -> None:
     meshcat = Meshcat(MeshcatParams(host="localhost"))
     draw_scene(meshcat, scene)
-    meshcat.StartRecording()
+    meshcat.StartRecording(1000.0)
     for step in range(21):
         meshcat.SetTransform("/tactopose/estimate", RigidTransform([0.0, 0.0, 0.002 * step]), 0.1 * step)
         is_false = scene.is_false & (step >= 10)
@@ -46,13 +46,13 @@ def test_the_slider_moves_through_a_recording(
     browser.open(tmp_path / "page.html")
     height = "viewer.scene_tree.find(['tactopose', 'estimate']).object.position.z"
     waiting = "no new estimate: below min_force"
-    # At the beginning stands what is said first.
+    # At the beginning stands, and is drawn, what is said first.
     for time, state, first in ((2.0, "ok", 2.0), (0.5, waiting, 0.5), (1.5, "ok", 1.5), (0.0, waiting, 0.1)):
         browser.evaluate(
             f"(() => {{ const at = document.getElementById('tp-time'); at.value = {time};"
             "at.dispatchEvent(new Event('input')); })()"
         )
-        assert browser.evaluate(height) == pytest.approx(0.02 * time, abs=1e-4)
+        assert browser.evaluate(height) == pytest.approx(0.02 * first, abs=1e-4)
         assert browser.evaluate("document.getElementById('tp-now').innerText") == state
         assert browser.evaluate("document.getElementById('tp-seconds').innerText") == f"{time:.2f} s"
         text = browser.evaluate("document.getElementById('tp-said').innerText")

@@ -73,6 +73,9 @@ def checked_covariance(value: ArrayLike) -> FloatArray:
     """Checks a covariance (6, 6)."""
     covariance = limited("misplacement", value, (6, 6), most=_MOST_MISPLACEMENT)
     rounding = _ROUNDING * np.abs(covariance).max()
-    if np.abs(covariance - covariance.T).max() > rounding or np.linalg.eigvalsh(covariance)[0] < -rounding:
-        raise InvalidInputError("misplacement must be a covariance, symmetric and without negative eigenvalues.")
+    off, least = np.abs(covariance - covariance.T).max(), np.linalg.eigvalsh(covariance)[0]
+    if off > rounding:
+        raise InvalidInputError(f"misplacement must be symmetric, not asymmetric by {off:.3g}.")
+    if least < -rounding:
+        raise InvalidInputError(f"misplacement must have no negative eigenvalue, not {least:.3g}.")
     return covariance

@@ -44,11 +44,17 @@ class PoseMeasurement(ReadOnlyCopies):
         object.__setattr__(self, "time", float(limited("time", self.time, (), most=LATEST)))
         covariance = limited("covariance", self.covariance, (6, 6), most=_MOST_VARIANCE)
         scale = np.sqrt(np.abs(np.diag(covariance)))
-        if np.any(np.abs(covariance - covariance.T) > 1e-6 * np.outer(scale, scale)):
-            raise InvalidInputError("covariance must be symmetric.")
-        if scale.min() < _LEAST_SIGMA or np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() <= 0.0:
+        off = np.abs(covariance - covariance.T)
+        if np.any(off > 1e-6 * np.outer(scale, scale)):
+            raise InvalidInputError(f"covariance must be symmetric, not asymmetric by {off.max():.3g}.")
+        if scale.min() < _LEAST_SIGMA:
             raise InvalidInputError(
-                f"covariance must be positive definite with standard deviations of at least {_LEAST_SIGMA:g}."
+                f"covariance must have standard deviations of at least {_LEAST_SIGMA:g}, not {scale.min():g}."
+            )
+        least = np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min()
+        if least <= 0.0:
+            raise InvalidInputError(
+                f"covariance must be positive definite, not of correlations with the eigenvalue {least:.3g}."
             )
         X_PO = pose_near("X_PO", self.X_PO)
         for name, array in (("X_PO", X_PO), ("covariance", covariance)):

@@ -112,6 +112,8 @@ def see(
         modes = TrackedModes.independent(standing.X_PO[None], standing.covariance[None], len(reading.sources))
         if prior is not None and not _is_news(prior, record):
             record = dataclasses.replace(record, accepted_time=frame.time)
+        if record.remark == _NOT_BELIEVED and standing is not belief.standing:
+            record = dataclasses.replace(record, remark="")  # The pose that vision contradicted is replaced.
     return copied(belief, modes=modes, standing=standing, vision=record), is_outlier and not is_anew
 
 
@@ -160,7 +162,7 @@ def _update_standing(
     # Vision that is not believed may be an outlier, but not if nothing else has been seen for so long.
     if record.remark == _NOT_BELIEVED and not has_exceeded(time, record.accepted_time, params.max_age):
         return standing, record
-    return guess, dataclasses.replace(record, prior=prior, remark="")
+    return guess, dataclasses.replace(record, prior=prior)
 
 
 def _is_news(prior: GaussianPrior, record: VisionRecord) -> bool:

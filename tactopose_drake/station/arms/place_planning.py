@@ -51,7 +51,7 @@ class PlaceParams:
         finite_array("PlaceParams.p_WHole", self.p_WHole, (3,))
         finite_array("PlaceParams.p_WTable", self.p_WTable, (3,))
         if not np.linalg.norm(finite_array("PlaceParams.down_P", self.down_P, (3,))) > 0.0:
-            raise InvalidInputError("PlaceParams.down_P must not be zero.")
+            raise InvalidInputError("PlaceParams.down_P must be a direction, not zero.")
         for name in ("table_give", "end_clearance", "table_clearance", "hand_clearance", "most_turn", "meet_turn"):
             positive_number(f"PlaceParams.{name}", getattr(self, name), allow_zero=True)
         for name in ("speed_share", "insert_speed_share"):

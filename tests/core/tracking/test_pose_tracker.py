@@ -477,7 +477,7 @@ def test_a_measurement_is_in_metres_and_one_line_to_read() -> None:
 def test_the_covariance_of_a_place_that_is_well_known_is_symmetric_as_one_of_a_turn_that_is_not() -> None:
     covariance = np.diag(np.repeat([0.3, 0.001], 3) ** 2)
     covariance[3, 4] = 5e-8  # Little beside the turn's variance, and not beside the place's.
-    with pytest.raises(InvalidInputError, match="covariance must be symmetric"):
+    with pytest.raises(InvalidInputError, match=r"covariance must be symmetric, not asymmetric by 5e-08\.$"):
         PoseMeasurement(1.25, X_PO, covariance)
     covariance[4, 3] = np.nextafter(covariance[3, 4], 1.0)  # but for rounding
     assert PoseMeasurement(1.25, X_PO, covariance).covariance[3, 4] == 5e-8

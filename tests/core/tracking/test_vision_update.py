@@ -302,6 +302,32 @@ def test_a_picture_that_was_not_believed_is_remarked_for_a_second(box: ObjectMod
     assert not any(remarked[20:])
 
 
+@pytest.mark.parametrize(
+    ("taken", "remark"),
+    [(-2.0, "vision is of 3.0 s ago"), (3.0, "vision is of the future"), (0.9, "vision is frozen")],
+)
+def test_a_new_prior_leaves_what_is_said_of_vision(box: ObjectModel, taken: float, remark: str) -> None:
+    tracker, nothing = PoseTracker(box), Contacts.empty()
+    guesses = [GaussianPrior(retract(X_PO, np.array([0, 0, 0, 0.1 * i, 0, 0])), 0.01, 0.1) for i in range(2)]
+    before = Frame(0.1, Evidence(nothing, prior=guesses[0]), vision=PoseMeasurement(0.1, X_PO, SEEN))
+    after = Frame(1.0, Evidence(nothing, prior=guesses[1]), vision=PoseMeasurement(taken, X_PO, SEEN))
+    belief = tracker.step(tracker.step(tracker.start(), before), after)
+    assert belief.remarks == (remark,)
+    np.testing.assert_allclose(belief.mixture.X_PO[0], guesses[1].mean, atol=1e-9)
+
+
+def test_a_picture_that_the_first_touch_contradicts_is_remarked_in_spite_of_a_new_prior(box: ObjectModel) -> None:
+    tracker, belief = PoseTracker(box), PoseTracker(box).start()
+    touch = touch_surface(box, X_PO, 5, np.random.default_rng(3))
+    near, far = (
+        PoseMeasurement(0.1 + shift, retract(X_PO, np.array([0, 0, 0, shift, 0, 0])), SEEN) for shift in (0, 2)
+    )
+    belief = tracker.step(belief, Frame(0.1, Evidence(Contacts.empty()), vision=near))
+    guess = GaussianPrior(X_PO, 0.01, 0.1)
+    belief = tracker.step(belief, Frame(2.1, Evidence(touch, prior=guess), vision=far))
+    assert "vision is not believed" in belief.remarks
+
+
 def test_a_picture_of_this_very_instant_is_not_of_the_future_by_rounding() -> None:
     now = 1.7e9
     history = MotionHistory((now - 1.0,)).followed_by(Motion(np.zeros(6), 1e-6 * np.eye(6)), now, 1.0)
