@@ -1,6 +1,7 @@
 """`tactopose replay`: replays recordings through the drivers."""
 
 import contextlib
+import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from tactopose_drake.cli.titles import grasp_title
 from tactopose_drake.core.mesh.repair import MeshRepairWarning
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
 from tactopose_drake.runs.estimate_writer import EstimateWriter
+from tactopose_drake.runs.manifest import load_manifest
 from tactopose_drake.runs.page_recorder import PageRecorder
 from tactopose_drake.runs.scenario_replay import replay as replay_recording
 from tactopose_drake.runs.stepping import RunView
@@ -35,7 +37,11 @@ def replay(log: Path, scenario: str, speed: str, out: Path | None, html: Path | 
     check_outputs((out, html), inputs=(log, scenario_file(scenario)))
     written = [path for path in (out, html) if path is not None]
     earlier = [path for path in written if path.is_file()]
-    page = None if html is None else PageRecorder(loaded, loaded.object_model())
+    page = None
+    if html is not None:
+        # Whether the hand's calibration holds depends on where the recorded data came from.
+        recorded = dataclasses.replace(loaded, senses=load_manifest(log).scenario.senses)
+        page = PageRecorder(recorded, loaded.object_model())
     with contextlib.ExitStack() as parts:
         writer = None if out is None else parts.enter_context(_written(out))
         show, tell = parts.enter_context(showing(monitor))

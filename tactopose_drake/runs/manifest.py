@@ -127,6 +127,9 @@ def save_manifest(
 def load_manifest(folder: Path) -> Manifest:
     """Reads the manifest of a recording.
 
+    A run writes where its data came from. Data whose manifest does not say so were recorded elsewhere, from a real
+    hand.
+
     Raises:
         InvalidFileError: if the folder is not a recording, or has another format.
     """
@@ -137,6 +140,8 @@ def load_manifest(folder: Path) -> Manifest:
     resolve_paths(folder, manifest.scenario)
     with told_of(f"{folder / MANIFEST}: ", InvalidFileError):
         manifest.validate()
+    if not _names_senses(folder / MANIFEST):
+        manifest.scenario.senses = RecordedSenses(folder=str(folder))
     for name, file in manifest.buses.items():
         if Path(file).name != file:
             raise InvalidFileError(
@@ -154,6 +159,15 @@ def _check_format(path: Path) -> None:
     for key, value in pairs:
         if key.value == "format" and value.value != str(_FORMAT):
             raise InvalidFileError(f"{path} must have the format {_FORMAT}, not {bare(str(value.value))}.")
+
+
+def _names_senses(path: Path) -> bool:
+    """Whether a manifest's scenario has the key `senses`."""
+    node = read_yaml(path)
+    for name in ("scenario", "senses"):
+        pairs = node.value if isinstance(node, yaml.MappingNode) else []
+        node = next((value for key, value in pairs if key.value == name), None)
+    return node is not None
 
 
 def prepare_folder(folder: Path) -> bool:
