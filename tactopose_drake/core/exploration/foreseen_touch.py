@@ -1,16 +1,19 @@
 """Predictions of guarded motions by the modes of a belief, and the expected information of their outcomes.
 
 Each mode predicts the outcome of a guarded motion: whether it meets the object, after which distance, and with which
-normal. The prediction accounts for the mode's spread: the motion is evaluated at the cubature points of the mode's
-Gaussian [AH09], and the sensor's noise is added. By the chain rule, the information about the pose has two parts: that
-about which mode is true, bounded from below by the pairwise Bhattacharyya coefficients of the predictions [KT17]; and
-that about the pose within each mode, by the Gaussian's update. No random numbers are needed.
+normal. The prediction accounts for the mode's spread: the motion is evaluated at cubature points of the mode's Gaussian
+[AH09], and the sensor's noise is added. By the chain rule, the information about the pose has two parts: that about
+which mode is true, bounded from below by the pairwise Bhattacharyya coefficients of the predictions [KT17]; and that
+about the pose within each mode, by the Gaussian's update. Where a mode is wide, the outcome is no linear function of
+the pose, and one set of cubature points, on six axes, hardly tells one motion from another. There are therefore several
+sets, turned against each other; as each has the Gaussian's covariance, predictions that are linear stay exact.
 
 Sources: [AH09] I. Arasaratnam and S. Haykin, Cubature Kalman filters, IEEE Trans. Automatic Control 54, 2009. [KT17] A.
 Kolchinsky and B. Tracey, Estimating mixture entropy with pairwise distances, Entropy 19, 2017.
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 
@@ -24,7 +27,8 @@ from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
-_POINTS = 1 + 2 * 6  # number of cubature points, including the mode's mean
+# Sets of cubature points in all, shared among the modes, and at least for each: more modes need more time.
+_SETS, _LEAST_SETS = 6, 2
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -49,6 +53,7 @@ class Foreseen:
 
     Attributes:
         hit: share of each mode's points with a touch, shape (n, m).
+        chance: probability of a touch, shape (n, m): the share, smoothed, as what no point shows may still happen.
         mean: of the outcome over these points, shape (n, m, d), m and 1.
         covariance: of the outcome, including noise, shape (n, m, d, d).
         prior: covariance of each mode, shape (n, 6, 6), rad and m.
@@ -58,6 +63,7 @@ class Foreseen:
     """
 
     hit: FloatArray
+    chance: FloatArray
     mean: FloatArray
     covariance: FloatArray
     prior: FloatArray
@@ -65,20 +71,14 @@ class Foreseen:
     given_hit: FloatArray
     given_touch: FloatArray
 
-    @property
-    def chance(self) -> FloatArray:
-        """Probability of a touch, shape (n, m), smoothed: an outcome without such a point may still happen."""
-        return (self.hit * _POINTS + 0.5) / (_POINTS + 1.0)
-
 
 def foresee(model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, noise: TouchNoise) -> Foreseen:
     """Predicts the outcome of each motion under each mode."""
-    # Rows; [AH09] eq. 23 with the mean added, so that the others lie farther out for the same covariance.
-    spread = math.sqrt(0.5 * _POINTS) * np.swapaxes(belief.roots(), 1, 2)
-    increments = np.concatenate([np.zeros((len(belief), 1, 6)), spread, -spread], axis=1)
-    X_PO = retract(np.repeat(belief.X_PO, _POINTS, axis=0), increments.reshape(-1, 6))
+    points = _points(max(_SETS // len(belief), _LEAST_SETS))
+    increments = points @ np.swapaxes(belief.roots(), 1, 2)
+    X_PO = retract(np.repeat(belief.X_PO, len(points), axis=0), increments.reshape(-1, 6))
     felt = moves.feel(model, X_PO)
-    shape = (len(belief), _POINTS, len(moves))
+    shape = (len(belief), len(points), len(moves))
     is_hit, facing = felt.is_hit.reshape(shape), np.maximum(felt.facing.reshape(shape), noise.least_facing)
     z = felt.way.reshape(shape)[..., None]
     if noise.normal is not None:
@@ -96,7 +96,18 @@ def foresee(model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, no
     cross = np.einsum("nbm,nbmi,nbmj->nmij", share, about, off)
     given_touch = given_hit - cross @ np.linalg.solve(covariance, np.swapaxes(cross, -1, -2))
     given_miss, _ = _scatter(increments, _shares(~is_hit))
-    return Foreseen(is_hit.mean(axis=1), mean, covariance, belief.covariance, given_miss, given_hit, given_touch)
+    hit = is_hit.mean(axis=1)
+    chance = (hit * len(points) + 0.5) / (len(points) + 1.0)
+    return Foreseen(hit, chance, mean, covariance, belief.covariance, given_miss, given_hit, given_touch)
+
+
+@functools.cache
+def _points(sets: int) -> FloatArray:
+    """The mean and cubature points of a standard Gaussian, in turned sets, shape (1 + 12 sets, 6)."""
+    turns = np.linalg.qr(np.random.default_rng(0).normal(size=(sets, 6, 6))).Q.reshape(-1, 6)
+    # [AH09] eq. 23 with the mean added, so that the others lie farther out for the same covariance.
+    spread = math.sqrt(0.5 * (1 + 2 * len(turns)) / sets) * turns
+    return np.concatenate([np.zeros((1, 6)), spread, -spread])
 
 
 def join(parts: Sequence[Foreseen]) -> Foreseen:
