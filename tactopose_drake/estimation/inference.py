@@ -196,7 +196,7 @@ def _modes_of(
     `images` are the symmetry poses whose results count as the same, shape (s, 3, 4).
     """
     X_PO = found.X_PO
-    if evidence.prior is None:
+    if not evidence.tells_position:
         X_PO = _brought_back(X_PO, problem.space)
     if evidence.prior is None and model.continuous_symmetries:
         X_PO = turn_alike(X_PO, X_PO[0], model.symmetries, model.symmetry_poses)

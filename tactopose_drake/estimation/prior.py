@@ -8,13 +8,13 @@ import math
 from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 
-from tactopose_drake.core.evidence.gaussian_prior import UNKNOWN_SIGMA, GaussianPrior
+from tactopose_drake.core.evidence.gaussian_prior import UNKNOWN_SIGMA, WIDEST_TRANSLATION, GaussianPrior
 from tactopose_drake.core.geometry_checks import pose_near
 from tactopose_drake.core.validation import FloatArray, remark
 
 # Larger standard deviations say nothing of the pose of an object in a hand, and are probably in another unit.
 _WIDEST = {
-    "sigma_translation": (1.0, "m", "Multiply by 0.001 what is in millimetres"),
+    "sigma_translation": (WIDEST_TRANSLATION, "m", "Multiply by 0.001 what is in millimetres"),
     "sigma_rotation": (math.pi, "rad", "Multiply by pi / 180 what is in degrees"),
 }
 
@@ -30,7 +30,8 @@ class PosePrior(GaussianPrior):
         X_PO: the object's pose in the palm frame; each access returns a new copy.
         mean: the same as an array, shape (3, 4), for `core`.
         sigma_translation: standard deviation of each coordinate of p_PO, m, from 1e-7 to 1000. More than 1 m is logged
-            as a remark, since it is probably in millimetres, except for 1000, which says that nothing is known.
+            as a remark, since it is probably in millimetres, except for 1000, which says that nothing is known. Either
+            way the object is where it is touched, as without a prior.
         sigma_rotation: standard deviation of a small rotation about each axis, rad, from 1e-6 to 1000. More than pi is
             logged likewise, since it is probably in degrees.
 

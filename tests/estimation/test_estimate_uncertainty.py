@@ -185,3 +185,18 @@ def test_the_mass_of_one_contact_on_a_ball_is_that_of_an_integral_over_all_place
     volume = 2.0 * np.pi * distance[:, None] ** 2 * np.sin(angle) * distance[0] * angle[0]
     # The ball's rotations change nothing; their volume is 8 pi^2.
     assert log_mass == pytest.approx(math.log(float((density * volume).sum()) * 8.0 * np.pi**2), abs=0.07)
+
+
+@pytest.mark.parametrize("sigma_rotation", [0.1, 1000.0])
+def test_a_prior_that_does_not_know_the_position_leaves_it_to_the_touch(sigma_rotation: float) -> None:
+    """A pose that no contact holds would otherwise win by the volume that such a prior leaves it."""
+    mug = tp.ObjectModel.from_mesh(model_path("objects", "mug.obj"))
+    for seed in range(12):
+        X_PO, generator = random_pose(seed), np.random.default_rng(seed)
+        contacts = touch_surface(mug, X_PO, 1 + seed % 3, generator)
+        hand = tp.HandGeometry(contacts.p_PC + 0.012 * contacts.n_PC, np.full(len(contacts), 0.009))
+        prior = tp.PosePrior(displaced(X_PO, seed, 0.03, 5.0), 1000.0, sigma_rotation)
+        estimate = tp.estimate_pose(mug, contacts, prior=prior, hand=hand)
+        assert estimate.status != "no_solution"
+        for hypothesis in estimate.hypotheses:
+            assert np.abs(hypothesis.X_PO.translation() - X_PO[:, 3]).max() < 2.0 * mug.size

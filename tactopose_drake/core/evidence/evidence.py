@@ -98,6 +98,11 @@ class Evidence:
         return copied(self, contacts=contacts, prior=prior)
 
     @property
+    def tells_position(self) -> bool:
+        """Whether a prior tells the position; otherwise the object is where it is touched."""
+        return self.prior is not None and self.prior.tells_position
+
+    @property
     def felt(self) -> tuple[Patch, ...]:
         """The patches of the pads that feel the object."""
         return tuple(patch for patch in self.patches if patch.is_felt)

@@ -12,6 +12,8 @@ from tactopose_drake.core.validation import FloatArray, positive_number
 
 UNKNOWN_SIGMA = 1e3
 """Standard deviation, m and rad, of which nothing is known: the largest."""
+WIDEST_TRANSLATION = 1.0
+"""Standard deviation of translations, m, beyond which a prior says nothing of the position of an object in a hand."""
 PRIOR_SIGMA_LIMITS = {"sigma_translation": (1e-7, UNKNOWN_SIGMA), "sigma_rotation": (1e-6, UNKNOWN_SIGMA)}
 """In m and rad. Beyond these, the information of the prior and of the touch exceed the precision of a double."""
 
@@ -56,6 +58,11 @@ class GaussianPrior(PlainValue):
         prior = object.__new__(GaussianPrior)
         vars(prior).update(mean=read_only(mean), sigma_translation=sigma_translation, sigma_rotation=sigma_rotation)
         return prior
+
+    @property
+    def tells_position(self) -> bool:
+        """Whether it bounds the position more than the touch itself does."""
+        return self.sigma_translation <= WIDEST_TRANSLATION
 
     @property
     def sigmas(self) -> FloatArray:

@@ -42,7 +42,7 @@ class Posterior:
         false_ones: tells which contacts and pads poses (B, 3, 4) take for false, shape (B, k); None if there is none.
         single_contact: the contact or pad from which poses can be drawn; None if there is more of either.
         excludes_out_of_touch: whether poses that take all contacts and pads for false belong to no mode. They may be
-            anywhere if there is no prior, and cost little more than the best if there are few contacts.
+            anywhere if no prior tells the position, and cost little more than the best if there are few contacts.
     """
 
     likelihood: SmoothObjective
@@ -135,7 +135,7 @@ def make_posterior(
         contacts=len(evidence.contacts),
         false_ones=problem.false_ones,
         single_contact=_single_contact(model, evidence),
-        excludes_out_of_touch=evidence.prior is None and len(evidence.touch) < params.modes.fewest_contacts,
+        excludes_out_of_touch=not evidence.tells_position and len(evidence.touch) < params.modes.fewest_contacts,
     )
 
 

@@ -24,7 +24,7 @@ from tactopose_drake.core.objectives.surface_contact import ContactsButOne, Cont
 from tactopose_drake.core.objectives.wrench_balance import WrenchBalance
 from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.searches.search import PoseSpace, PriorSpace
-from tactopose_drake.core.searches.touch_space import TouchSpace
+from tactopose_drake.core.searches.touch_space import TouchSpace, TurnSpace
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.errors import InvalidInputError
@@ -141,7 +141,7 @@ def make_problem(model: ObjectModel, evidence: Evidence) -> PoseProblem:
         if quick_planes is not None:
             objective = SumObjective([*terms, *bounding], quick=SumObjective([touch_and_pads, quick_planes]))
     else:
-        space = PriorSpace(prior)
+        space = PriorSpace(prior) if prior.tells_position else TurnSpace(model, evidence.touch, prior)
         quick: LeastSquaresObjective = ContactSum(touch, known)
         if quick_planes is not None:
             quick = SumObjective([quick, quick_planes])

@@ -87,12 +87,13 @@ class PriorSpace:
 
     Attributes:
         center: the prior's pose, shape (3, 4).
-        information: its inverse covariance, shape (6, 6).
+        information: its inverse covariance, with standard deviations of rotations up to pi, shape (6, 6).
         reach: radii that contain 99.9 % of it each: rotation, rad, and translation, m.
     """
 
     def __init__(self, prior: GaussianPrior) -> None:
         self._sigmas = prior.sigmas
+        self._sigmas[:3] = min(prior.sigma_rotation, np.pi)  # No rotation is larger.
         self.center = prior.mean
         self.information = np.diag(1.0 / self._sigmas**2)
         self.reach = _REACH * prior.sigma_rotation, _REACH * prior.sigma_translation

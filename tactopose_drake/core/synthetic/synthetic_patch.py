@@ -10,7 +10,7 @@ from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.signed_distance import DistanceGrid
 from tactopose_drake.core.synthetic.synthetic_touch import random_surface_points
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, whole_number
 from tactopose_drake.errors import InvalidInputError
 
 
@@ -64,8 +64,10 @@ def touch_with_pads(
         params: the pads' layer, and how places are chosen.
 
     Raises:
-        InvalidInputError: too few places on the object on which enough cells can be pressed.
+        InvalidInputError: a count that is not a whole number above 0, or too few places on the object on which enough
+            cells can be pressed.
     """
+    count = whole_number("count", count, least=1)
     cells = flat_pad() if cells is None else cells
     places = _places(model, cells, depth, lean, params.places_per_pad * count, generator, params)
     pads = places[:1]

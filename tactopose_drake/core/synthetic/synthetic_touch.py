@@ -7,7 +7,7 @@ import numpy as np
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, number_array
+from tactopose_drake.core.validation import FloatArray, number_array, whole_number
 
 
 def touch_surface(
@@ -25,16 +25,17 @@ def touch_surface(
     Args:
         model: the object.
         X_PO: its true pose, shape (3, 4).
-        count: number of contacts.
+        count: number of contacts, >= 1.
         generator: of the random numbers.
         sigma_position: standard deviation of each coordinate of a point, m; 0 for exact points (which claim 0.1 mm).
         sigma_normal: of a small rotation of a normal about each axis, rad; 0 for exact normals (which claim 0.5 deg).
         spread: each contact is the one of ten random points farthest from the earlier ones; otherwise uniform by area.
 
     Raises:
-        InvalidInputError: if the pose is of another shape, or does not consist of numbers.
+        InvalidInputError: if the pose is of another shape, or does not consist of numbers; if the count is not a
+            whole number above 0.
     """
-    X_PO = number_array("X_PO", X_PO, (3, 4))
+    X_PO, count = number_array("X_PO", X_PO, (3, 4)), whole_number("count", count, least=1)
     candidates = 10 if spread else 1
     p_OQ, n_O = random_surface_points(model, candidates * count, generator)
     chosen = [0]

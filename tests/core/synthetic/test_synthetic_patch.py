@@ -1,3 +1,5 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import trimesh
@@ -5,6 +7,7 @@ import trimesh
 from tactopose_drake.core.poses import inverse, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_patch import PadTouchParams, flat_pad, touch_with_pads
+from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.errors import InvalidInputError
 from tests.displaced_poses import random_pose
 
@@ -51,6 +54,14 @@ def test_an_object_too_small_for_a_pad_is_named() -> None:
     needle = ObjectModel.from_mesh(trimesh.creation.icosphere(subdivisions=2, radius=0.001))
     with pytest.raises(InvalidInputError, match="must have 10 places for pads, not 0, in 40 tries"):
         touch_with_pads(needle, np.eye(3, 4), 1, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("make", [touch_surface, touch_with_pads])
+@pytest.mark.parametrize("count", [0, -1, 2.0])
+def test_a_touch_of_no_contacts_is_refused_by_name(make: Callable[..., object], count: float) -> None:
+    model = ObjectModel.from_mesh(trimesh.creation.box((0.05, 0.06, 0.07)), cache=False)
+    with pytest.raises(InvalidInputError, match=f"count must be an integer >= 1, not {count}"):
+        make(model, np.eye(3, 4), count, np.random.default_rng(0))
 
 
 def test_a_flat_pad_is_a_grid_about_its_middle() -> None:
