@@ -6,7 +6,7 @@ from pydrake.systems.framework import Context
 
 from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.systems.collectable_system import CollectableSystem
-from tactopose_drake.systems.signals import Signal, Value
+from tactopose_drake.systems.signals import UNKNOWN_POSE, Signal, Value
 
 
 class PlayedVector(CollectableSystem):
@@ -47,16 +47,18 @@ class PlayedValue(CollectableSystem):
         output_ports:
         - value
 
-    - value: value of the signal at the current time, None before its first; a function of time. A `RigidTransform`
-      signal has its first value before that, too, since ports of that type accept no None.
+    - value: value of the signal at the current time, None before its first; a function of time. Since ports of a
+      `RigidTransform` accept no None, a signal of them has NaN in its place, and before the first time its first value.
     """
 
     def __init__(self, signal: Signal) -> None:
         """Keeps the signal."""
         super().__init__()
         instance_of("signal", signal, Signal)
-        self._signal = signal
-        self._before = signal.values[0] if isinstance(signal.values[0], RigidTransform) else None
+        self._signal, self._before = signal, None
+        if any(isinstance(value, RigidTransform) for value in signal.values):
+            self._signal = Signal(signal.times, [UNKNOWN_POSE if value is None else value for value in signal.values])
+            self._before = self._signal.values[0]
         self.declare_output("value", self._before, self._value, {self.time_ticket()})
 
     def _value(self, context: Context) -> Value:
