@@ -55,12 +55,15 @@ class PlayedValue(CollectableSystem):
         """Keeps the signal."""
         super().__init__()
         instance_of("signal", signal, Signal)
-        self._signal, self._before = signal, None
-        if any(isinstance(value, RigidTransform) for value in signal.values):
-            self._signal = Signal(signal.times, [UNKNOWN_POSE if value is None else value for value in signal.values])
-            self._before = self._signal.values[0]
+        self._signal = signal  # Not a copy: whoever made it may add changes.
+        is_pose = any(isinstance(value, RigidTransform) for value in signal.values)
+        self._unknown = UNKNOWN_POSE if is_pose else None
+        self._before = self._known(signal.values[0]) if is_pose else None
         self.declare_output("value", self._before, self._value, {self.time_ticket()})
 
+    def _known(self, value: Value) -> Value:
+        return self._unknown if value is None else value
+
     def _value(self, context: Context) -> Value:
-        value = self._signal.at(context.get_time())
-        return self._before if value is None else value
+        time = context.get_time()
+        return self._before if time < self._signal.times[0] else self._known(self._signal.at(time))
