@@ -20,7 +20,7 @@ from tactopose_drake.core.poses import log_so3
 from tactopose_drake.core.sensing.patches import Patch
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.tracking.frame import FASTEST, Frame, PoseMeasurement
-from tactopose_drake.core.validation import FloatArray, kind_name
+from tactopose_drake.core.validation import FloatArray, kind_name, number_array
 from tactopose_drake.errors import PortTypeError
 from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.shape_errors import with_shape_errors
@@ -190,7 +190,8 @@ class BeliefInputs:
     def _read_velocities(self, context: Context, remarks: list[str]) -> dict[str, FloatArray] | None:
         if not self._tips.HasValue(context):
             return None
-        velocities = eval_optional_input(self._tips, context, dict)
+        told = eval_optional_input(self._tips, context, dict)
+        velocities = None if told is None else _six_each(self._tips, told)
         if velocities is None or not all(np.all(np.isfinite(velocity)) for velocity in velocities.values()):
             remarks.append("the fingertips' velocities are not known")
             return None
@@ -223,6 +224,12 @@ class BeliefInputs:
             remarks.append(f"the palm's pose has jumped by {jump}")
             return None, before
         return X_WP, before
+
+
+def _six_each(port: InputPort, velocities: Mapping[str, Any]) -> dict[str, FloatArray]:
+    """The velocities that a port holds by finger, with a check that each has six numbers."""
+    where = port_name(port)
+    return {tip: number_array(f"velocity of {tip!r} in {where}", value, (6,)) for tip, value in velocities.items()}
 
 
 def _jump(X_before: FloatArray, X: FloatArray, duration: float) -> str:

@@ -97,9 +97,9 @@ class ForceTorqueSensor(CollectableSystem):
     - body_poses: list of `RigidTransform` X_WB, the plant's port of that name; only the sensor's orientation is used.
     - noise: random input, six standard normal numbers (`AddRandomInputs` connects it); zero when not connected.
     - wrench: F_S = [m_x, m_y, m_z, f_x, f_y, f_z] about the origin of S, in S, N m and N. Changes once a period, first
-      at t = period, since a discrete plant has no reaction before its first step. NaN before that, also once the clock
-      has been set back, where the plant gives no reaction, and while the sensor is saturated, as loads beyond its range
-      are unknown.
+      a period after the start, since a discrete plant has no reaction before its first step. NaN before that, also once
+      the clock has been set back, where the plant gives no reaction, and while the sensor is saturated, as loads beyond
+      its range are unknown.
     - status: str, "ok", "no sample yet", "no signal", or "saturated: " and the axes; changes with `wrench`.
     """
 
@@ -146,12 +146,14 @@ class ForceTorqueSensor(CollectableSystem):
         self._noise = self.DeclareVectorInputPort("noise", 6, RandomDistribution.kGaussian)
         self._wrench = self.DeclareDiscreteState(np.full(6, np.nan))
         self._status = self.DeclareAbstractState(AbstractValue.Make(NO_SAMPLE))
-        self._sampled = SampleTime(self)
+        self._sampled = SampleTime(self, period)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, period, self._sample)
         self.DeclareStateOutputPort("wrench", self._wrench)
         self.DeclareStateOutputPort("status", self._status)
 
     def _sample(self, context: Context, state: State) -> EventStatus:
+        if self._sampled.is_early(context):
+            return EventStatus.DidNothing()
         self._sampled.note(context, state)
         F_TipJ_J = eval_input(self._reactions, context, list)[self._joint].get_coeffs()
         R_BW = eval_input(self._body_poses, context, list)[self._body].rotation().inverse()

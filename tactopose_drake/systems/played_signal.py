@@ -6,7 +6,7 @@ from pydrake.systems.framework import Context
 
 from tactopose_drake.core.validation import FloatArray, instance_of
 from tactopose_drake.systems.collectable_system import CollectableSystem
-from tactopose_drake.systems.signals import Signal, Value
+from tactopose_drake.systems.signals import UNKNOWN_POSE, Signal, Value
 
 
 class PlayedVector(CollectableSystem):
@@ -47,18 +47,23 @@ class PlayedValue(CollectableSystem):
         output_ports:
         - value
 
-    - value: value of the signal at the current time, None before its first; a function of time. A `RigidTransform`
-      signal has its first value before that, too, since ports of that type accept no None.
+    - value: value of the signal at the current time, None before its first; a function of time. Since ports of a
+      `RigidTransform` accept no None, a signal of them has NaN in its place, and before the first time its first value.
     """
 
     def __init__(self, signal: Signal) -> None:
         """Keeps the signal."""
         super().__init__()
         instance_of("signal", signal, Signal)
-        self._signal = signal
-        self._before = signal.values[0] if isinstance(signal.values[0], RigidTransform) else None
+        self._signal = signal  # Not a copy: whoever made it may add changes.
+        is_pose = any(isinstance(value, RigidTransform) for value in signal.values)
+        self._unknown = UNKNOWN_POSE if is_pose else None
+        self._before = self._known(signal.values[0]) if is_pose else None
         self.declare_output("value", self._before, self._value, {self.time_ticket()})
 
+    def _known(self, value: Value) -> Value:
+        return self._unknown if value is None else value
+
     def _value(self, context: Context) -> Value:
-        value = self._signal.at(context.get_time())
-        return self._before if value is None else value
+        time = context.get_time()
+        return self._before if time < self._signal.times[0] else self._known(self._signal.at(time))

@@ -44,9 +44,10 @@ class TactileArray(CollectableSystem):
       plant samples its contact results, they are one time step older than this pose.
     - noise: random input, a standard normal number for each cell (`AddRandomInputs` connects it); zero when not
       connected.
-    - pressures: pressure on each cell, Pa, >= 0. Changes once a period, first at t = period. NaN before that, also
-      once the clock has been set back, where a cell is dead, and, while a point contact, which has no pressure field,
-      is on the pad, where a cell feels nothing else.
+    - pressures: pressure on each cell, Pa, >= 0. Changes once a period, first a period after the start, since a
+      discrete plant may have no contact results before its first step. NaN before that, also once the clock has been
+      set back, where a cell is dead, and, while a point contact, which has no pressure field, is on the pad, where a
+      cell feels nothing else.
     - status: str, "ok", "no contact", "no sample yet", or "saturated: " and the cells; ends with "a point contact is
       not felt" while one is on the pad, as of shapes that are not compliant, or of the point contact model. Changes
       with `pressures`.
@@ -90,12 +91,14 @@ class TactileArray(CollectableSystem):
         # The largest pressure since each cell was touched, Pa.
         self._peaks = self.DeclareDiscreteState(np.zeros(len(pad.layout)))
         self._status = self.DeclareAbstractState(AbstractValue.Make(NO_SAMPLE))
-        self._sampled = SampleTime(self)
+        self._sampled = SampleTime(self, pad.period)
         self.DeclarePeriodicUnrestrictedUpdateEvent(pad.period, pad.period, self._sample)
         self.DeclareStateOutputPort("pressures", self._pressures)
         self.DeclareStateOutputPort("status", self._status)
 
     def _sample(self, context: Context, state: State) -> EventStatus:
+        if self._sampled.is_early(context):
+            return EventStatus.DidNothing()
         self._sampled.note(context, state)
         results = eval_input(self._contacts, context, ContactResults)
         X_WB = eval_input(self._body_poses, context, list)[self._body]

@@ -108,6 +108,23 @@ def test_there_is_no_reading_before_the_first_sample(finger) -> None:
     assert sensor.GetOutputPort("status").Eval(sensor_context) == "no sample yet"
 
 
+@pytest.mark.parametrize("start", [16.0, 16.004, 1.7e9])
+def test_there_is_no_reading_before_the_plant_s_first_step_whenever_it_starts(finger, start: float) -> None:
+    sensor = make_sensor(finger, ForceTorqueModel())
+    simulator = Simulator(finger.builder.Build())
+    context = simulator.get_mutable_context()
+    expected = push(finger, context)
+    context.SetTime(start)
+    own, read = sensor.GetMyContextFromRoot(context), []
+    for k in range(25):
+        simulator.AdvanceTo(start + 0.0005 + 0.001 * k)
+        read.append(np.array(sensor.GetOutputPort("wrench").Eval(own)))
+    known = [wrench for wrench in read if not np.any(np.isnan(wrench))]
+    assert np.all(np.isnan(read[:10]))
+    assert len(known) > 5
+    np.testing.assert_allclose(known, np.broadcast_to(expected, (len(known), 6)), atol=1e-12)
+
+
 def test_a_sample_is_forgotten_once_the_clock_is_set_back_but_not_by_another_initialization(finger) -> None:
     sensor = make_sensor(finger, ForceTorqueModel())
     simulator = Simulator(finger.builder.Build())

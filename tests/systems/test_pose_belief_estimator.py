@@ -267,6 +267,18 @@ def test_names_that_do_not_fit_the_patches_are_refused(box: ObjectModel) -> None
         bench.feel()
 
 
+@pytest.mark.parametrize(
+    ("velocity", "message"),
+    [(None, "consist of numbers, not None"), (np.zeros(3), r"have the shape \(6,\), not \(3,\)")],
+)
+def test_a_velocity_that_is_not_six_numbers_is_named(box: ObjectModel, velocity: object, message: str) -> None:
+    bench = Bench(PoseBeliefEstimator(box))
+    bench.fix(tip_velocities={FINGERS[0]: velocity})
+    named = rf"^velocity of '{FINGERS[0]}' in input port 'tip_velocities' of system 'belief' must {message}"
+    with pytest.raises(InvalidInputError, match=named):
+        bench.feel()
+
+
 def test_arithmetic_that_fails_begins_anew_and_says_so(box: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(PoseBeliefEstimator(box))
     bench.feel(3)

@@ -114,6 +114,16 @@ def test_poses_of_a_port_are_kept_as_they_were_at_each_time() -> None:
     assert [kept.translation()[0] for kept in recorder.signals["pose"].values] == [0.1, 0.2]
 
 
+@pytest.mark.parametrize("poses", [[POSE, RigidTransform(), None], [None, POSE], [POSE, None, POSE]])
+def test_a_pose_is_nan_while_it_is_unknown(poses: list) -> None:
+    player = PlayedValue(Signal(list(range(len(poses))), poses))
+    context = player.CreateDefaultContext()
+    for time, pose in [(-1.0, poses[0]), *enumerate(poses)]:
+        context.SetTime(time)
+        played, expected = player.get_output_port().Eval(context), UNKNOWN_POSE if pose is None else pose
+        assert as_bytes(played) == as_bytes(expected)
+
+
 def test_numbers_of_numpy_and_lists_are_read_again(tmp_path: Path) -> None:
     path = tmp_path / "signals.jsonl"
     with SignalRecorder(path) as recorder:
