@@ -40,8 +40,17 @@ def test_a_pixel_is_a_point_on_its_ray_and_what_lies_on_the_ray_is_before_or_beh
     X_CO = make_poses(exp_so3(np.array([0.3, -0.4, 0.2])), np.array([0.1, 0.2, 0.6]))
     view, X_OC = DepthView(depth, X_CO, camera), inverse(X_CO)
     np.testing.assert_allclose(view.p_OQ, transform_points(X_OC, np.array([[0.5, -0.5, 0.5]])), atol=1e-12)
-    rays = np.array([[1.0, -1.0, 1.0], [1.2, -1.2, 1.0], [0.5, -1.0, 1.0], [1.5, -1.0, 1.0], [1.0, -1.5, 1.0]])
-    p_CQ = np.array([0.4, 0.7, 0.4, 0.4, 0.4])[:, None] * rays
-    np.testing.assert_allclose(
-        view.depth_behind(transform_points(X_OC, p_CQ)), [0.1, -0.2, np.inf, np.nan, np.nan], atol=1e-12
-    )
+    expected = {
+        (1.0, -1.0): 0.1,
+        (1.2, -1.2): 0.1,  # in the same pixel
+        (0.5, -1.0): np.inf,
+        (-0.5, 0.0): np.inf,  # in the first column and the last row
+        (1.5, -1.0): np.nan,
+        (-1.0, -1.0): np.nan,
+        (1.0, -1.5): np.nan,
+        (1.0, 0.5): np.nan,
+    }
+    p_CQ = 0.4 * np.insert(list(expected), 2, 1.0, axis=1)
+    behind = view.depth_behind(transform_points(X_OC, p_CQ))
+    np.testing.assert_allclose(behind, list(expected.values()), atol=1e-12)
+    assert view.depth_behind(transform_points(X_OC, 2.0 * p_CQ[:1])) == pytest.approx(-0.3)
