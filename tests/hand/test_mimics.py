@@ -26,6 +26,9 @@ URDF = """<robot name="m"><joint name="first" type="revolute"/>
 DRAKE_ON_SDF = SDF.replace("<sdf ", '<sdf xmlns:drake="https://drake.mit.edu" ').replace(
     "</model>", '<joint name="third" type="revolute"><drake:mimic joint="second" multiplier="3"/></joint></model>'
 )
+SDF_ON_DRAKE = DRAKE_SDF.replace(
+    "</model>", '<joint name="third" type="revolute"><axis><mimic joint="second"/></axis></joint></model>'
+)
 LINK = (
     '<link name="{}"><inertial><mass value="1"/>'
     '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
@@ -40,7 +43,7 @@ JOINT = '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><
         (SDF, (Mimic("second", "first", 2.0, pytest.approx(0.1 - 2.0 * 0.3), is_obeyed=False),)),
         # Where an entry says no more than whom to follow: one to one.
         ('<sdf><joint name="b"><axis><mimic joint="a"/></axis></joint></sdf>', (Mimic("b", "a", 1.0, 0.0, False),)),
-        # What follows a joint that Drake leaves free is as free.
+        # What follows a joint that Drake leaves free is as free, and so is what Drake itself leaves free.
         (
             DRAKE_ON_SDF,
             (
@@ -49,10 +52,14 @@ JOINT = '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><
             ),
         ),
         (DRAKE_SDF, (Mimic("second", "first", 2.0, 0.0),)),
+        (
+            SDF_ON_DRAKE,
+            (Mimic("second", "first", 2.0, 0.0), Mimic("third", "first", 2.0, 0.0, is_obeyed=False)),
+        ),
         (URDF, (Mimic("second", "first", -0.5, 0.2), Mimic("third", "first", -0.5, 0.2))),
         ("<mujoco/>", None),
     ],
-    ids=["sdf", "bare_sdf", "drake_on_sdf", "drake_sdf", "urdf", "other"],
+    ids=["sdf", "bare_sdf", "drake_on_sdf", "drake_sdf", "sdf_on_drake", "urdf", "other"],
 )
 def test_what_follows_is_read_as_the_format_means_it(
     tmp_path: Path, text: str, mimics: tuple[Mimic, ...] | None
