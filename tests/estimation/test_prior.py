@@ -26,6 +26,12 @@ def test_a_prior_takes_a_rigid_transform_or_an_array(given: RigidTransform | Arr
     np.testing.assert_array_equal(prior.sigmas, [0.1, 0.1, 0.1, 0.02, 0.02, 0.02])
 
 
+def test_a_prior_and_contacts_are_as_sure_as_is_promised_where_nothing_is_told() -> None:
+    prior, contacts = tp.PosePrior(X_PO), tp.Contacts([[0.0, 0.0, 0.03]], [[0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(prior.sigmas, np.repeat([math.radians(16.0), 0.033], 3), rtol=1e-12)
+    np.testing.assert_allclose([contacts.sigma_position, contacts.sigma_normal], [[0.0009], [math.radians(5.0)]])
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

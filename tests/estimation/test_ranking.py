@@ -4,7 +4,12 @@ from pydrake.math import RigidTransform
 
 from tactopose_drake.core.statuses import Status
 from tactopose_drake.estimation.pose_hypothesis import PoseHypothesis
-from tactopose_drake.estimation.ranking import rank_objects, status_of_ranking
+from tactopose_drake.estimation.ranking import (
+    evidence_of_shapes,
+    likelihood_weights,
+    rank_objects,
+    status_of_ranking,
+)
 from tactopose_drake.estimation.results import PoseEstimate
 
 
@@ -48,3 +53,13 @@ def test_objects_of_one_shape_share_its_rank_and_the_mean_of_their_likelihoods()
     np.testing.assert_allclose([each.likelihood for each in ranked], [0.5, 0.25, 0.25])
     np.testing.assert_allclose([each.probability for each in ranked], [0.25, 0.125, 0.125])
     assert [each.log_evidence for each in ranked] == [3.0, 1.0, 2.0]
+
+
+def test_objects_whose_likelihood_is_none_to_the_last_bit_are_in_order_of_their_evidence() -> None:
+    """exp(-800) is 0. Of equal shapes the most evidence counts, though their likelihood is shared."""
+    estimates = [an_estimate(log_evidence=value) for value in (-900.0, -1000.0, -1050.0, -100.0, -950.0)]
+    groups, weights = [0, 1, 0, 3, 1], likelihood_weights(estimates, "evidence")
+    assert weights == [0.0, 0.0, 0.0, 1.0, 0.0]
+    assert evidence_of_shapes(estimates, groups) == [-900.0, -950.0, -100.0]
+    ranked = rank_objects(range(5), list("zabcd"), estimates, groups, weights, 1.0)
+    assert [(each.name, each.rank) for each in ranked] == [("c", 1), ("z", 2), ("b", 2), ("a", 4), ("d", 4)]

@@ -231,8 +231,14 @@ def test_what_is_no_mapping_is_no_value(cls, data: object) -> None:
         cls.from_dict(data)
 
 
+def test_a_touch_that_is_surely_false_is_in_plain_data_too() -> None:
+    sure = dataclasses.replace(best(0), inlier_probability=np.array([0.0, 1.0]), covariance=np.zeros((6, 6)))
+    assert tp.PoseHypothesis.from_dict(json.loads(json.dumps(sure.to_dict()))) == sure
+
+
 def test_no_evidence_at_all_is_null_in_plain_data() -> None:
     assert estimate(0).log_evidence == -math.inf
+    assert tp.PoseEstimate.from_dict({**estimate(0).to_dict(), "log_evidence": -math.inf}) == estimate(0)
     assert estimate(0).to_dict()["log_evidence"] is None
     assert tp.PoseEstimate.from_dict(estimate(0).to_dict()).log_evidence == -math.inf
 

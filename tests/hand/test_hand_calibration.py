@@ -1,5 +1,6 @@
 """A hand's errors from grasps of a known object in unknown poses."""
 
+import contextlib
 import dataclasses
 import functools
 import math
@@ -19,7 +20,7 @@ from tactopose_drake.hand.closed_grasps import ClosedGrasp, ClosedGraspParams
 from tactopose_drake.hand.felt_grasps import FeltGrasps
 from tactopose_drake.hand.hand_calibration import CalibrationParams, CalibrationResult, calibrate_hand
 from tactopose_drake.hand.hand_config import HandUncertainty
-from tactopose_drake.hand.recorded_grasps import RecordedGrasp
+from tactopose_drake.hand.recorded_grasps import RecordedGrasp, check_silence
 from tests.hand.calibrated_shadow import SOFT, UNCERTAINTY, WrongHand, shifted
 
 NOISE = ClosedGraspParams(noise_surface=0.0003, noise_normal_deg=1.5, noise_moment=0.00002, noise_force=0.004)
@@ -169,6 +170,28 @@ def test_a_touch_that_is_told_for_silence_is_refused(blob: ObjectModel) -> None:
     said = r"^one\.yaml: out_of_touch\.little must be a force up to 0\.6 N, 6 times .*, not \[0\.0, 2\.0, 0\.0\] N\. "
     with pytest.raises(InvalidInputError, match=said):
         calibrate_hand(hand.config, [recorded[0], pressed, recorded[2]])
+
+
+@pytest.mark.parametrize(
+    ("reading", "uncertainty", "said"),
+    [
+        ([0.004, -0.004, 0.004, 0.5, -0.5, 0.5], {}, None),
+        ([0.0, 0.0, 0.0, 0.0, 0.0, -0.9], {}, "a force up to 0.6 N"),
+        ([0.0, 0.0, -0.02, 0.0, 0.0, 0.0], {}, "a moment up to 0.00"),
+        ([0.02, 0.0, 0.0, 0.0, 0.0, 0.0], {}, "a moment up to 0.00"),
+        # Of a bias that is told to be none nothing is found, and so it spoils nothing.
+        ([0.02, 0.0, 0.0, 0.0, 0.0, 0.0], {"sensor_moment": 0.0}, None),
+        ([0.0, 0.0, 0.0, 2.0, 0.0, 0.0], {"sensor_force": 0.0}, None),
+    ],
+)
+def test_what_touches_nothing_reads_no_more_than_its_bias_may_be(
+    blob: ObjectModel, reading: list[float], uncertainty: dict[str, float], said: str | None
+) -> None:
+    hand = WrongHand(0, dataclasses.replace(UNCERTAINTY, **uncertainty))
+    silent = RecordedGrasp(blob, {}, {}, {"ring": reading})
+    refused = contextlib.nullcontext() if said is None else pytest.raises(InvalidInputError, match=said)
+    with refused:
+        check_silence(hand.errors, [silent])
 
 
 @pytest.mark.parametrize("drifts", [False, True])

@@ -91,6 +91,23 @@ def test_of_two_values_of_one_time_the_last_one_counts() -> None:
     np.testing.assert_array_equal(player.get_output_port().Eval(player.CreateDefaultContext()), np.ones(2))
 
 
+def test_before_its_first_value_a_signal_is_unknown_but_a_pose_of_a_port_is_that_value() -> None:
+    prior = PosePrior(POSE, sigma_translation=0.01, sigma_rotation=0.1)
+
+    def played(player: PlayedVector | PlayedValue, time: float) -> object:
+        context = player.CreateDefaultContext()
+        context.SetTime(time)
+        return player.get_output_port().Eval(context)
+
+    np.testing.assert_array_equal(played(PlayedVector(Signal([1.0], [np.ones(2)])), 0.9), np.full(2, np.nan))
+    player = PlayedValue(Signal([1.0, 2.0], [prior, None]))
+    assert [played(player, time) for time in (0.9, 1.0, 2.0)] == [None, prior, None]
+    player = PlayedValue(Signal([1.0, 2.0], [POSE, RigidTransform()]))
+    assert [as_bytes(played(player, time)) for time in (0.9, 1.0, 2.0)] == [
+        as_bytes(pose) for pose in (POSE, POSE, RigidTransform())
+    ]
+
+
 def test_what_is_kept_does_not_follow_the_original() -> None:
     vector, pose = np.zeros(2), RigidTransform()
     with SignalRecorder() as recorder:
@@ -189,6 +206,26 @@ def test_a_line_that_is_no_signal_is_named(tmp_path: Path, line: str) -> None:
     path.write_text('{"time": 0.0, "name": "a", "vector": [1.0]}\n' + line + "\n")
     with pytest.raises(InvalidFileError, match="line 2 must be a signal"):
         read_signals(path)
+
+
+@pytest.mark.parametrize("before", ["", '{"time": 1.0, "name": "a", "unknown": true}\n'])
+def test_lines_of_one_signal_that_differ_in_kind_are_named_whether_or_not_it_was_unknown(
+    tmp_path: Path, before: str
+) -> None:
+    path = tmp_path / "signals.jsonl"
+    for first, second in ((before, ""), ("", before)):
+        lines = f'{first}{{"time": 1.0, "name": "a", "vector": [1.0]}}\n{second}'
+        path.write_text(f'{lines}{{"time": 1.0, "name": "a", "vector": [1.0, 2.0]}}\n')
+        with pytest.raises(InvalidFileError, match=f"line {lines.count('time') + 1} must be a signal .it differs in"):
+            read_signals(path)
+
+
+def test_a_signal_that_was_unknown_at_first_has_one_kind_from_then_on() -> None:
+    with SignalRecorder() as recorder:
+        recorder.write("a", 0.0, None)
+        recorder.write("a", 1.0, np.zeros(2))
+        with pytest.raises(InvalidInputError, match="differs in kind or length"):
+            recorder.write("a", 2.0, np.zeros(3))
 
 
 def test_files_that_cannot_be_used_are_named(tmp_path: Path) -> None:

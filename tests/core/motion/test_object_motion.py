@@ -193,6 +193,15 @@ def test_an_object_that_nothing_touches_rests_in_the_world() -> None:
     np.testing.assert_allclose(compose(X_WP_after, compose(motion.pose, X_PO)), compose(X_WP, X_PO), atol=1e-12)
 
 
+def test_where_the_palm_was_or_is_unknown_nothing_tells_whither_it_has_moved() -> None:
+    X_WP = make_poses(exp_so3(np.array([0.3, 0.1, -0.2])), np.array([0.5, 0.1, 0.3]))
+    for before, after in ((X_WP, None), (None, X_WP), (None, None)):
+        motion = move_freely(NOISE, 0.01, 0.3, before, after)
+        np.testing.assert_array_equal(motion.twist, np.zeros(6))
+        free = 0.01 * np.repeat([NOISE.free_rotation, NOISE.free_translation], 3) ** 2
+        np.testing.assert_allclose(motion.covariance, np.diag(free), rtol=1e-12)
+
+
 def test_in_a_very_long_time_no_more_is_lost_than_there_is_to_know() -> None:
     sigma = np.sqrt(np.diag(move_freely(NOISE, 1e12, 0.3).covariance))
     np.testing.assert_allclose(sigma[3:], 0.3)

@@ -45,6 +45,13 @@ def test_what_is_unknown_of_a_motion_is_all_that_it_adds_where_it_ends() -> None
     np.testing.assert_allclose(error_of_motion(moved, motion), covariance - without, atol=1e-12)
 
 
+def test_a_small_twist_before_a_motion_is_its_adjoint_s_after_it() -> None:
+    motion, small = Motion(np.array([0.3, -0.4, 0.2, 0.05, 0.1, -0.03]), COVARIANCE), 1e-5 * np.arange(-2.0, 4.0)
+    ahead = compose(motion.pose, Motion(small, COVARIANCE).pose)
+    behind = compose(Motion(motion.adjoint @ small, COVARIANCE).pose, motion.pose)
+    np.testing.assert_allclose(ahead, behind, atol=1e-9)
+
+
 def test_a_late_pose_is_brought_along_by_what_moved_since() -> None:
     twist = np.array([0.02, -0.01, 0.03, 0.001, 0.002, -0.001])
     history = MotionHistory((0.0,))

@@ -47,6 +47,13 @@ def test_a_range_that_is_no_whole_number_of_steps_is_read_at_its_end_and_never_e
     assert measurement.saturated.all() == (abs(load) >= 1.0)
 
 
+@pytest.mark.parametrize("load", [1.0, -1.1])
+def test_an_axis_at_its_end_reads_the_range_also_where_the_nearest_step_lies_below(load: float) -> None:
+    measurement = measure(np.full(6, load), np.zeros(6), ForceTorqueModel(range=[1.0] * 6, resolution=[0.8] * 6))
+    np.testing.assert_array_equal(measurement.F_S, np.sign(load) * np.ones(6))
+    assert measurement.saturated.all()
+
+
 def test_a_load_that_is_nan_is_no_signal() -> None:
     measurement = measure(np.full(6, np.nan), np.zeros(6), ForceTorqueModel(range=[1.0] * 6, resolution=[0.1] * 6))
     assert np.all(np.isnan(measurement.F_S))

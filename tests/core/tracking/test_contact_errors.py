@@ -110,6 +110,7 @@ def test_a_reading_is_repeated_where_points_and_normals_are() -> None:
         (felt, Contacts.empty(), True),
         (felt, felt.with_arrays(p_PC=felt.p_PC.copy(), n_PC=felt.n_PC.copy()), False),
         (others, felt, True),
+        (felt.with_arrays(p_PC=felt.p_PC + 1e-9), felt, True),
         (Contacts(felt.p_PC), felt, True),
         (Contacts(felt.p_PC), Contacts(felt.p_PC), False),
         (Contacts.empty(), felt, False),
@@ -117,3 +118,11 @@ def test_a_reading_is_repeated_where_points_and_normals_are() -> None:
         names = tuple("abcdef")[: len(contacts)]
         frame = Frame(0.0, Evidence(contacts), names)
         assert read_contacts(frame, (), before, ErrorScales(), PARAMS).is_new == is_new
+
+
+def test_a_source_keeps_its_place_and_what_touches_anew_comes_behind() -> None:
+    contacts = touch(X_PO, np.random.default_rng(0))[:3]
+    frame = Frame(0.0, Evidence(contacts), ("ring", "thumb", "first"))
+    reading = read_contacts(frame, ("thumb", "little", "ring"), Contacts.empty(), ErrorScales(), PARAMS)
+    assert reading.sources == ("thumb", "little", "ring", "first")
+    np.testing.assert_array_equal(reading.source, [2, 0, 3])

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from tactopose_drake.core.poses import exp_so3, inverse, make_poses, transform_points
+from tactopose_drake.core.vision.depth_pictures import DepthCameraModel
 from tactopose_drake.core.vision.depth_view import DepthView
 from tactopose_drake.errors import InvalidInputError
 from tests.core.models import brick
@@ -28,3 +30,27 @@ def test_depths_are_told_from_what_is_none() -> None:
     unknown = DepthView(depth.tolist(), np.vstack([view.X_CO, [0.0, 0.0, 0.0, 1.0]]), view.camera)  # type: ignore[arg-type]
     np.testing.assert_allclose(unknown.p_OQ, view.p_OQ[1:], atol=1e-6)
     assert np.isnan(unknown.depth_behind(view.p_OQ[:1])).all()
+
+
+def test_a_pixel_is_a_point_on_its_ray_and_what_lies_on_the_ray_is_before_or_behind_it() -> None:
+    """Of a camera as OpenCV tells it: where its axis meets the image, counted from the first pixel's middle."""
+    camera = DepthCameraModel(width=4, height=3, focal_length=2.0, center_x=1.0, center_y=2.0)
+    depth = np.full((3, 4), np.inf)
+    depth[0, 3] = 0.5  # two to the right of the axis, and two above it
+    X_CO = make_poses(exp_so3(np.array([0.3, -0.4, 0.2])), np.array([0.1, 0.2, 0.6]))
+    view, X_OC = DepthView(depth, X_CO, camera), inverse(X_CO)
+    np.testing.assert_allclose(view.p_OQ, transform_points(X_OC, np.array([[0.5, -0.5, 0.5]])), atol=1e-12)
+    expected = {
+        (1.0, -1.0): 0.1,
+        (1.2, -1.2): 0.1,  # in the same pixel
+        (0.5, -1.0): np.inf,
+        (-0.5, 0.0): np.inf,  # in the first column and the last row
+        (1.5, -1.0): np.nan,
+        (-1.0, -1.0): np.nan,
+        (1.0, -1.5): np.nan,
+        (1.0, 0.5): np.nan,
+    }
+    p_CQ = 0.4 * np.insert(list(expected), 2, 1.0, axis=1)
+    behind = view.depth_behind(transform_points(X_OC, p_CQ))
+    np.testing.assert_allclose(behind, list(expected.values()), atol=1e-12)
+    assert view.depth_behind(transform_points(X_OC, 2.0 * p_CQ[:1])) == pytest.approx(-0.3)

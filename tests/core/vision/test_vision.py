@@ -10,12 +10,12 @@ from tactopose_drake.errors import InvalidInputError
 
 X_PO = make_poses(exp_so3(np.array([0.2, -1.1, 0.4])), np.array([0.02, -0.01, 0.1]))
 MODEL = VisionModel(
-    translation_clear=0.004, translation_hidden=0.05, rotation_clear_deg=1.0, rotation_hidden_deg=21.0, lost_share=1.0
+    translation_clear=0.004, translation_hidden=0.05, rotation_clear_deg=3.0, rotation_hidden_deg=21.0, lost_share=1.0
 )
 
 
 @pytest.mark.parametrize(
-    ("hidden", "translation", "degrees"), [(0.0, 0.004, 1.0), (0.5, 0.027, 11.0), (1.0, 0.05, 21.0)]
+    ("hidden", "translation", "degrees"), [(0.0, 0.004, 3.0), (0.5, 0.027, 12.0), (1.0, 0.05, 21.0)]
 )
 def test_the_error_grows_with_the_hidden_share(hidden: float, translation: float, degrees: float) -> None:
     for noise in np.random.default_rng(0).normal(size=(5, 6)):
