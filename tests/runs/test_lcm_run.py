@@ -72,7 +72,7 @@ class Sender:
         while self._link.handle_timeout(1) > 0:
             pass
 
-    def until(self, said: str, timeout: float = 40.0) -> ObjectBeliefMessage:
+    def until(self, said: str, timeout: float = 120.0) -> ObjectBeliefMessage:
         """Sends 100 times a second until a belief says something; for "ok", and is right."""
         self.got.clear()
         end = time.monotonic() + timeout
@@ -86,7 +86,7 @@ class Sender:
                     return belief
         raise AssertionError(f"nobody says {said!r}; last said: {self.got[-1].status if self.got else 'nothing'}")
 
-    def wait_for(self, said: str, timeout: float = 20.0) -> ObjectBeliefMessage:
+    def wait_for(self, said: str, timeout: float = 60.0) -> ObjectBeliefMessage:
         """Listens without sending."""
         self.got.clear()
         end = time.monotonic() + timeout
@@ -181,7 +181,7 @@ def test_two_processes_and_the_death_of_either(url: str, file: Path, estimator: 
         assert found.session != last.session
         assert found.received <= found.sequence
         again.send_signal(signal.SIGINT)
-        out, error = again.communicate(timeout=60)
+        out, error = again.communicate(timeout=120)
         assert again.returncode == 0, error
         assert b"object at" in out
     finally:
