@@ -10,11 +10,17 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, State
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.core.grasping.quality import ClosureProbability, force_closure_probability, grasp_quality
+from tactopose_drake.core.grasping.quality import (
+    MOST_EDGES,
+    MOST_SAMPLES,
+    ClosureProbability,
+    force_closure_probability,
+    grasp_quality,
+)
 from tactopose_drake.core.grasping.wrench_space import Norm
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import instance_of, known_name, positive_number, whole_number
+from tactopose_drake.core.validation import MOST_FRICTION, instance_of, known_name, positive_number, whole_number
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input, eval_optional_input
@@ -37,9 +43,10 @@ class GraspQualityParams:
         """Raises InvalidInputError if a number is out of its range or the norm unknown."""
         known_name("GraspQualityParams.norm", self.norm, get_args(Norm))
         positive_number("GraspQualityParams.period", self.period)
-        positive_number("GraspQualityParams.friction", self.friction, allow_zero=True)
-        for name, least in (("edges", 3), ("samples", 1), ("seed", 0)):
-            whole_number(f"GraspQualityParams.{name}", getattr(self, name), least=least)
+        positive_number("GraspQualityParams.friction", self.friction, allow_zero=True, most=MOST_FRICTION)
+        whole_number("GraspQualityParams.edges", self.edges, least=3, most=MOST_EDGES)
+        whole_number("GraspQualityParams.samples", self.samples, least=1, most=MOST_SAMPLES)
+        whole_number("GraspQualityParams.seed", self.seed, least=0)
 
 
 class GraspQualityEvaluator(CollectableSystem):

@@ -20,7 +20,14 @@ from tactopose_drake.core.grasping.finger_sides import sides
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, instance_of, known_name, positive_number, whole_number
+from tactopose_drake.core.validation import (
+    MOST_FRICTION,
+    FloatArray,
+    instance_of,
+    known_name,
+    positive_number,
+    whole_number,
+)
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.hand.hand_config import HandConfig
 from tactopose_drake.hand.hand_in_plant import make_hand_plant
@@ -52,7 +59,7 @@ class NextTouchParams:
         for name in ("period", "same_translation", "same_rotation_deg"):
             positive_number(f"NextTouchParams.{name}", getattr(self, name))
         positive_number("NextTouchParams.enough", self.enough, most=1.0)
-        positive_number("NextTouchParams.friction", self.friction, allow_zero=True)
+        positive_number("NextTouchParams.friction", self.friction, allow_zero=True, most=MOST_FRICTION)
         whole_number("NextTouchParams.moves", self.moves, least=1)
         whole_number("NextTouchParams.places", self.places, least=2)
         whole_number("NextTouchParams.seed", self.seed, least=0)

@@ -77,6 +77,16 @@ def test_why_nothing_was_found_is_counted(tmp_path: Path) -> None:
     assert "because the finger" in refusals.explanation()
 
 
+def test_without_a_direction_down_or_a_possible_force_there_is_no_plan(tmp_path: Path) -> None:
+    reach = make_hand_reach(load_hand_config(write_gripper(tmp_path)), ReachParams())
+    cube = ObjectModel.from_mesh(trimesh.creation.box((0.05, 0.05, 0.05)), cache=False)
+    for load, message in ((np.zeros(3), "must not be zero"), (np.full(3, np.nan), "must be a finite number")):
+        with pytest.raises(InvalidInputError, match=rf"load_P.* {message}"):
+            plan_grasps(cube, reach, load, PlannerParams(), np.random.default_rng(0))
+    with pytest.raises(InvalidInputError, match=r"least_force must be at most `most_force`, 7 N, not 8 N"):
+        PlannerParams(least_force=8.0).validate()
+
+
 def test_fingers_as_thick_as_they_are_stay_apart(tmp_path: Path) -> None:
     reach = make_hand_reach(load_hand_config(write_gripper(tmp_path)), ReachParams())
     left, right = (reach.fingers[name].geometry for name in ("left", "right"))

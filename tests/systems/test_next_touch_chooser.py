@@ -157,3 +157,5 @@ def test_bad_parameters_are_refused() -> None:
         NextTouchParams(enough=1.2).validate()
     with pytest.raises(InvalidInputError, match="moves"):
         NextTouchParams(moves=0).validate()
+    with pytest.raises(InvalidInputError, match=r"friction must be .*, not 1001"):
+        NextTouchParams(friction=1001.0).validate()

@@ -25,7 +25,7 @@ from tactopose_drake.core.exploration.tolerance import Tolerance
 from tactopose_drake.core.poses import retract
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, positive_number
 
 # Sets of cubature points in all, shared among the modes, and at least for each: more modes need more time.
 _SETS, _LEAST_SETS = 6, 2
@@ -40,11 +40,20 @@ class TouchNoise:
         normal: standard deviation of a small rotation of the normal about each axis, rad; None if no normal is felt.
         least_facing: cosine between normal and motion below which the distance's error grows no further: touches at
             grazing incidence are inaccurate, but useful.
+
+    Raises:
+        InvalidInputError: a number that is not positive, or a cosine above 1.
     """
 
     position: float = 0.0009
     normal: float | None = math.radians(5.0)
     least_facing: float = 0.2
+
+    def __post_init__(self) -> None:
+        positive_number("TouchNoise.position", self.position)
+        if self.normal is not None:
+            positive_number("TouchNoise.normal", self.normal)
+        positive_number("TouchNoise.least_facing", self.least_facing, most=1.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ from tactopose_drake.core.grasping.quality import grasp_quality
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture, checked_mixture
 from tactopose_drake.core.posterior.moved_origin import about_middle
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, limited
+from tactopose_drake.core.validation import FloatArray, limited, positive_number
 from tactopose_drake.errors import InvalidInputError
 
 
@@ -42,12 +42,19 @@ class TouchCriterion:
         tolerance: within which poses count as the same.
         noise: of a touch.
         likely: probability from which on the grasp must stay stable and collision-free in a mode; if the object's
-            identity is uncertain, the joint probability of object and mode.
+            identity is uncertain, the joint probability of object and mode. 0 means every mode; the likeliest mode
+            always counts.
+
+    Raises:
+        InvalidInputError: a probability below 0.
     """
 
     tolerance: Tolerance = Tolerance()
     noise: TouchNoise = TouchNoise()
     likely: float = 0.05
+
+    def __post_init__(self) -> None:
+        positive_number("TouchCriterion.likely", self.likely, allow_zero=True)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -186,7 +193,7 @@ def choose_telling_touch(
     allowed = {finger: np.ones(len(options), dtype=np.bool_) for finger, options in moves.items()}
     most = np.array([each.probability * each.belief.weights.max() for each in distinct])
     likely = min(criterion.likely, most.max())
-    for each in itertools.compress(distinct, most >= likely):
+    for each in itertools.compress(distinct, (most >= likely) & (most > 0.0)):
         of_poses = dataclasses.replace(criterion, likely=likely / each.probability)
         for finger, may in allowed_moves(each.model, hold, each.belief, moves, others, of_poses).items():
             allowed[finger] &= may

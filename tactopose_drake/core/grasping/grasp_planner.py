@@ -20,7 +20,8 @@ from tactopose_drake.core.grasping.held_pose import least_distance, sample_held_
 from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.shape.sphere_packing import Spheres
-from tactopose_drake.core.validation import FloatArray, known_name, whole_number
+from tactopose_drake.core.validation import FloatArray, finite_array, known_name, whole_number
+from tactopose_drake.errors import InvalidInputError
 
 _GAP = 0.0005  # least gap between the sides of two fingers, m
 _IN_THE_PALM = "the object would be in the palm"
@@ -54,6 +55,11 @@ class PlannerParams:
         """Raises InvalidInputError if a value is out of its range."""
         check_numbers("PlannerParams", self, may_be_zero=("tilt_deg",))
         whole_number("PlannerParams.least_fingers", self.least_fingers, least=2)
+        if self.least_force > self.most_force:
+            raise InvalidInputError(
+                f"PlannerParams.least_force must be at most `most_force`, {self.most_force:g} N, not "
+                f"{self.least_force:g} N."
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,14 +99,21 @@ def plan_grasps(
     Args:
         model: the object.
         hand: the hand.
-        load_P: the object's weight, shape (3,), N, in P.
+        load_P: the object's weight, shape (3,), N, in P; its direction tells which way is down.
         params: constraints, and effort.
         generator: source of all random choices.
         refusals: counts the reasons for which poses were rejected.
         touches_itself: whether the hand's links collide, given actuated joint positions of some fingers, by name, shape
             (m,), rad or m, with the others in their usual idle posture.
+
+    Raises:
+        InvalidInputError: a load that is zero or not finite, or a parameter out of its range.
+        UnknownNameError: a finger that the hand does not have.
     """
     params.validate()
+    load_P = finite_array("load_P", load_P, (3,))
+    if not load_P.any():
+        raise InvalidInputError("load_P must not be zero, as it tells which way is down; it may be small.")
     for name in params.fingers:
         known_name("each name in PlannerParams.fingers", name, hand.fingers)
     refusals = Refusals() if refusals is None else refusals

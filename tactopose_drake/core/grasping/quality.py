@@ -37,7 +37,7 @@ from tactopose_drake.core.validation import (
 from tactopose_drake.errors import InvalidInputError
 
 # More edges or samples add no accuracy, and exhaust memory and time.
-_MOST_EDGES, _MOST_SAMPLES = 64, 10**6
+MOST_EDGES, MOST_SAMPLES = 64, 10**6
 _MOST_TASK = 1e9  # largest component of a task wrench, N m and N
 # How many times a point is moved along the normal by its distance: the first leaves an error from the grid and the
 # surface's curvature.
@@ -181,7 +181,7 @@ def force_closure_probability(
     """
     friction, length = _check(model, contacts, friction, edges, None, "L1")
     model, belief = about_middle(model, checked_mixture("belief", belief))
-    samples = whole_number("samples", samples, least=1, most=_MOST_SAMPLES)
+    samples = whole_number("samples", samples, least=1, most=MOST_SAMPLES)
     seed = whole_number("seed", seed, least=0)
     X_PO = belief.sample(samples, np.random.default_rng(seed))
     p_OC = np.einsum("bkj,bji->bki", contacts.p_PC - X_PO[:, None, :, 3], X_PO[:, :, :3])
@@ -262,6 +262,6 @@ def _check(
     instance_of("model", model, ObjectModel)
     instance_of("contacts", contacts, Contacts)
     known_name("norm", norm, get_args(Norm))
-    whole_number("edges", edges, least=3, most=_MOST_EDGES)
+    whole_number("edges", edges, least=3, most=MOST_EDGES)
     friction = positive_number("friction", friction, allow_zero=True, most=MOST_FRICTION)
     return friction, lever(model) if length is None else positive_number("length", length, least=1e-6, most=1e3)

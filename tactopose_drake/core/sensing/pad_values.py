@@ -50,7 +50,8 @@ def checked_range(threshold: float, saturation: float | None) -> tuple[float, fl
     """Checks the pressure above which a cell is active, Pa, and the highest that it can read."""
     least = positive_number("threshold", threshold, allow_zero=True)
     limited("threshold", least, (), most=_MOST_PRESSURE)
-    most = math.inf if saturation is None else positive_number("saturation", saturation)
+    is_infinite = isinstance(saturation, float) and saturation == math.inf  # As `Patch.saturation` is without a limit.
+    most = math.inf if saturation is None or is_infinite else positive_number("saturation", saturation)
     if most <= least:
         raise InvalidInputError(f"saturation must be a number > threshold = {least:g}, not {most:g}.")
     return least, most

@@ -175,7 +175,7 @@ def describe_patch(
             of the z axis of the cells' frame: with a positive alpha this points into the pad, with a negative one out
             of it.
         threshold: a cell is active above this pressure, Pa.
-        saturation: the highest pressure that a cell can read, Pa; None without a limit.
+        saturation: the highest pressure that a cell can read, Pa; None or infinite without a limit.
         misplacement: covariance of the pad's pose error: a shift, and a small rotation about the mean of its cells,
             shape (6, 6), m and rad, in the cells' frame. None if unknown; users of the patch then assume one.
         params: thresholds on the shape of pads and patches.

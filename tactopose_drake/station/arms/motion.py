@@ -1,5 +1,6 @@
 """Inverse kinematics for the axis of a held rod, and smooth time-optimal motions."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,6 +20,8 @@ _POSITION, _ANGLE = 1e-4, 1e-3  # m, rad
 _MARGIN = 0.05
 # Time between samples of a motion, s.
 _STEP = 0.01
+# Joint positions that differ by less are the same, rad.
+_SAME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,14 +93,18 @@ def smooth_motion(
 
     Args:
         plant: finalized plant of the arm alone, with limits of the joints' speeds.
-        q: joint positions, shape (n, nq), rad; n >= 2, and successive ones differ.
+        q: joint positions, shape (n, nq), rad; n >= 1. Successive ones that are the same count once.
         speed_share: share of the joints' speed limits that may be used.
         most_acceleration: acceleration limit of all joints, rad/s^2.
         most_speed: a frame, and the speed limit of its origin in the world, m/s; None: no such limit.
 
     Returns:
-        A piecewise cubic trajectory, which can be copied as part of a system's state.
+        A piecewise cubic trajectory, which can be copied as part of a system's state; a short rest if all positions are
+        the same.
     """
+    q = np.array([q[0], *(to for at, to in itertools.pairwise(q) if np.abs(to - at).max() > _SAME)])
+    if len(q) == 1:
+        return PiecewisePolynomial.CubicHermite([0.0, _STEP], np.repeat(q, 2, axis=0).T, np.zeros((q.shape[1], 2)))
     if len(q) == 2:  # The interpolation needs three points.
         q = np.insert(q, 1, q.mean(axis=0), axis=0)
     lengths = np.linalg.norm(np.diff(q, axis=0), axis=1)

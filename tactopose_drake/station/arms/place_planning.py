@@ -245,9 +245,9 @@ class PlacePlanner:
         return found.move, insert, retreat
 
     def _hand_depth(self, hand: PlacedHand, held: HeldAxis) -> float:
-        """How far the part of the hand that may be over the box extends below the grip, m."""
+        """How far the part of the hand that may be over the box extends below the grip, m; 0 if there is none."""
         offset = hand.p_PH - held.p_PQ
         along = offset @ held.direction
         across = np.linalg.norm(offset - along[:, None] * held.direction, axis=1)
         over = across < np.sqrt(0.5) * self._params.box_width + hand.radius
-        return float((along + hand.radius)[over].max())
+        return float((along + hand.radius)[over].max()) if over.any() else 0.0

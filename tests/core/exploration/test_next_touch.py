@@ -423,3 +423,25 @@ def test_chance_takes_any_allowed_motion_that_meets_the_object(mug: ObjectModel)
     assert {(found.finger, found.move) for found in chosen if found} == {("little", i) for i in range(3)}
     assert all(found is not None and found.information >= 0.0 for found in chosen)
     assert choose_by_chance(mug, hold, spins(0.0), {"ring": past}, generator) is None
+
+
+def test_a_least_probability_of_0_counts_all_that_is_possible(mug: ObjectModel, can: ObjectModel) -> None:
+    # As above, the knuckle meets the lug at the first pose.
+    tips = inward(0.7)
+    moves = {"little": GuardedMoves(tips.tip, TIP, tips.tip[:, :, None] + [0.02, -0.035, 0.0], np.array([0.01]))}
+    hold, poses, every = Hold(Contacts(HELD), NAMES, 0.7), spins(0.0, np.pi), TouchCriterion(likely=0.0)
+    for probability, may_touch in ((0.0, True), (1e-6, False)):
+        candidates = [Candidate(can, spins(0.0), 1.0), Candidate(mug, poses, probability)]
+        assert (choose_telling_touch(candidates, hold, moves, criterion=every) is not None) == may_touch
+
+
+def test_impossible_criteria_are_refused() -> None:
+    """An exact touch has a singular covariance, and one at grazing incidence whose error is infinite tells nothing."""
+    for name, value in (("position", 0.0), ("position", np.nan), ("normal", 0.0), ("least_facing", 0.0)):
+        with pytest.raises(InvalidInputError, match=rf"TouchNoise\.{name} must be a .*number"):
+            TouchNoise(**{name: value})
+    with pytest.raises(InvalidInputError, match=r"TouchNoise\.least_facing must be .*, not 1\.1"):
+        TouchNoise(least_facing=1.1)
+    assert TouchNoise(normal=None).normal is None
+    with pytest.raises(InvalidInputError, match=r"TouchCriterion\.likely must be a finite number, not nan"):
+        TouchCriterion(likely=np.nan)

@@ -180,6 +180,18 @@ def test_dead_and_saturated_cells_are_named() -> None:
     np.testing.assert_allclose(patch.eigenvectors, alone.eigenvectors, atol=1e-12)
 
 
+def test_a_patch_without_a_limit_is_described_again_from_what_it_says() -> None:
+    patch = tp.describe_patch(CELLS, noise(3), alpha=ALPHA, n_PT=OUT)
+    assert patch.saturation == np.inf
+    limits = {"threshold": patch.threshold, "saturation": patch.saturation}
+    again = tp.describe_patch(patch.p_PT, patch.pressure, alpha=patch.alpha, n_PT=patch.n_PT, **limits)
+    np.testing.assert_array_equal(again.eigenvectors, patch.eigenvectors)
+    assert again.saturation == np.inf
+    for impossible in (-np.inf, np.nan):
+        with pytest.raises(InvalidInputError, match="saturation must be a finite number"):
+            tp.describe_patch(CELLS, noise(3), alpha=ALPHA, n_PT=OUT, saturation=impossible)
+
+
 def test_half_the_pitch_is_how_far_a_cell_feels_to_its_sides() -> None:
     pad = np.array([[x, y, 0.0] for x in (0.0, 0.006, 0.012) for y in (0.0, 0.005, 0.010)])
     assert tp.describe_patch(pad, np.ones(9), alpha=1e-7).half_pitch == pytest.approx(0.0025)

@@ -112,6 +112,30 @@ def test_the_rod_ends_upright_in_the_hole(planner: PlacePlanner) -> None:
             assert in_world.direction[2] < -np.cos(0.01)
 
 
+def test_an_arm_that_is_over_the_hole_already_rests_before_it_descends(planner: PlacePlanner) -> None:
+    q_hand = np.zeros(planner.num_hand_positions)
+    first = planner.plan(Q, q_hand, GRIP)
+    assert first is not None
+    there = first[1].value(0.0)[:, 0]
+    again = planner.plan(there, q_hand, GRIP)
+    assert again is not None
+    np.testing.assert_allclose(again[0].value(again[0].end_time())[:, 0], there, atol=1e-5)
+    assert 0.0 < again[0].end_time() < 0.1
+    met = planner.meet(Q, q_hand, GRIP)
+    assert met is not None
+    np.testing.assert_allclose(met.value(met.end_time())[:, 0], Q, atol=1e-5)
+
+
+def test_a_hand_beside_a_narrow_box_may_descend_until_the_grip_is_at_the_hole() -> None:
+    """The fingers of this open hand are beside the rod by more than half of the box."""
+    narrow = make_planner(pencil(), PlaceParams(box_width=0.01))
+    q_hand = np.zeros(narrow.num_hand_positions)
+    plan = narrow.plan(Q, q_hand, GRIP)
+    assert plan is not None
+    p_WQ = palm_in_world(plan[1].value(plan[1].end_time())[:, 0], q_hand).multiply(GRIP.p_PQ)
+    assert p_WQ[2] - PlaceParams().p_WHole[2] == pytest.approx(PlaceParams().hand_clearance, abs=0.002)
+
+
 @pytest.mark.parametrize(
     "q",
     [
