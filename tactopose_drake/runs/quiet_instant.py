@@ -147,7 +147,7 @@ class QuietInstant:
 
     def _sample(self, end: float) -> None:
         """Adds the samples before a time, up to which nothing changes any more."""
-        if _JOINTS not in self._now or len(self._now) < 2:
+        if _JOINTS not in self._now:
             return
         added = 0
         while (at := self._first + self._sampled * _STEP) < end:

@@ -282,6 +282,7 @@ def test_a_table_says_its_units_and_what_it_leaves_out() -> None:
     assert other.split()[0] == "25.0%"
     assert len(best) == len(head)
     assert made.table(most=1).splitlines()[-1] == "and 1 less probable"
+    assert made.table(most=2) == made.table()
 
 
 def test_representations_are_short_and_say_what_matters() -> None:

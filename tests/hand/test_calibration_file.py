@@ -11,7 +11,7 @@ import yaml
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.errors import InvalidFileError
+from tactopose_drake.errors import InvalidFileError, InvalidInputError
 from tactopose_drake.hand.calibration_file import (
     FingerCalibration,
     HandCalibration,
@@ -103,6 +103,19 @@ def test_a_fault_is_said_in_one_line(tmp_path: Path, old: str, new: str, said: s
     assert said in str(caught.value)
     assert str(tmp_path / "calibration.yaml") in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "entries", [{(0, 1): 0.1}, {(2, 2): 0.9}, {(0, 1): 1.2, (1, 0): 1.2}], ids=["one-sided", "diagonal", "beyond 1"]
+)
+def test_what_is_no_correlation_matrix_is_refused(entries: dict[tuple[int, int], float]) -> None:
+    matrix = np.eye(13)
+    FingerCalibration(correlation=matrix.tolist()).validate("first")
+    FingerCalibration(correlation=np.ones((13, 13)).tolist()).validate("first")  # All are one error.
+    for place, value in entries.items():
+        matrix[place] = value
+    with pytest.raises(InvalidInputError, match=r"^first\.correlation must be a correlation matrix"):
+        FingerCalibration(correlation=matrix.tolist()).validate("first")
 
 
 def test_names_that_the_hand_has_not_are_refused(tmp_path: Path) -> None:

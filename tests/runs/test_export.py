@@ -69,6 +69,8 @@ def test_a_run_on_devices_gives_its_wrenches_too(recording: Path, tmp_path: Path
     for finger, F_S in held_cube.WRENCHES.items():
         stamped = found[f"/wrench/{finger}"]
         assert len(stamped) >= 2  # one for each change
+        for time, said in stamped:
+            assert abs(said.header.stamp.sec + 1e-9 * said.header.stamp.nanosec - time) < 1e-6
         assert stamped[0][1].header.frame_id == load_hand_config("shadow_like").finger(finger).sensor_frame
         wrench = stamped[-1][1].wrench
         measured = [getattr(part, axis) for part in (wrench.torque, wrench.force) for axis in "xyz"]
@@ -178,6 +180,13 @@ def test_a_simulated_run_gives_every_change_of_its_signals(simulated: Path, tmp_
         np.testing.assert_allclose(said.pose.covariance.reshape(6, 6), np.diag(sigmas**2), atol=1e-12)
         at = said.pose.pose.position
         np.testing.assert_allclose([at.x, at.y, at.z], prior.mean[:, 3], atol=1e-12)
+    palm = load_hand_config("barrett_like").palm_frame
+    assert {said.header.frame_id for topic in ("/prior", "/true_pose") for _, said in found[topic]} == {palm}
+    for (_, said), X_PO in zip(found["/true_pose"], signals["true_pose"].values, strict=True):
+        at, turn = said.pose.position, said.pose.orientation
+        np.testing.assert_allclose([at.x, at.y, at.z], X_PO.translation(), atol=1e-12)
+        R_PO = matrix_from_quaternion(np.array([turn.w, turn.x, turn.y, turn.z]))
+        np.testing.assert_allclose(R_PO, X_PO.rotation().matrix(), atol=1e-12)
     for state, q in zip(found["/joint_states"], signals["joint_positions"].values, strict=True):
         np.testing.assert_array_equal(state[1].position, q)
     for pad in load_hand_config("barrett_like").pads:

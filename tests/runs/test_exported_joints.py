@@ -6,7 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.common.schema import Rotation, Transform
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from tactopose_drake.hand.calibration_file import (
     FingerCalibration,
@@ -47,6 +48,24 @@ def test_a_calibrated_hand_is_in_tf_where_it_is(tmp_path: Path) -> None:
         found.append({child: X for _, child, X in mcap_export._Hand(run).links(q)})  # type: ignore[arg-type]
     assert found[0].keys() == found[1].keys()
     assert all(X.IsNearlyEqualTo(found[1][link], 1e-9) for link, X in found[0].items())
+
+
+def test_a_hand_is_in_tf_as_its_joints_are_where_the_scenario_has_its_base(tmp_path: Path) -> None:
+    mcap_export = pytest.importorskip("tactopose_drake.runs.mcap_export")
+    turn, q = Rotation(value=Rotation.Rpy(deg=[50, 20, 70])), np.array([0.3, -0.2, 0.1, 0.4])
+    scenario = held_cube.scenario()
+    scenario.hand = str(write_bending_gripper(tmp_path, 2))
+    scenario.X_WBase = Transform(translation=[0.3, 0.2, 1.0], rotation=turn)
+    hand = mcap_export._Hand(SimpleNamespace(manifest=SimpleNamespace(scenario=scenario)))
+    plant, parts = make_hand_plant(scenario.hand_config())
+    context, base = plant.CreateDefaultContext(), plant.GetFrameByName(parts.config.base_link)
+    plant.SetPositions(context, q)
+    X_WBase = RigidTransform(RollPitchYaw(*np.radians([50.0, 20.0, 70.0])), [0.3, 0.2, 1.0])
+    links = {child: X for parent, child, X in hand.links(q) if parent == "world"}
+    assert len(links) >= 5
+    for link, X_WL in links.items():
+        X_BaseL = plant.CalcRelativeTransform(context, base, plant.GetFrameByName(link))
+        assert X_WL.IsNearlyEqualTo(X_WBase @ X_BaseL, 1e-9)
 
 
 def test_sensors_are_in_tf_where_a_calibration_has_found_them(tmp_path: Path) -> None:

@@ -136,6 +136,20 @@ def test_of_a_long_recording_little_is_kept(blob: ObjectModel) -> None:
     assert instant.grasp(blob, "run", ("a", "b"), 0.0).wrenches.keys() == {"one"}
 
 
+def test_a_time_before_there_are_wrenches_does_not_count(blob: ObjectModel) -> None:
+    """However long it is, and however still the joints are in it."""
+    instant = QuietInstant(np.ones(2))
+    for k in range(1500):
+        instant.write("joint_positions", 0.02 * k, np.full(2, 0.5))
+    for k in range(1500, 1520):
+        instant.write("joint_positions", 0.02 * k, np.full(2, 0.3 + 1e-4 * (k % 2)))
+        instant.write("wrench_one", 0.02 * k, HELD)
+    grasp = instant.grasp(blob, "run", ("a", "b"), 1000.0)
+    assert grasp.joint_positions == pytest.approx({"a": 0.3, "b": 0.3}, abs=1e-4)
+    assert grasp.time is not None
+    assert 1030.0 <= grasp.time <= 1030.4
+
+
 def test_a_time_without_changes_is_passed_over(blob: ObjectModel) -> None:
     run = recording(start=1000.0)
     for signal in run.signals.values():

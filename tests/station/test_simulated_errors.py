@@ -100,6 +100,11 @@ def test_what_cannot_be_is_refused_with_what_is_allowed(errors: SimulatedErrors,
         errors.validate(load_hand_config(HAND))
 
 
+def test_a_fingertip_may_be_thinner_by_four_fifths_of_its_half_width() -> None:
+    for radius in (-0.00719, 0.0, 0.002):
+        SimulatedErrors(fingers={"first": FingerErrors(radius=radius)}).validate(load_hand_config(HAND))
+
+
 def test_a_hand_that_declares_nothing_has_nothing_to_draw_from() -> None:
     with pytest.raises(
         InvalidInputError, match=r"SimulatedErrors\.drawn must be false, not true, as the hand's file declares no"

@@ -197,22 +197,11 @@ def test_a_joint_that_slides_counts_a_millimetre_as_a_degree(tmp_path: Path) -> 
     np.testing.assert_array_equal(radian_units(shadow), np.ones(shadow.num_positions()))
 
 
-def test_a_touch_tells_again_once_a_sliding_joint_has_moved_by_as_many_millimetres_as_others_by_degrees(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[float] = []
-    plant, hand = make_hand_plant(load_hand_config(write_gripper(tmp_path)))
-    system = JointOffsetRefiner(plant, hand, UNCERTAINTY, tp.ObjectModel.from_sphere(0.03), PARAMS.refinement)
-    context = system.CreateDefaultContext()
-
-    def note(*arguments: object) -> object:
-        asked.append(float(system.GetInputPort("joint_positions").Eval(context)[0]))
-        return arguments[-1]
-
-    monkeypatch.setattr(joint_offset_refiner, "refine_offsets", note)
+def felt_by_left() -> PoseBelief:
+    """A settled belief."""
     contacts = Contacts(np.zeros((1, 3)), np.eye(3)[:1])
     touch = Keyframe(contacts.p_PC, contacts.n_PC, np.ones((1, 2)), ("left",), np.eye(3, 4), np.zeros((6, 6)), 8)
-    belief = PoseBelief(
+    return PoseBelief(
         time=1.0,
         status="ok",
         history=MotionHistory((1.0,)),
@@ -222,14 +211,48 @@ def test_a_touch_tells_again_once_a_sliding_joint_has_moved_by_as_many_millimetr
         keyframes=(touch,),
         touch_time=1.0,
     )
+
+
+def asked_at(belief: PoseBelief, slides: list[float], folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Where a sliding joint is, of these places in turn, as the belief tells of the offsets."""
+    asked: list[float] = []
+    plant, hand = make_hand_plant(load_hand_config(write_gripper(folder)))
+    system = JointOffsetRefiner(plant, hand, UNCERTAINTY, tp.ObjectModel.from_sphere(0.03), PARAMS.refinement)
+    context = system.CreateDefaultContext()
+
+    def note(*arguments: object) -> object:
+        asked.append(float(system.GetInputPort("joint_positions").Eval(context)[0]))
+        return arguments[-1]
+
+    monkeypatch.setattr(joint_offset_refiner, "refine_offsets", note)
     system.GetInputPort("belief").FixValue(context, AbstractValue.Make(belief))
     system.GetInputPort("contact_solutions").FixValue(context, AbstractValue.Make({}))
-    for slid in (0.0, 0.009, 0.011, 0.02, 0.022):
+    for slid in slides:
         system.GetInputPort("joint_positions").FixValue(context, np.array([slid, 0.0]))
         system.advance(context)
+    return asked
+
+
+def test_a_touch_tells_again_once_a_sliding_joint_has_moved_by_as_many_millimetres_as_others_by_degrees(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert PARAMS.refinement is not None
     assert PARAMS.refinement.least_turn_deg == 10.0
+    asked = asked_at(felt_by_left(), [0.0, 0.009, 0.011, 0.02, 0.022], tmp_path, monkeypatch)
     assert asked == [0.0, 0.011, 0.022]
+
+
+@pytest.mark.parametrize("lack", ["status", "probability", "explanation", "frames"])
+def test_a_belief_that_is_not_settled_tells_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lack: str) -> None:
+    belief = felt_by_left()
+    two = GaussianMixture(np.stack([np.eye(3, 4)] * 2), np.full(2, 0.5), np.stack([np.eye(6)] * 2))
+    change = {
+        "status": {"status": "slipping"},
+        "probability": {"mixture": two, "explains_touch": np.ones(2, dtype=np.bool_)},
+        "explanation": {"explains_touch": np.zeros(1, dtype=np.bool_)},
+        "frames": {"keyframes": (dataclasses.replace(belief.keyframes[0], frames=3),)},  # 4 are needed
+    }[lack]
+    assert asked_at(dataclasses.replace(belief, **change), [0.0], tmp_path, monkeypatch) == []
 
 
 def test_it_is_off_by_default_and_refuses_what_cannot_be(bottle: ObjectModel) -> None:

@@ -29,9 +29,12 @@ def test_springs_share_nothing() -> None:
 def test_the_force_stays_and_what_is_not_touched_feels_nothing() -> None:
     layout = load_tactile_pad("bh280_finger").layout
     pressure = np.random.default_rng(1).uniform(1e3, 1e4, 24) * (np.arange(24) < 15)
+    pressure[14] = 0.01 * pressure.max()  # hardly covered
     found = confined_pressure(pressure, find_neighbours(layout), 0.02)
     assert layout.areas @ found == pytest.approx(layout.areas @ pressure)
     assert np.all((found > 0.0) == (pressure > 0.0))
+    assert found[14] == pressure[14]
+    assert np.all(found[:14] != pressure[:14])
     np.testing.assert_array_equal(confined_pressure(np.zeros(24), find_neighbours(layout), 0.02), 0.0)
 
 

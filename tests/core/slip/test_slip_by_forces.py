@@ -1,6 +1,7 @@
 import dataclasses
 
 import numpy as np
+import pytest
 
 from tactopose_drake.core.evidence.contact_reading import ContactReading
 from tactopose_drake.core.evidence.contacts import Contacts
@@ -40,6 +41,15 @@ def test_forces_change_by_a_part_of_the_larger_whichever_come_first() -> None:
     for forces in ([large, small], [small, large]):
         test = ForceTest(times=(0.0, 1.0), forces=np.array(forces))
         np.testing.assert_allclose(test.change_since(0.0), 4.5 / np.sqrt(26.0))
+
+
+def test_the_sure_change_is_that_since_then_whatever_was_before() -> None:
+    """Neither forces as those of now, but longer ago, nor a single bad reading of now changes it."""
+    sizes, times = np.array([3.0, 3.0, 3.0, 3.0, 1.0, 1.0, 1.0, 9.0, 3.0, 3.0]), tuple(PERIOD * np.arange(10))
+    for factors in ([1.0, 1.0], [3.0, 1.0], [1.0, 3.0]):
+        now = np.append(sizes[:8], sizes[8:] * factors)
+        test = ForceTest(times=times, forces=now[:, None, None] * np.array([[0.0, 0.6, 0.8]]))
+        assert test.sure_change(2.5 * PERIOD) == pytest.approx(2.0 / 3.0)
 
 
 def test_what_a_coefficient_is_at_the_least_does_not_fall() -> None:
@@ -140,8 +150,9 @@ def test_fingers_that_share_a_load_alike_hold_however_noisy_their_forces_are() -
 
 
 def test_two_fingers_at_equal_ratios_prove_nothing() -> None:
-    two = [press(np.minimum(HELD + 0.01 * i, 0.8)).contacts[:2] for i in range(100)]
-    assert not any(feel([read(contacts) for contacts in two]))
+    for growth in (1.0, 1.014):
+        two = [press(np.minimum(HELD + 0.01 * i, 0.8), 2.0 * growth**i).contacts[:2] for i in range(100)]
+        assert not any(feel([read(contacts) for contacts in two]))
 
 
 def load(first: int, most: float = 0.8, until: int = 200, larger: float = 0.0) -> list[ContactReading]:
@@ -190,6 +201,10 @@ def test_a_finger_that_bears_hardly_a_part_of_the_load_has_no_say() -> None:
         normal = np.array([2.0, 2.0, 2.0, 2.0, 2.0, light])
         reach = [press(np.append(np.minimum(HELD[:5] + 0.01 * i, 0.8), 0.95), normal) for i in range(100)]
         assert any(feel(reach)) == (light < 0.1)
+
+
+def test_fingers_that_touch_without_a_load_say_nothing() -> None:
+    assert not any(feel([press(HELD)] * 50 + [press(HELD, 0.0)] * 20))
 
 
 def test_fingers_that_have_been_at_the_limit_all_along_do_not_slide_as_the_load_grows() -> None:

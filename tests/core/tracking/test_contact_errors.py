@@ -94,6 +94,21 @@ def test_a_doubted_contact_is_less_sure_by_what_lasts_of_its_mean() -> None:
     np.testing.assert_allclose(np.square(seeming.sigma_normal), reading.parts.told[:, 1] + more[:, 1])
 
 
+@pytest.mark.parametrize(
+    ("errors", "is_noticed"),
+    [
+        (ErrorScales(doubt={"b": 1.05}), False),
+        (ErrorScales(calibration=np.array([1.0, 1.05])), False),
+        (ErrorScales(doubt={"b": 1.2}), True),
+        (ErrorScales(calibration=np.array([1.0, 1.2])), True),
+    ],
+)
+def test_a_doubt_of_a_few_per_cent_is_none(errors: ErrorScales, is_noticed: bool) -> None:
+    reading, nothing = (with_errors(read(each), errors, PARAMS) for each in (Contacts(p_OC, n_OC), Contacts.empty()))
+    assert (as_doubted(reading) is not reading) == is_noticed
+    assert as_doubted(nothing) is nothing
+
+
 def test_a_source_whose_contacts_seem_false_is_doubted_from_then_on() -> None:
     names = tuple("abcdef")
     doubt = follow_doubt({}, np.array([0.05, 1, 1, 1, 1, 1]), 2.0, names, 1.0)

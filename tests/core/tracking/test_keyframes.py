@@ -92,6 +92,9 @@ def test_fingers_that_say_no_normals_are_compared_by_their_points() -> None:
     assert not without.tells_other_than(with_normals, PARAMS)
     assert not with_normals.tells_other_than(without, PARAMS)
     assert without.joined_by(with_normals, 8).n_PC is not None
+    # Also where their order differs.
+    turned = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(0))[::-1]), NAMES[::-1])
+    assert not without.tells_other_than(turned, PARAMS)
     elsewhere = [dataclasses.replace(feel(seed), n_PC=n_PC) for seed, n_PC in ((1, None), (2, feel(2).n_PC))]
     fewer = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(3))[:3]), NAMES[:3])
     past = make_window((*elsewhere, fewer), PARAMS).past
@@ -144,6 +147,19 @@ def test_a_touch_is_forgotten_when_the_motion_since_is_not_known() -> None:
     assert len(follow_touch(frames, other, PARAMS)) == 2
     assert len(follow_touch(moved, other, PARAMS)) == 1
     assert make_window((*moved, other), PARAMS).past is None
+
+
+def test_a_touch_that_is_felt_again_after_another_counts_once() -> None:
+    """Its errors are the same as at the first time."""
+    other = Keyframe.of_now(read(touch(X_PO, np.random.default_rng(1))[:4]), NAMES[:4])
+    frames: tuple[Keyframe, ...] = ()
+    for now in (feel(), other, feel()):
+        frames = follow_touch(frames, now, PARAMS)
+    assert len(frames) == 3
+    window = make_window(frames, PARAMS)
+    assert window.count == 2
+    assert window.past is not None
+    np.testing.assert_array_equal(window.past.p_PC, other.p_PC)
 
 
 def test_fewer_keyframes_than_told_are_kept() -> None:

@@ -19,6 +19,7 @@ from tactopose_drake.core.poses import (
     retract,
 )
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.slip.slip_by_surface import SlipTest
 from tactopose_drake.core.synthetic.synthetic_touch import touch_surface
 from tactopose_drake.core.tracking.frame import Frame, PoseMeasurement
 from tactopose_drake.core.tracking.pose_belief import VisionRecord
@@ -140,6 +141,19 @@ def test_what_stands_is_the_same_however_vision_turns_the_object_about_its_axis(
     np.testing.assert_allclose(spun.X_PO[:, 2], still.X_PO[:, 2], atol=1e-2)
 
 
+def test_informations_of_poses_add_up_whatever_their_errors_have_in_common(box: ObjectModel) -> None:
+    generator, u, share = np.random.default_rng(4), np.array([0.01, -0.02, 0.01, 1e-3, 2e-3, -1e-3]), 0.3
+    scale = np.sqrt(np.diag(SEEN))[:, None]
+    old, new = (root @ root.T for root in scale * generator.normal(size=(2, 6, 6)))
+    standing = PoseMeasurement(0.0, X_PO, old)
+    sighting = Sighting(PoseMeasurement(0.0, retract(X_PO, u), new), share)
+    after = fuse(box, standing, sighting, VisionParams(lasting_share=1e-9, gate=1e9))
+    covariance = np.linalg.inv(np.linalg.inv(old) + share * np.linalg.inv(new))
+    np.testing.assert_allclose(after.covariance / (scale * scale.T), covariance / (scale * scale.T), atol=1e-6)
+    step = share * covariance @ np.linalg.solve(new, u)
+    np.testing.assert_allclose(increments_between(X_PO[None], after.X_PO[None])[0], step, atol=1e-8)
+
+
 @pytest.mark.parametrize("share", [1.0, 0.01])
 def test_of_two_poses_that_contradict_each_other_the_later_one_counts_however_soon_it_follows(
     box: ObjectModel, share: float
@@ -211,6 +225,29 @@ def test_the_same_pose_is_news_where_it_is_surer(scale: float, is_news: bool) ->
     sighting, record = read_vision(record, again, MotionHistory((1.0,)), 1.0, params)
     assert (sighting is not None) == is_news
     assert record.remark == ("" if is_news else "vision is frozen")
+
+
+def test_of_what_is_wrong_with_pictures_only_doubt_outlasts_them() -> None:
+    last = PoseMeasurement(0.0, X_PO, SEEN)
+    for remark, left in (("vision is frozen", ""), ("vision is of the future", ""), ("vision is not believed",) * 2):
+        sighting, record = read_vision(VisionRecord(last=last, remark=remark), None, MotionHistory((0.1,)), 0.1, VISION)
+        assert sighting is None
+        assert record.remark == left
+
+
+def test_residuals_of_another_pose_tell_of_no_slip_once_vision_has_made_this_one_the_best(box: ObjectModel) -> None:
+    poses = np.stack([X_PO, retract(X_PO, np.array([0.0, 0.0, 0.0, 0.05, 0.0, 0.0]))])
+    for true in (0, 1):
+        belief = dataclasses.replace(
+            PoseTracker(box).start(1.0),
+            modes=TrackedModes.independent(poses, np.stack([SEEN] * 2), 1),
+            slip_test=SlipTest(np.zeros((3, 1, 4)), np.zeros((3, 6, 6)), (0.5, 0.5), X_PO),
+        )
+        contacts = touch_surface(box, X_PO, 1, np.random.default_rng(3))
+        frame = Frame(1.0, Evidence(contacts), vision=PoseMeasurement(1.0, poses[true], SEEN))
+        after, _ = see(box, belief, frame, read(contacts), VISION)
+        np.testing.assert_allclose(after.modes.X_PO[0], poses[true], atol=1e-9)
+        assert len(after.slip_test.residuals) == (3 if true == 0 else 0)
 
 
 def test_a_guess_that_is_a_picture_too_counts_once_in_a_belief_that_is_begun_anew(box: ObjectModel) -> None:
