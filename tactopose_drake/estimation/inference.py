@@ -111,7 +111,7 @@ def weigh_poses(
         deadline.elapsed(),
         not deadline.passed,
         log_evidence(model, evidence, modes.log_mass, len(images)),
-        1.0 if judged is None else float(modes.mixture.weights @ judged.noise_scale),
+        1.0 if judged is None else _noise_scale(problem, modes, judged),
         modes.standard_error,
         undetermined,
     )
@@ -170,6 +170,13 @@ def _judge(
     explained = explain_with_doubt(model, evidence, judged, X_PO, params.plausibility)
     explained &= lies_on_planes(model, evidence, X_PO, params.plausibility)
     return judged, explained & is_at_rest(model, evidence, X_PO, params.plausibility)
+
+
+def _noise_scale(problem: PoseProblem, modes: Modes, judged: Judgement) -> float:
+    """The noise of the contacts' points over the told one, under the best mode."""
+    assert problem.mixture is not None
+    best = judged._replace(inlier_probability=judged.inlier_probability[:1], factors=judged.factors[:1])
+    return float(problem.mixture.noise_scale(modes.mixture.X_PO[:1], best, problem.space.information)[0])
 
 
 class _Deadline:

@@ -60,7 +60,9 @@ class PoseEstimate(PlainValue, Presentable):
         log_evidence: natural logarithm of the marginal likelihood of the touch over all poses of the object; see
             `core.identification.model_evidence`. It compares objects for the same touch, and has no meaning by itself.
             `identify`, which doubts contacts less, distinguishes objects better.
-        noise_scale: ratio of the apparent noise of the contacts' points to the stated noise; 1 if they agree.
+        noise_scale: ratio of the apparent noise of the contacts' points to the stated noise under the best hypothesis,
+            from 1 to 4; near 1 if they agree. Few contacts tell little of it: by three it is about 1.4 if they agree,
+            and 2 if the noise is three times as large.
         standard_error: the largest sampling error of the hypotheses' probabilities; infinite if the time limit left no
             time for sampling.
         undetermined: whether the touch, without a prior, does not determine a pose: if there are fewer than three

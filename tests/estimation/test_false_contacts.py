@@ -95,6 +95,19 @@ def test_larger_noise_is_noticed_and_makes_the_belief_wider(blob: tp.ObjectModel
     assert np.median(wider) > 2.0
 
 
+@pytest.mark.parametrize(("count", "has_normals"), [(5, True), (16, False)])
+def test_a_pose_that_fits_well_does_not_hide_the_noise(blob: tp.ObjectModel, count: int, has_normals: bool) -> None:
+    """Six of the measured numbers go into the pose, so that what is left of the noise is less than the noise."""
+    scales = []
+    for noise in (1.0, 3.0):
+        for seed in range(16):
+            X_PO, contacts = touched(blob, 600 + seed, count, noise)
+            felt = tp.Contacts(contacts.p_PC, contacts.n_PC if has_normals else None, **NOISE)
+            scales.append(tp.estimate_pose(blob, felt, prior=near(X_PO, seed)).noise_scale)
+    assert np.median(scales[:16]) < 1.4
+    assert np.median(scales[16:]) > 2.0
+
+
 def test_doubt_at_either_end_gives_sensible_odds(blob: tp.ObjectModel) -> None:
     X_PO, contacts = touched(blob, 400, count=5)
     least = []

@@ -27,6 +27,7 @@ class Judged(NamedTuple):
     inlier_probability: OutFloats2
     noise_scale: OutFloats1
     misfit: OutFloats1
+    factors: OutFloats2
 
 
 @kernel
@@ -77,6 +78,7 @@ def judge(
             b, total = first + lane, work.total
             judged.noise_scale[b], narrowed, calmed = 0.0, 0.0, 0.0
             for pair in range(len(doubts.s)):
+                judged.factors[b, pair] = total[pair, lane]
                 judged.noise_scale[b] += total[pair, lane] / np.sqrt(doubts.per_s[pair])
                 narrowed += total[pair, lane] * doubts.per_s[pair]
                 calmed += total[pair, lane] * doubts.per_t[pair]

@@ -36,6 +36,8 @@ from tactopose_drake.core.objectives.surface_density import SurfaceDensity
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.validation import FloatArray
 
+_LEAST_LOG = -500.0  # of a determinant, which may be 0 by rounding
+
 
 class Judgement(NamedTuple):
     """The mixture's posterior over the contacts at given poses.
@@ -43,8 +45,9 @@ class Judgement(NamedTuple):
     Attributes:
         cost: negative log likelihoods, shape (B,).
         inlier_probability: that each contact is as told, shape (B, k).
-        noise_scale: posterior mean of the factor of the standard deviations, shape (B,).
+        noise_scale: posterior mean of the factor of the standard deviations at exactly these poses, shape (B,).
         misfit: half the sum of squares of the contacts that are as told, in units of the estimated noise, shape (B,).
+        factors: posterior probability of each pair of the variances' factors, shape (B, q).
         is_false: whether each contact's inlier probability is less than half of an exact contact's, shape (B, k).
     """
 
@@ -52,6 +55,7 @@ class Judgement(NamedTuple):
     inlier_probability: FloatArray
     noise_scale: FloatArray
     misfit: FloatArray
+    factors: FloatArray
     is_false: NDArray[np.bool_]
 
 
@@ -64,7 +68,7 @@ class ContactMixture(CompiledObjective):
         self.touch = SurfaceContact(model.grid, contacts)
         self.density = SurfaceDensity(model, contacts)
         self._doubts, self._exact_inliers = _doubts(model, contacts, outlier_probability, doubt)
-        self._reached = doubt.reached
+        self._reached, self._usual_odds = doubt.reached, _usual_odds(doubt.doublings)
         self._hand: Penetration | None = None
         self._compiled = CompiledDescent(self.touch.grid, self.touch.touch, doubts=self._doubts)
 
@@ -102,6 +106,28 @@ class ContactMixture(CompiledObjective):
         judged = self._judge(X_PO, self.density.densities(X_PO), self._reached, whole=True)
         return Judgement(*judged, judged.inlier_probability < 0.5 * self._exact_inliers)
 
+    def noise_scale(self, X_PO: FloatArray, judgement: Judgement, known: FloatArray) -> FloatArray:
+        """The factor of the points' standard deviations over all poses near some, shape (B,).
+
+        At the pose that fits best, contacts leave less than their noise, as each number that tells the pose takes a
+        residual away. So each factor counts by the volume of the poses that it allows; and with the odds of `USUAL`, as
+        a sceptical prior alone would make the noise of a few contacts seem larger than told.
+
+        Args:
+            X_PO: the poses, minima of the cost or near them, shape (B, 3, 4).
+            judgement: of these by `judge`.
+            known: information on increments without the touch, positive definite, shape (6, 6).
+        """
+        _, J = self.touch.rows_of_contacts(X_PO)
+        J = J[:, :, :4] * np.sqrt(judgement.inlier_probability)[:, :, None, None]
+        by_distance, by_normal = (np.einsum("bkri,bkrj->bij", rows, rows) for rows in (J[:, :, :1], J[:, :, 1:]))
+        doubts = self._doubts
+        each = by_distance[:, None] * doubts.per_s[:, None, None] + by_normal[:, None] * doubts.per_t[:, None, None]
+        log_volume = -0.5 * np.maximum(np.linalg.slogdet(each + known)[1], _LEAST_LOG)
+        weight = judgement.factors * self._usual_odds * np.exp(log_volume - log_volume[:, :1])
+        scale: FloatArray = (weight @ (1.0 / np.sqrt(doubts.per_s))) / weight.sum(axis=1)
+        return scale
+
     def exact_cost(self, X_PO: FloatArray) -> FloatArray:
         """The costs (B,) of `judge` alone, which are faster to compute."""
         cost = self._judge(X_PO, self.density.densities(X_PO), self._reached, whole=False).cost
@@ -110,7 +136,8 @@ class ContactMixture(CompiledObjective):
     def _judge(self, X_PO: FloatArray, density: FloatArray, reached: float, whole: bool) -> Judged:
         """Evaluates the mixture with exact densities (B, k) as far as `reached`, and with the distance field beyond."""
         count = len(X_PO)
-        judged = Judged(np.empty(count), np.empty(density.shape), np.empty(count), np.empty(count))
+        pairs = np.empty((count, len(self._doubts.s)))
+        judged = Judged(np.empty(count), np.empty(density.shape), np.empty(count), np.empty(count), pairs)
         touch, X_PO, exact = self.touch, pose_batch(X_PO), Exact(density, reached)
         judge(touch.grid, touch.touch, self._doubts, self._compiled.prior, exact, X_PO, judged, whole)
         return judged
@@ -127,6 +154,13 @@ def _scales(doublings: tuple[tuple[int, int, float], ...]) -> tuple[Any, ...]:
         read_only(0.5 ** np.array(t)),
         read_only(np.array(probability) / probability[0]),
     )
+
+
+@functools.cache
+def _usual_odds(doublings: tuple[tuple[int, int, float], ...]) -> FloatArray:
+    """Odds of each pair of factors with a good hand, over those with these doublings, shape (q,); 1 for other pairs."""
+    usual = {(s, t): probability for s, t, probability in USUAL.doublings}
+    return np.asarray(read_only(np.array([usual.get((s, t), own) / own for s, t, own in doublings])))
 
 
 def _doubts(
