@@ -81,9 +81,19 @@ class Foreseen:
     given_touch: FloatArray
 
 
-def foresee(model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, noise: TouchNoise) -> Foreseen:
-    """Predicts the outcome of each motion under each mode."""
-    points = _points(max(_SETS // len(belief), _LEAST_SETS))
+def foresee(
+    model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, noise: TouchNoise, sets: int | None = None
+) -> Foreseen:
+    """Predicts the outcome of each motion under each mode.
+
+    Args:
+        model: the object.
+        belief: of its pose.
+        moves: the motions.
+        noise: of a touch.
+        sets: number of sets of cubature points for each mode; None: the fewer, the more modes there are.
+    """
+    points = _points(max(_SETS // len(belief), _LEAST_SETS) if sets is None else sets)
     increments = points @ np.swapaxes(belief.roots(), 1, 2)
     X_PO = retract(np.repeat(belief.X_PO, len(points), axis=0), increments.reshape(-1, 6))
     felt = moves.feel(model, X_PO)
@@ -112,8 +122,9 @@ def foresee(model: ObjectModel, belief: GaussianMixture, moves: GuardedMoves, no
 
 @functools.cache
 def _points(sets: int) -> FloatArray:
-    """The mean and cubature points of a standard Gaussian, in turned sets, shape (1 + 12 sets, 6)."""
-    turns = np.linalg.qr(np.random.default_rng(0).normal(size=(sets, 6, 6))).Q.reshape(-1, 6)
+    """The mean and cubature points of a standard Gaussian, shape (1 + 12 sets, 6); a single set lies on the axes."""
+    turns = np.eye(6) if sets == 1 else np.linalg.qr(np.random.default_rng(0).normal(size=(sets, 6, 6))).Q
+    turns = turns.reshape(-1, 6)
     # [AH09] eq. 23 with the mean added, so that the others lie farther out for the same covariance.
     spread = math.sqrt(0.5 * (1 + 2 * len(turns)) / sets) * turns
     return np.concatenate([np.zeros((1, 6)), spread, -spread])

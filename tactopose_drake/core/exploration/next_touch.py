@@ -279,9 +279,10 @@ def name_information(
     """Expected reduction by each motion of the entropy of which candidate it is, shape (m,), nats.
 
     By the chain rule, this is the information about candidate and mode minus that about the mode given the candidate.
-    As a difference of two lower bounds it is itself no bound.
+    As a difference of two lower bounds it is itself no bound. The information within modes does not count here, and
+    more than one set of cubature points chooses no better.
     """
-    parts = [foresee(each.model, each.belief, moves, criterion.noise) for each in candidates]
+    parts = [foresee(each.model, each.belief, moves, criterion.noise, sets=1) for each in candidates]
     shares = [each.probability * each.belief.weights for each in candidates]
     told = told_of_mode(np.concatenate(shares), join(parts))
     for each, part in zip(candidates, parts, strict=True):
