@@ -20,8 +20,10 @@ from tactopose_drake.cli.replay_command import _written
 from tactopose_drake.errors import InvalidFileError
 from tactopose_drake.estimation.output_files import check_outputs, written_beside
 from tactopose_drake.resources import model_path
+from tactopose_drake.runs.manifest import Manifest
 from tactopose_drake.runs.scenario_replay import Replay
 from tactopose_drake.runs.stepping import RunView
+from tactopose_drake.station.scenario import load_scenario
 from tests.cli.test_cli import run
 from tests.listening import IS_KNOWN, Watch
 
@@ -209,6 +211,8 @@ def end_with(estimate: object, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tactopose_drake.cli.run_command.run_scenario", lambda *_, **__: view)
     played = Replay(view, ("fingers.blf ended after 3 frames.",), whole=True, difference="")
     monkeypatch.setattr("tactopose_drake.cli.replay_command.replay_recording", lambda *_, **__: played)
+    manifest = Manifest(scenario=load_scenario("shadow_like"))
+    monkeypatch.setattr("tactopose_drake.cli.replay_command.load_manifest", lambda _: manifest)
     monkeypatch.setattr("tactopose_drake.cli.run_command.estimate_line", lambda _: "held: 0 contacts")
 
 
