@@ -119,7 +119,8 @@ def test_many_contacts_are_explained_up_to_the_middle_between_two_scales_of_the_
         freedom, told = 3 * len(contacts), []
         for ratio in (1.2, 1.4, 1.45):
             cost, inlier = np.zeros(1), np.ones((1, len(contacts)))
-            judged = Judgement(cost, inlier, np.ones(1), np.array([0.5 * ratio * freedom]), inlier < 0.5)
+            misfit, factors = np.array([0.5 * ratio * freedom]), np.ones((1, 1))
+            judged = Judgement(cost, inlier, np.ones(1), misfit, factors, inlier < 0.5)
             told.append(bool(explain_with_doubt(box, Evidence(contacts), judged, X_PO)[0]))
         assert told == expected
 
