@@ -143,8 +143,8 @@ def _variance(weights: Floats1, each: Floats1, draws: Draws, variance: OutFloats
             units += 1
             total += unit
             squares += unit * unit
-        # The variance of a single unit is unknown; its square is an upper bound.
-        own = squares if units < 2 else (squares - total * total / units) * units / (units - 1.0)
+        # The variance of a single unit is unknown; its square is an upper bound. That of equal units rounds to 0.
+        own = squares if units < 2 else max(squares - total * total / units, 0.0) * units / (units - 1.0)
         variance[draws.group[j]] += own
         whole += own
         first += count[j]

@@ -54,3 +54,15 @@ def test_one_sample_does_not_outweigh_all_others() -> None:
     assert truncated.effective_samples == plain.effective_samples
     assert plain.mass == pytest.approx(1e6 + count - 1.0)
     assert truncated.mass == pytest.approx(weights.sum())
+
+
+@pytest.mark.parametrize("count", [10, 14, 22, 30])
+def test_samples_that_weigh_alike_do_not_add_less_than_nothing_to_the_variance(count: int) -> None:
+    generator, variance = np.random.default_rng(0), np.empty(2)
+    density = np.repeat(np.eye(2), [8, count], axis=0)
+    for alike in generator.uniform(0.1, 0.9, 20):
+        cost = np.append(generator.uniform(0.0, 1.0, 8), np.full(count, alike))
+        draws = Draws(cost, density, np.array([8, count]), np.array([0, 1]))
+        weigh(draws, np.array([0, 1]), 0.0, 10.0, 1.0, np.empty_like(density), variance)
+        assert variance[0] > 0.0
+        assert 0.0 <= variance[1] < 1e-15
