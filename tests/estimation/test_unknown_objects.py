@@ -95,6 +95,22 @@ def test_it_is_as_often_unknown_as_is_said(models: dict[str, ObjectModel]) -> No
     assert np.mean(names) > 0.93
 
 
+@pytest.mark.parametrize(("count", "has_normals"), [(2, True), (3, True), (5, False), (8, False)])
+def test_few_contacts_and_points_without_normals_are_no_proof_of_a_known_object(
+    models: dict[str, ObjectModel], count: int, has_normals: bool
+) -> None:
+    known, unknown = [], []
+    for seed in range(3):
+        for name in models:
+            contacts = touch(models[name], 200 + seed, count)
+            contacts = contacts if has_normals else Contacts(contacts.p_PC)
+            known.append(tp.identify(list(models.values()), contacts).unknown)
+            unknown.append(tp.identify(others(models, name), contacts).unknown)
+    # Two of three touches are of a known object.
+    assert (2.0 * np.mean(known) + np.mean(unknown)) / 3.0 == pytest.approx(1.0 / 3.0, abs=0.1)
+    assert np.mean(unknown) > np.mean(known)
+
+
 def test_one_contact_tells_nothing_of_the_shape(models: dict[str, ObjectModel]) -> None:
     for name in ("block", "ball"):
         for seed in range(3):

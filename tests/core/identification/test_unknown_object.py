@@ -129,15 +129,15 @@ def test_an_object_that_is_like_the_best_is_never_ruled_out() -> None:
     assert unknown_probability([-1000.0, -2000.0], 2, some_touch(), 0.5) == 1.0
 
 
-def test_a_touch_that_measures_no_more_than_a_pose_is_not_expected_to_tell() -> None:
+@pytest.mark.parametrize(("count", "has_normals", "numbers"), [(1, True, 0), (2, True, 3), (3, True, 6), (7, False, 6)])
+def test_each_number_beyond_those_of_one_contact_must_tell_by_a_margin(
+    count: int, has_normals: bool, numbers: int
+) -> None:
     params = UnknownObjectParams(trust=0.0, lookalikes=1e-9, surplus_of_noise=0.0)
-    two, three = (unknown_probability([0.0], 1, some_touch(count), 0.5, params) for count in (2, 3))
-    assert two == pytest.approx(0.5)
-    assert three == pytest.approx(1.0 / (1.0 + math.exp(-3.0 * params.least_surplus)))
-    bare = Contacts(some_touch(7).p_PC, sigma_position=SIGMA)
-    assert unknown_probability([0.0], 1, bare, 0.5, params) == pytest.approx(
-        1.0 / (1.0 + math.exp(-params.least_surplus))
-    )
+    told = some_touch(count)
+    touch = told if has_normals else Contacts(told.p_PC, sigma_position=SIGMA)
+    expected = 1.0 / (1.0 + math.exp(-numbers * params.least_surplus))
+    assert unknown_probability([0.0], 1, touch, 0.5, params) == pytest.approx(expected)
 
 
 def test_normals_that_are_any_count_as_none() -> None:
