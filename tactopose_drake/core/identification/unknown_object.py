@@ -9,13 +9,13 @@ guesses are combined by their geometric mean:
 - From the other known objects: on average they explain the touch of an unknown object about as well as that of each
   other. All but the best one stand for the objects that might be held instead.
 
-Both are rough. The best object must exceed them by a margin for each number that the touch measures beyond those of one
-contact, which fits any object. The margin, and the factor by which the difference is scaled, come from logistic
-regressions [P99] on 1460 random touches of 90 objects: two to twelve contacts, with normals and without, from a tenth
-to five times the usual noise, each against many libraries of 5 to 30 of these objects with and without the touched one.
-The margin does not depend on the noise of points. It is linear in the logarithm of that of normals: by precise normals,
-the right object and the best of the wrong ones exceed the guesses by more. `examples/unknown_objects.py` shows the
-performance on other objects.
+Both are rough, so the best object must exceed them by a margin, which grows with the numbers that the touch measures: up
+to five contacts with those beyond one contact, which fits any object, then with those beyond the six of a pose. The
+margin, and the factor by which the difference is scaled, come from logistic regressions [P99] on 1460 random touches of
+90 objects: by two to twelve contacts, with normals and without, from a tenth to five times the usual noise, each
+against many libraries of 5 to 30 of these objects with and without the touched one. The noise of points does not matter
+to the margin. It is linear in the logarithm of that of normals: by precise normals, the right object and the best of
+the wrong ones exceed the guesses by more. `examples/unknown_objects.py` shows the performance on other objects.
 
 However well a known object explains a touch, an unknown one may have the same shape where it was touched: this is
 assumed for a small share of the touches of unknown objects.
@@ -35,6 +35,7 @@ from tactopose_drake.core.validation import FloatArray
 
 # Log volume of all rotations, which an object's evidence is integrated over.
 _LOG_ROTATIONS = math.log(8.0 * math.pi**2)
+_OF_A_POSE = 6  # numbers
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -50,10 +51,11 @@ class UnknownObjectParams:
             deviation of its distance from the centre; 0 for uniform normals.
         library_share: weight of the guess by the other objects in the mean, in the limit of many of them.
         trust: factor of the difference of logarithms.
-        least_surplus: margin for each measured number: one of a point, two of a normal.
-        usual_noise: noise of normals at which `least_surplus` holds, rad.
-        surplus_of_noise: increase of the margin for a normal's numbers, per logarithm of how many times as precise it
-            is.
+        least_surplus: margin for each measured number (one of a point, two of a normal) beyond those of one contact.
+        surplus_beyond_pose: margin for each number beyond those of a pose, where this makes more.
+        usual_noise: noise of normals at which these hold, rad.
+        surplus_of_noise: increase of the margin for each of a normal's numbers, per logarithm of how many times as
+            precise it is.
         lookalikes: share of the touches of unknown objects that the best known one explains as well.
     """
 
@@ -64,7 +66,8 @@ class UnknownObjectParams:
     outwardness: float = 1.3
     library_share: float = 0.5
     trust: float = 0.7
-    least_surplus: float = 0.65
+    least_surplus: float = 0.6
+    surplus_beyond_pose: float = 0.8
     usual_noise: float = math.radians(5.0)
     surplus_of_noise: float = 0.4
     lookalikes: float = 0.03
@@ -101,11 +104,13 @@ def unknown_probability(
 
 
 def _least_surplus(touch: Contacts, params: UnknownObjectParams) -> float:
-    """The margin by which the best object must exceed the guesses, for all numbers beyond those of one contact."""
+    """The margin by which the best object must exceed the guesses."""
     sigma_n = np.broadcast_to(touch.sigma_normal, len(touch))[tell_normals(touch)]
-    precision = np.log(params.usual_noise / sigma_n)
-    of_normals = 2.0 * np.maximum(params.least_surplus + params.surplus_of_noise * precision, 0.0)
-    return (len(touch) * params.least_surplus + float(of_normals.sum())) * (1.0 - 1.0 / len(touch))
+    numbers, beyond_one = len(touch) + 2 * len(sigma_n), 1.0 - 1.0 / len(touch)
+    usual = max(params.least_surplus * numbers * beyond_one, params.surplus_beyond_pose * (numbers - _OF_A_POSE))
+    # Normals that tell nothing leave a margin for the points alone.
+    precise = np.maximum(params.surplus_of_noise * np.log(params.usual_noise / sigma_n), -params.least_surplus)
+    return max(usual + 2.0 * beyond_one * float(precise.sum()), 0.0)
 
 
 def log_evidence_of_any(touch: Contacts, params: UnknownObjectParams = UnknownObjectParams()) -> float:

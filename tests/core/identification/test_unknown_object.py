@@ -129,15 +129,34 @@ def test_an_object_that_is_like_the_best_is_never_ruled_out() -> None:
     assert unknown_probability([-1000.0, -2000.0], 2, some_touch(), 0.5) == 1.0
 
 
-@pytest.mark.parametrize(("count", "has_normals", "numbers"), [(1, True, 0), (2, True, 3), (3, True, 6), (7, False, 6)])
-def test_each_number_beyond_those_of_one_contact_must_tell_by_a_margin(
-    count: int, has_normals: bool, numbers: int
+@pytest.mark.parametrize(
+    ("count", "has_normals", "beyond_one", "beyond_pose"),
+    [(1, True, 0, 0), (2, True, 3, 0), (4, True, 9, 6), (7, False, 6, 1), (8, True, 21, 18)],
+)
+def test_each_number_beyond_those_of_one_contact_or_of_a_pose_must_tell_by_a_margin(
+    count: int, has_normals: bool, beyond_one: int, beyond_pose: int
 ) -> None:
-    params = UnknownObjectParams(trust=0.0, lookalikes=1e-9, surplus_of_noise=0.0)
+    params = UnknownObjectParams(trust=0.0, lookalikes=1e-9)
     told = some_touch(count)
     touch = told if has_normals else Contacts(told.p_PC, sigma_position=SIGMA)
-    expected = 1.0 / (1.0 + math.exp(-numbers * params.least_surplus))
-    assert unknown_probability([0.0], 1, touch, 0.5, params) == pytest.approx(expected)
+    margin = max(params.least_surplus * beyond_one, params.surplus_beyond_pose * beyond_pose)
+    assert unknown_probability([0.0], 1, touch, 0.5, params) == pytest.approx(1.0 / (1.0 + math.exp(-margin)))
+
+
+def test_precise_normals_must_tell_by_more() -> None:
+    params = UnknownObjectParams(trust=0.0, lookalikes=1e-9)
+
+    def margin(sigma_normal: float) -> float:
+        told = some_touch(3)
+        touch = Contacts(told.p_PC, told.n_PC, sigma_position=SIGMA, sigma_normal=sigma_normal)
+        unknown = unknown_probability([0.0], 1, touch, 0.5, params)
+        return math.log(unknown / (1.0 - unknown))
+
+    # Two numbers of each of the two normals beyond the first.
+    assert margin(0.5 * TILT) - margin(TILT) == pytest.approx(4.0 * params.surplus_of_noise * math.log(2.0))
+    points = Contacts(some_touch(3).p_PC, sigma_position=SIGMA)
+    unknown = unknown_probability([0.0], 1, points, 0.5, params)
+    assert margin(3.0) == pytest.approx(math.log(unknown / (1.0 - unknown)))
 
 
 def test_normals_that_are_any_count_as_none() -> None:
@@ -160,7 +179,7 @@ def test_normals_that_are_any_count_as_none() -> None:
 @pytest.mark.parametrize("objects", [2, 5])
 def test_the_others_stand_for_what_might_be_held_by_their_mean(objects: int) -> None:
     """All but the best; of those that are ruled out, and left away, the evidence is nothing."""
-    params = UnknownObjectParams(trust=1.0, least_surplus=0.0, lookalikes=1e-12)
+    params = UnknownObjectParams(trust=1.0, least_surplus=0.0, surplus_beyond_pose=0.0, lookalikes=1e-12)
     touch = Contacts(0.03 * np.eye(3), np.eye(3))
     best, other = LOG_ROTATIONS + log_evidence_of_any(touch) + np.array([0.7, -1.3])
     share = params.library_share * (1.0 - 1.0 / objects)
