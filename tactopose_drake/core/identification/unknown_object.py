@@ -9,8 +9,8 @@ guesses are combined by their geometric mean:
 - From the other known objects: on average they explain the touch of an unknown object about as well as that of each
   other. All but the best one stand for the objects that might be held instead.
 
-Both are rough, so the best object must exceed them by a margin, which grows with the numbers that the touch measures: up
-to five contacts with those beyond one contact, which fits any object, then with those beyond the six of a pose. The
+Both are rough, so the best object must exceed them by a margin. It grows with the numbers that the touch measures: with
+those beyond one contact, which fits any object, up to five contacts; then with those beyond the six of a pose. The
 margin, and the factor by which the difference is scaled, come from logistic regressions [P99] on 1460 random touches of
 90 objects: by two to twelve contacts, with normals and without, from a tenth to five times the usual noise, each
 against many libraries of 5 to 30 of these objects with and without the touched one. The noise of points does not matter
