@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Self, overload
 
-from tactopose_drake.core.plain_values import PlainValue
+from tactopose_drake.core.plain_values import PlainValue, counted
 from tactopose_drake.core.statuses import Status
 from tactopose_drake.core.validation import shown, whole_number
 from tactopose_drake.estimation.plain_data import (
@@ -98,7 +98,7 @@ class Identification(PlainValue, Sequence[Identity]):
         return len(self.identities)
 
     def __repr__(self) -> str:
-        many = "1 object" if len(self) == 1 else f"{len(self)} objects"
+        many = counted(len(self), "object", "objects")
         return (
             f"<Identification {self.status!r}: {many} in {1e3 * self.duration:.1f} ms, best {self.best!r}, "
             f"unknown {self.unknown:.1%}>"

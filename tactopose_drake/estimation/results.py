@@ -9,7 +9,7 @@ from typing import Any, Self, overload
 
 import numpy as np
 
-from tactopose_drake.core.plain_values import PlainValue, numbers
+from tactopose_drake.core.plain_values import PlainValue, counted, numbers
 from tactopose_drake.core.posterior.gaussian_mixture import GaussianMixture
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.statuses import Status as Status
@@ -98,7 +98,7 @@ class PoseEstimate(PlainValue, Presentable):
         return self.hypotheses[index]
 
     def __repr__(self) -> str:
-        many = "1 hypothesis" if len(self) == 1 else f"{len(self)} hypotheses"
+        many = counted(len(self), "hypothesis", "hypotheses")
         many += "" if self.finished else " of a search cut short"
         return f"<PoseEstimate {self.status!r}: {many} in {1e3 * self.duration:.1f} ms, best {self.best!r}>"
 

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from tactopose_drake.core.plain_values import counted
 from tactopose_drake.drivers.device import Device
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.runs.stepping import RunView
@@ -161,8 +162,7 @@ def estimate_line(view: RunView) -> str:
     if estimate is None:
         return str(status)
     position = " ".join(f"{1e3 * x:z.1f}" for x in view.believed("object_pose").translation())
-    count = len(estimate.hypotheses)
-    many = "1 hypothesis" if count == 1 else f"{count} hypotheses"
+    many = counted(len(estimate.hypotheses), "hypothesis", "hypotheses")
     return f"{status}; object at {position} mm; {many}, the best with {estimate.best.probability:.0%}"
 
 

@@ -152,12 +152,12 @@ def choose_touch(
         criterion: how touches are chosen.
 
     Raises:
-        InvalidInputError: a belief without a mode.
+        InvalidInputError: a belief without a mode, or others that lack a finger.
     """
     model, belief = about_middle(model, checked_mixture("belief", belief))
     distinct = merged_modes(model, belief, criterion.tolerance)
-    value = {finger: information(model, distinct, options, criterion) for finger, options in moves.items()}
     allowed = allowed_moves(model, hold, distinct, moves, others, criterion)
+    value = {finger: information(model, distinct, options, criterion) for finger, options in moves.items()}
     return _best(value, allowed, entropy(distinct, criterion.tolerance))
 
 
@@ -181,7 +181,8 @@ def choose_telling_touch(
         criterion: how touches are chosen.
 
     Raises:
-        InvalidInputError: no candidate, probabilities that are negative or all 0, or a belief without a mode.
+        InvalidInputError: no candidate, probabilities that are negative or all 0, a belief without a mode, or others
+            that lack a finger.
     """
     weights = _shares_of(candidates)
     near = [about_middle(each.model, each.belief) for each in candidates]
@@ -189,7 +190,6 @@ def choose_telling_touch(
         Candidate(model, merged_modes(model, belief, criterion.tolerance), weight)
         for (model, belief), weight in zip(near, weights, strict=True)
     ]
-    value = {finger: name_information(distinct, options, criterion) for finger, options in moves.items()}
     allowed = {finger: np.ones(len(options), dtype=np.bool_) for finger, options in moves.items()}
     most = np.array([each.probability * each.belief.weights.max() for each in distinct])
     likely = min(criterion.likely, most.max())
@@ -197,6 +197,7 @@ def choose_telling_touch(
         of_poses = dataclasses.replace(criterion, likely=likely / each.probability)
         for finger, may in allowed_moves(each.model, hold, each.belief, moves, others, of_poses).items():
             allowed[finger] &= may
+    value = {finger: name_information(distinct, options, criterion) for finger, options in moves.items()}
     share = weights[weights > 0.0]
     return _best(value, allowed, float(-np.sum(share * np.log(share))))
 
@@ -235,6 +236,8 @@ def allowed_moves(
 ) -> dict[str, NDArray[np.bool_]]:
     """For each finger, which of its motions are allowed, see `is_allowed`; for the arguments see `choose_touch`."""
     rest = dict.fromkeys(moves) if others is None else others
+    if lacking := [finger for finger in moves if finger not in rest]:
+        raise InvalidInputError(f"others must have an entry for each finger that may move, also for {lacking[0]!r}.")
     return {
         finger: is_allowed(model, hold, belief, finger, options, others=rest[finger], likely=criterion.likely)
         for finger, options in moves.items()

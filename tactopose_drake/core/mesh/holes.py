@@ -86,7 +86,8 @@ def _without_open_debris(vertices: FloatArray, faces: IntArray, repairs: list[st
     debris[body[len(faces) :]] = True
     debris &= mesh_bodies.is_debris(volume, _DEBRIS)
     if not np.any(volume):
-        raise InvalidMeshError(f"must enclose a volume, but none of its {len(volume)} pieces does.")
+        pieces = counted(len(volume), "piece", "pieces")
+        raise InvalidMeshError(f"must enclose a volume, but of its {pieces} none does.")
     if debris.any():
         repairs.append(
             f"dropped {counted(debris.sum(), 'open piece', 'open pieces')} around less than "

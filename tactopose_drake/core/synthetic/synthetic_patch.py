@@ -4,7 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from tactopose_drake.core.geometry_checks import pose_matrix
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.sensing.patches import Patch, describe_patch
 from tactopose_drake.core.shape.object_model import ObjectModel
@@ -33,7 +35,7 @@ def flat_pad(rows: int = 8, columns: int = 3, pitch: float = 0.0025) -> FloatArr
 
 def touch_with_pads(
     model: ObjectModel,
-    X_PO: FloatArray,
+    X_PO: ArrayLike,
     count: int,
     generator: np.random.Generator,
     *,
@@ -52,7 +54,7 @@ def touch_with_pads(
 
     Args:
         model: the object.
-        X_PO: its true pose, shape (3, 4).
+        X_PO: its true pose, shape (3, 4); a `RigidTransform` or a 4x4 matrix will do.
         count: number of pads, >= 1; each is the one of some random places that is farthest from the earlier ones.
         generator: of the random numbers.
         cells: of each pad relative to its centre, shape (n, 3), m; those of `flat_pad()` by default.
@@ -64,10 +66,10 @@ def touch_with_pads(
         params: the pads' layer, and how places are chosen.
 
     Raises:
-        InvalidInputError: a count that is not a whole number above 0, or too few places on the object on which enough
-            cells can be pressed.
+        InvalidInputError: a pose that is no rigid transform, a count that is not a whole number above 0, or too few
+            places on the object on which enough cells can be pressed.
     """
-    count = whole_number("count", count, least=1)
+    X_PO, count = pose_matrix("X_PO", X_PO), whole_number("count", count, least=1)
     cells = flat_pad() if cells is None else cells
     places = _places(model, cells, depth, lean, params.places_per_pad * count, generator, params)
     pads = places[:1]

@@ -3,16 +3,18 @@
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tactopose_drake.core.evidence.contacts import Contacts
+from tactopose_drake.core.geometry_checks import pose_matrix
 from tactopose_drake.core.poses import exp_so3
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray, number_array, whole_number
+from tactopose_drake.core.validation import FloatArray, whole_number
 
 
 def touch_surface(
     model: ObjectModel,
-    X_PO: FloatArray,
+    X_PO: ArrayLike,
     count: int,
     generator: np.random.Generator,
     *,
@@ -24,7 +26,7 @@ def touch_surface(
 
     Args:
         model: the object.
-        X_PO: its true pose, shape (3, 4).
+        X_PO: its true pose, shape (3, 4); a `RigidTransform` or a 4x4 matrix will do.
         count: number of contacts, >= 1.
         generator: of the random numbers.
         sigma_position: standard deviation of each coordinate of a point, m; 0 for exact points (which claim 0.1 mm).
@@ -32,10 +34,10 @@ def touch_surface(
         spread: each contact is the one of ten random points farthest from the earlier ones; otherwise uniform by area.
 
     Raises:
-        InvalidInputError: if the pose is of another shape, or does not consist of numbers; if the count is not a
-            whole number above 0.
+        InvalidInputError: if the pose is of another shape, or no rigid transform; if the count is not a whole
+            number above 0.
     """
-    X_PO, count = number_array("X_PO", X_PO, (3, 4)), whole_number("count", count, least=1)
+    X_PO, count = pose_matrix("X_PO", X_PO), whole_number("count", count, least=1)
     candidates = 10 if spread else 1
     p_OQ, n_O = random_surface_points(model, candidates * count, generator)
     chosen = [0]

@@ -128,7 +128,7 @@ class PoseBelief(ReadOnlyCopies):
 
     def __repr__(self) -> str:
         best = f", best {self.probability[0]:.0%} at {numbers(1e3 * self.X_PO[0, :, 3], 1)} mm" if self.has_pose else ""
-        return f"<PoseBelief at {self.time:.3f} s: {self.message}; {len(self.mixture)} modes{best}>"
+        return f"<PoseBelief at {self.time:.3f} s: {self.message}; {counted(len(self.mixture), 'mode', 'modes')}{best}>"
 
     def __deepcopy__(self, memo: Any) -> PoseBelief:
         return self

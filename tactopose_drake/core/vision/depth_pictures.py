@@ -148,9 +148,15 @@ def take_picture(
         camera: that took the image.
 
     Raises:
-        InvalidInputError: if the image has another size than the camera's.
+        InvalidInputError: if the image has another size than the camera's, or consists of whole numbers, as depths in
+            millimetres do.
     """
+    depth = np.asarray(depth)
     _check_size(depth, camera)
+    if depth.dtype.kind != "f":
+        raise InvalidInputError(
+            f"depth must consist of floats, m, not of {depth.dtype}. Multiply by 0.001 what is in millimetres."
+        )
     seen = np.isfinite(depth) & (depth > 0.0)
     measured = np.where(seen, depth, np.inf).astype(np.float64)
     hand = maximum_filter(inverse_depths(hand_vertices, hand_faces, camera.at_origin), size=3)

@@ -351,6 +351,8 @@ def test_a_finger_that_would_meet_another_takes_another_way(mug: ObjectModel) ->
     assert list(free.allowed["ring"]) == [True, True]
     assert list(found.allowed["ring"]) == [False, True]
     assert found.move == 1
+    with pytest.raises(InvalidInputError, match=r"others must have an entry for each finger that may .*'little'"):
+        choose_touch(mug, Hold(contacts, NAMES, 0.7), belief, moves | {"little": inward(0.7)}, others=barred)
 
 
 def test_each_contact_has_a_name(mug: ObjectModel) -> None:

@@ -81,7 +81,7 @@ def test_what_a_refusal_states_is_less_than_what_it_asks_for() -> None:
 @pytest.mark.parametrize("turned", [False, True])
 def test_sheets_are_refused(turned: bool) -> None:
     sheet = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]], [[0, 1, 2], [0, 2, 3]], process=False)
-    with pytest.raises(InvalidMeshError, match="must enclose a volume, but none of its 1 pieces does"):
+    with pytest.raises(InvalidMeshError, match="must enclose a volume, but of its 1 piece none does"):
         closed(inside_out(sheet) if turned else sheet)
 
 

@@ -193,7 +193,7 @@ REFUSED = {
     "flat": (create.box((0.1, 0.1, 1e-9)), "thing must enclose a volume, but is flat"),
     "sheet": (
         without(CUBE, CUBE.face_normals[:, 2] < 0.9),
-        "thing must enclose a volume, but none of its \\d+ pieces does",
+        "thing must enclose a volume, but of its \\d+ pieces? none does",
     ),
     "pipe": (without(CUBE, np.abs(CUBE.face_normals[:, 2]) > 0.9), "thing is open, and inside cannot be told"),
     "fin": (with_a_fin(), r"thing must be manifold, .*, not with 3 faces that share the edge at \[.*\] m"),

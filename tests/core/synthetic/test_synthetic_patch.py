@@ -1,9 +1,12 @@
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from pydrake.math import RigidTransform
 
+from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.poses import inverse, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.synthetic.synthetic_patch import PadTouchParams, flat_pad, touch_with_pads
@@ -77,3 +80,14 @@ def test_softer_pads_feel_less_pressure_at_the_same_depths() -> None:
     for one, other in zip(hard, soft, strict=True):
         np.testing.assert_allclose(other.pressure, one.pressure / 4.0)
         np.testing.assert_allclose(other.points, one.points, atol=1e-12)
+
+
+@pytest.mark.parametrize("make", [touch_surface, touch_with_pads])
+def test_a_pose_may_be_drakes_or_a_4x4_matrix(make: Callable[..., Any]) -> None:
+    model = ObjectModel.from_mesh(trimesh.creation.box((0.05, 0.06, 0.07)), cache=False)
+    X_PO = RigidTransform([0.1, 0.2, 0.3])
+    poses = X_PO, X_PO.GetAsMatrix4(), X_PO.GetAsMatrix34()
+    drawn = [make(model, pose, 1, np.random.default_rng(0)) for pose in poses]
+    points = [touch.p_PC if isinstance(touch, Contacts) else touch[0].points for touch in drawn]
+    np.testing.assert_array_equal(points[0], points[2])
+    np.testing.assert_array_equal(points[1], points[2])

@@ -121,3 +121,11 @@ def test_an_image_of_another_size_is_refused() -> None:
         noisy_depth(wrong, CAMERA, np.random.default_rng(0))
     with pytest.raises(InvalidInputError, match="depth must have the camera's shape"):
         take_picture(wrong, *NO_HAND, CAMERA)
+
+
+def test_an_image_in_millimetres_is_refused() -> None:
+    millimetres = np.full((40, 60), 500, dtype=np.uint16)
+    with pytest.raises(InvalidInputError, match=r"depth must consist of floats, m, not of uint16\. Multiply by 0\.001"):
+        take_picture(millimetres, *NO_HAND, CAMERA)
+    picture = take_picture((0.001 * millimetres).tolist(), *NO_HAND, CAMERA)
+    np.testing.assert_allclose(picture.depth, 0.5)
