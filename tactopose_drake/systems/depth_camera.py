@@ -15,7 +15,7 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
-from pydrake.systems.sensors import CameraInfo, ImageDepth32F, RgbdSensor
+from pydrake.systems.sensors import CameraInfo, ImageDepth16U, ImageDepth32F, RgbdSensor
 
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, noisy_depth
 from tactopose_drake.systems.collectable_system import CollectableSystem
@@ -23,6 +23,7 @@ from tactopose_drake.systems.ports import check_name_is_free, eval_input
 
 _RENDERER = "depth_camera_renderer"
 _CLIPPING = 0.01, 10.0  # m
+_TOO_FAR = 65535  # Drake's value, in an image of millimetres, of what is beyond the camera's range
 
 
 class DepthNoise(CollectableSystem):
@@ -108,10 +109,17 @@ def AddDepthCamera(
     return noise.GetOutputPort("depth_image")
 
 
-def depth_of(image: ImageDepth32F) -> np.ndarray:
-    """The depths of an image, shape (height, width), m; infinite where nothing is seen."""
+def depth_of(image: ImageDepth32F | ImageDepth16U) -> np.ndarray:
+    """The depths of an image, shape (height, width), m; infinite where nothing is seen.
+
+    Those of an `ImageDepth16U` are millimetres, 0 where it is too near and 65535 where it is too far.
+    """
     depth = image.data[:, :, 0].astype(np.float64)
-    return np.where(depth > 0.0, depth, np.inf)
+    seen = depth > 0.0
+    if isinstance(image, ImageDepth16U):
+        seen &= depth < _TOO_FAR
+        depth *= 1e-3
+    return np.where(seen, depth, np.inf)
 
 
 def image_of(depth: np.ndarray) -> ImageDepth32F:

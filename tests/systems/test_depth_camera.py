@@ -10,6 +10,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs
+from pydrake.systems.sensors import ImageDepth16U
 
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.vision.depth_pictures import DepthCameraModel
@@ -105,3 +106,10 @@ def test_an_image_of_another_size_is_refused() -> None:
 def test_an_image_keeps_its_depths() -> None:
     depth = np.array([[0.5, np.inf, 1.25], [np.inf, 2.0, 0.75]])
     np.testing.assert_array_equal(depth_of(image_of(depth)), depth)
+
+
+def test_an_image_of_16_bits_is_in_millimetres() -> None:
+    """As the one that Drake's own sensor makes beside the image of floats."""
+    image = ImageDepth16U(4, 1)
+    image.mutable_data[0, :, 0] = [0, 1, 1250, 65535]
+    np.testing.assert_allclose(depth_of(image), [[np.inf, 0.001, 1.25, np.inf]])

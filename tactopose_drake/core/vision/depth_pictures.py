@@ -8,18 +8,19 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_erosion, maximum_filter
 
 from tactopose_drake.core.parameter_checks import check_numbers
 from tactopose_drake.core.poses import transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import FloatArray, number_array
 from tactopose_drake.core.vision.rasterizer import Camera, inverse_depths
 from tactopose_drake.errors import InvalidInputError
 
 _DISAGREEMENT = 0.01  # cap on the difference of depths, m
 _MARGIN = 0.004  # beyond three sigma of the noise, by which a surface must be nearer to hide another, m
+_FARTHEST = 65.5  # m, most that 16 bits of millimetres hold; images of larger depths alone must be in millimetres
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -110,7 +111,7 @@ def rays(camera: DepthCameraModel) -> FloatArray:
     return found
 
 
-def noisy_depth(depth: FloatArray, camera: DepthCameraModel, generator: np.random.Generator) -> FloatArray:
+def noisy_depth(depth: ArrayLike, camera: DepthCameraModel, generator: np.random.Generator) -> FloatArray:
     """Adds the camera's noise to a depth image; infinite depths stay infinite.
 
     Args:
@@ -119,9 +120,9 @@ def noisy_depth(depth: FloatArray, camera: DepthCameraModel, generator: np.rando
         generator: of the noise.
 
     Raises:
-        InvalidInputError: if the image has another size than the camera's.
+        InvalidInputError: if the image has another size than the camera's, or is evidently in millimetres.
     """
-    _check_size(depth, camera)
+    depth = checked_depth("depth", depth, camera)
     row, column = np.mgrid[: camera.height, : camera.width] + 0.5
     weights = generator.normal(size=3)  # common errors: a random plane over the image
     common = weights[0] + weights[1] * (row / camera.height - 0.5) + weights[2] * (column / camera.width - 0.5)
@@ -134,7 +135,7 @@ def noisy_depth(depth: FloatArray, camera: DepthCameraModel, generator: np.rando
 
 
 def take_picture(
-    depth: FloatArray, hand_vertices: FloatArray, hand_faces: NDArray[np.int32], camera: DepthCameraModel
+    depth: ArrayLike, hand_vertices: FloatArray, hand_faces: NDArray[np.int32], camera: DepthCameraModel
 ) -> DepthPicture:
     """A depth image with known pixels of the hand.
 
@@ -148,28 +149,36 @@ def take_picture(
         camera: that took the image.
 
     Raises:
-        InvalidInputError: if the image has another size than the camera's, or consists of whole numbers, as depths in
-            millimetres do.
+        InvalidInputError: if the image has another size than the camera's, or is evidently in millimetres: it consists
+            of whole numbers, or of depths of more than 65.5 m only.
     """
-    depth = np.asarray(depth)
-    _check_size(depth, camera)
-    if depth.dtype.kind != "f":
-        raise InvalidInputError(
-            f"depth must consist of floats, m, not of {depth.dtype}. Multiply by 0.001 what is in millimetres."
-        )
+    depth = checked_depth("depth", depth, camera)
     seen = np.isfinite(depth) & (depth > 0.0)
-    measured = np.where(seen, depth, np.inf).astype(np.float64)
+    measured = np.where(seen, depth, np.inf)
     hand = maximum_filter(inverse_depths(hand_vertices, hand_faces, camera.at_origin), size=3)
     finite = np.where(seen, measured, 0.0)
     behind = hand * (finite + _margin(finite, camera)) >= 1.0
     return DepthPicture(measured, seen & (hand > 0.0) & behind, camera)
 
 
-def _check_size(depth: FloatArray, camera: DepthCameraModel) -> None:
-    if depth.shape != (camera.height, camera.width):
+def checked_depth(name: str, depth: ArrayLike, camera: DepthCameraModel) -> FloatArray:
+    """An image of a camera's size, shape (height, width), m, which is refused if evidently in millimetres."""
+    given = number_array(name, depth, (None, None))
+    if given.shape != (camera.height, camera.width):
         raise InvalidInputError(
-            f"depth must have the camera's shape, ({camera.height}, {camera.width}), not {depth.shape}."
+            f"{name} must have the camera's shape, ({camera.height}, {camera.width}), not {given.shape}."
         )
+    if np.asarray(depth).dtype.kind in "iu":
+        raise InvalidInputError(
+            f"{name} must consist of floats, m, not of whole numbers. Multiply by 0.001 what is in millimetres."
+        )
+    seen = given[np.isfinite(given) & (given > 0.0)]
+    if len(seen) and seen.min() > _FARTHEST:
+        raise InvalidInputError(
+            f"{name} must be in metres, but nothing in it is nearer than {seen.min():g} m. Multiply by 0.001 what is "
+            "in millimetres."
+        )
+    return given
 
 
 def expected_picture(object_model: ObjectModel, X_CO: FloatArray, picture: DepthPicture) -> DepthPicture:

@@ -7,8 +7,8 @@ import numpy as np
 from tactopose_drake.core.geometry_checks import pose_matrix
 from tactopose_drake.core.number_kinds import entry_of
 from tactopose_drake.core.poses import transform_points
-from tactopose_drake.core.validation import FloatArray, instance_of, number_array
-from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, rays
+from tactopose_drake.core.validation import FloatArray, instance_of
+from tactopose_drake.core.vision.depth_pictures import DepthCameraModel, checked_depth, rays
 from tactopose_drake.errors import InvalidInputError
 
 
@@ -24,7 +24,8 @@ class DepthView:
         camera: that took the image.
 
     Raises:
-        InvalidInputError: an image of another size than the camera's, a depth of 0 or below, or an invalid pose.
+        InvalidInputError: an image of another size than the camera's or evidently in millimetres, a depth of 0 or
+            below, or an invalid pose.
     """
 
     depth: FloatArray
@@ -33,7 +34,7 @@ class DepthView:
 
     def __post_init__(self) -> None:
         instance_of("DepthView.camera", self.camera, DepthCameraModel)
-        depth = number_array("DepthView.depth", self.depth, (self.camera.height, self.camera.width))
+        depth = checked_depth("DepthView.depth", self.depth, self.camera)
         wrong = np.argwhere(depth <= 0.0)
         if len(wrong):
             raise InvalidInputError(

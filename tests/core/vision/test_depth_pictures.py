@@ -124,8 +124,17 @@ def test_an_image_of_another_size_is_refused() -> None:
 
 
 def test_an_image_in_millimetres_is_refused() -> None:
+    """Also one that a float image holds, as Drake's casts without a word what is written into it."""
     millimetres = np.full((40, 60), 500, dtype=np.uint16)
-    with pytest.raises(InvalidInputError, match=r"depth must consist of floats, m, not of uint16\. Multiply by 0\.001"):
-        take_picture(millimetres, *NO_HAND, CAMERA)
+    millimetres[0, 0] = 0
+    for image, reason in (
+        (millimetres, r"consist of floats, m, not of whole numbers\. Multiply by 0\.001"),
+        (millimetres.astype(np.float32), r"be in metres, but nothing in it is nearer than 500 m\. Multiply by 0\.001"),
+    ):
+        with pytest.raises(InvalidInputError, match=f"depth must {reason}"):
+            take_picture(image, *NO_HAND, CAMERA)
+        with pytest.raises(InvalidInputError, match=f"depth must {reason}"):
+            noisy_depth(image, CAMERA, np.random.default_rng(0))
     picture = take_picture((0.001 * millimetres).tolist(), *NO_HAND, CAMERA)
-    np.testing.assert_allclose(picture.depth, 0.5)
+    assert picture.depth[0, 0] == np.inf
+    np.testing.assert_allclose(picture.depth.ravel()[1:], 0.5)

@@ -21,8 +21,10 @@ def test_depths_are_told_from_what_is_none() -> None:
             InvalidInputError, match=rf"^DepthView\.depth\[0, 0\] must be a number > 0, .*, not {wrong:g}"
         ):
             DepthView(depth, view.X_CO, view.camera)
-    with pytest.raises(InvalidInputError, match=r"^DepthView\.depth must have the shape .*, not \(2, 2\)"):
+    with pytest.raises(InvalidInputError, match=r"^DepthView\.depth must have the camera's shape, .*, not \(2, 2\)"):
         DepthView(view.depth[:2, :2], view.X_CO, view.camera)
+    with pytest.raises(InvalidInputError, match=r"^DepthView\.depth must be in metres, but .* what is in millimetres"):
+        DepthView(1e3 * view.depth, view.X_CO, view.camera)
     with pytest.raises(InvalidInputError, match=r"^DepthView\.X_CO must have a rotation matrix"):
         DepthView(view.depth, 2.0 * view.X_CO, view.camera)
     depth = view.depth.astype(np.float32)
