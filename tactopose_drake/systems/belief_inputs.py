@@ -26,7 +26,7 @@ from tactopose_drake.estimation.prior import PosePrior
 from tactopose_drake.estimation.shape_errors import with_shape_errors
 from tactopose_drake.systems.collectable_system import SharedState
 from tactopose_drake.systems.collision_input import CollisionInput
-from tactopose_drake.systems.ports import eval_items, eval_optional_input, eval_touch_remarks, port_name
+from tactopose_drake.systems.ports import check_names, eval_items, eval_optional_input, eval_touch_remarks, port_name
 
 # The noise of a live sensor changes its reading within this time, s; a reading that stays the same longer is frozen.
 _FROZEN = 0.5
@@ -156,12 +156,7 @@ class BeliefInputs:
         names = eval_optional_input(port, context, tuple)
         if names is None:
             return tuple(rows)
-        if not all(isinstance(name, str) for name in names) or len(names) != len(rows) or len({*names}) != len(rows):
-            touches = "contacts" if port is self._fingers else "patches"
-            raise PortTypeError(
-                f"{port_name(port)} must hold as many different names as there are {touches}, {len(rows)}, not "
-                f"{names!r}."
-            )
+        check_names(port, names, len(rows), "contacts" if port is self._fingers else "patches")
         return names
 
     def _read_vision(self, context: Context, before: Remembered) -> tuple[PoseMeasurement | None, Remembered]:

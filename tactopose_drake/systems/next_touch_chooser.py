@@ -35,7 +35,7 @@ from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.hand_reach import make_hand_reach
 from tactopose_drake.hand.reading_ranges import ReadingRanges
 from tactopose_drake.systems.collectable_system import CollectableSystem
-from tactopose_drake.systems.ports import eval_input, eval_optional_input
+from tactopose_drake.systems.ports import eval_fingers, eval_optional_input
 
 _RULES = ("information", "chance")
 
@@ -189,8 +189,8 @@ class NextTouchChooser(CollectableSystem):
         q = self._positions.Eval(context)
         if not self._ranges.told(q).all():
             return None, "held: a joint position is not known"
-        fingers = eval_input(self._holding, context, tuple)
-        hold = Hold(eval_input(self._contacts, context, Contacts), fingers, self._params.friction)
+        contacts, fingers = eval_fingers(self._contacts, self._holding, context)
+        hold = Hold(contacts, fingers, self._params.friction)
         generator = np.random.default_rng([self._params.seed, round(context.get_time() / self._params.period)])
         goals = {
             name: generator.uniform(

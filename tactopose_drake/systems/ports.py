@@ -121,6 +121,31 @@ def eval_touch(contacts: InputPort, patches: InputPort, context: Context) -> tup
     return Contacts.empty(), felt
 
 
+def eval_fingers(contacts: InputPort, fingers: InputPort, context: Context) -> tuple[Contacts, tuple[str, ...]]:
+    """Reads contacts and the names of the fingers that make them.
+
+    Args:
+        contacts: input port of a system.
+        fingers: likewise.
+        context: that system's context.
+
+    Raises:
+        PortTypeError: if one is not connected or holds a wrong type, or there are not as many different names as
+            contacts; the message names the port.
+    """
+    felt, names = eval_input(contacts, context, Contacts), eval_input(fingers, context, tuple)
+    check_names(fingers, names, len(felt), "contacts")
+    return felt, names
+
+
+def check_names(port: InputPort, names: tuple[Any, ...], count: int, touches: str) -> None:
+    """Raises PortTypeError, by the port's name, unless these are as many different names as touches of a kind."""
+    if not all(isinstance(name, str) for name in names) or len(names) != count or len({*names}) != count:
+        raise PortTypeError(
+            f"{port_name(port)} must hold as many different names as there are {touches}, {count}, not {names!r}."
+        )
+
+
 def eval_touch_remarks(statuses: Iterable[InputPort], context: Context) -> list[str]:
     """What the connected ports `contact_status` and `patch_status` hold besides "ok"."""
     remarks = (eval_optional_input(port, context, str) for port in statuses)

@@ -17,7 +17,7 @@ from tactopose_drake.hand.hand_joints import HandJoints
 from tactopose_drake.hand.hand_reach import check_rest_positions, make_hand_reach, rest_posture
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.next_touch_chooser import GuardedMove
-from tactopose_drake.systems.ports import eval_input, eval_optional_input
+from tactopose_drake.systems.ports import eval_fingers, eval_input, eval_optional_input
 
 _SWEPT = 0.002  # m between the recorded positions of a fingertip that has met nothing
 
@@ -222,7 +222,7 @@ class TouchExplorer(CollectableSystem):
 
     def _felt_row(self, context: Context, finger: str) -> int | None:
         """The row of a finger's contact; None if it feels nothing, or too small a force."""
-        fingers, contacts = eval_input(self._touching, context, tuple), eval_input(self._contacts, context, Contacts)
+        contacts, fingers = eval_fingers(self._contacts, self._touching, context)
         if finger not in fingers:
             return None
         row: int = fingers.index(finger)
@@ -257,7 +257,7 @@ class TouchExplorer(CollectableSystem):
 
     def _touches(self, context: Context) -> Contacts:
         state = self.state(context)
-        contacts, fingers = eval_input(self._contacts, context, Contacts), eval_input(self._touching, context, tuple)
+        contacts, fingers = eval_fingers(self._contacts, self._touching, context)
         moving = None if state.move is None else state.move.finger
         holding = np.array([i for i, name in enumerate(fingers) if name != moving], dtype=np.intp)
         return _joined(contacts[holding], state.felt)

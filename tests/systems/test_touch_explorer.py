@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 
 from tactopose_drake.core.evidence.contacts import Contacts
-from tactopose_drake.errors import InvalidInputError
+from tactopose_drake.errors import InvalidInputError, PortTypeError
 from tactopose_drake.hand.hand_config import load_hand_config
 from tactopose_drake.hand.hand_in_plant import Hand, make_hand_plant
 from tactopose_drake.hand.hand_joints import HandJoints
@@ -265,3 +265,11 @@ def test_bad_parameters_are_refused() -> None:
         TouchExplorerParams(speed=0.0).validate()
     with pytest.raises(InvalidInputError, match=r"TouchExplorerParams\.most_touches"):
         TouchExplorerParams(most_touches=0).validate()
+
+
+@pytest.mark.parametrize("names", [(*NAMES, "ring"), (1, 2), ("thumb", "thumb"), ()])
+def test_names_that_are_not_those_of_the_contacts_are_told(names: tuple) -> None:
+    bench = Bench()
+    bench.set("fingers_in_contact", names)
+    with pytest.raises(PortTypeError, match=r"'fingers_in_contact' .* must hold as many different names as .*, 2, not"):
+        bench.touches()

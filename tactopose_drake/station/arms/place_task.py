@@ -22,7 +22,7 @@ from tactopose_drake.station.arms.place_planning import PlacePlanner
 from tactopose_drake.station.arms.place_state import PlaceTaskParams, TaskState
 from tactopose_drake.station.arms.table_touch import TableTouch, force_on_hand, touched_planes
 from tactopose_drake.systems.collectable_system import CollectableSystem
-from tactopose_drake.systems.ports import eval_input, eval_optional_input
+from tactopose_drake.systems.ports import eval_fingers, eval_input, eval_optional_input
 
 # Phases in which the hand is to be open.
 _OPEN = ("open", "meet", "again", "release", "retreat", "done")
@@ -217,7 +217,7 @@ class PlaceTask(CollectableSystem):
         """The touch of the table at this instant."""
         X_PW = eval_input(self._palm_pose, context, RigidTransform).inverse()
         p_PQ, n_P = X_PW.multiply(self._planner.p_WTouch), X_PW.rotation().col(2)
-        contacts, fingers = eval_input(self._contacts, context, Contacts), eval_input(self._fingers, context, tuple)
+        contacts, fingers = eval_fingers(self._contacts, self._fingers, context)
         X_PS = self._planner.fingertips(self._positions.Eval(context))
         return TableTouch(PlaneContact(p_PQ, n_P, self._params.sigma_touch), contacts, fingers, X_PS)
 
