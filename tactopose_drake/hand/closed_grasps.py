@@ -11,10 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
+from tactopose_drake.core.parameter_checks import check_numbers, params_of
 from tactopose_drake.core.poses import compose, exp_so3, inverse, make_poses, random_rotations, transform_points
 from tactopose_drake.core.shape.object_model import ObjectModel
 from tactopose_drake.core.surfaces import Surface
-from tactopose_drake.core.validation import FloatArray
+from tactopose_drake.core.validation import MOST_FRICTION, FloatArray, finite_array
 from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand.contact_gains import thicker
 from tactopose_drake.hand.encoder_offsets import SLIDE
@@ -55,6 +56,16 @@ class ClosedGraspParams:
     noise_surface: float = 0.0  # of the object's surface along its normal, at each contact, m
     noise_normal_deg: float = 0.0  # of the object's normal at each contact, about each axis, deg
 
+    def validate(self) -> None:
+        """Raises InvalidInputError if a value is out of its range."""
+        zero = {field.name for field in dataclasses.fields(self)} - {"least_fingers", "least_force", "most_force"}
+        check_numbers("ClosedGraspParams", self, may_be_zero=zero, most={"friction": MOST_FRICTION})
+        if self.most_force < self.least_force:
+            raise InvalidInputError(
+                f"ClosedGraspParams.most_force must be at least least_force, {self.least_force:g} N, not "
+                f"{self.most_force:g}."
+            )
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ClosedGrasp:
@@ -90,14 +101,16 @@ class GraspCloser:
             params: how grasps are generated.
 
         Raises:
-            InvalidInputError: if fingers share a joint, since they are closed independently.
+            InvalidInputError: if fingers share a joint, since they are closed independently, or a number is out of its
+                range.
         """
         for joint, fingers in shared_joints(hand.config).items():
             raise InvalidInputError(
                 f"hand must have fingers with separate joints, but {joint} moves {', '.join(fingers)}."
             )
-        self._plant, self._hand, self._errors, self._vector = plant, hand, errors, vector
-        self._params = ClosedGraspParams() if params is None else params
+        self._params = params_of(ClosedGraspParams, params)
+        self._plant, self._hand, self._errors = plant, hand, errors
+        self._vector = finite_array("vector", vector, (len(errors.sigma),))
         self._least = min(self._params.least_fingers, len(errors.fingers))
         self._kinematics = HandKinematics(plant, hand.palm_frame)
         self._gains = errors.gains(plant, hand)
@@ -117,9 +130,16 @@ class GraspCloser:
     def grasp(self, model: ObjectModel, generator: np.random.Generator, time: float | None = None) -> ClosedGrasp:
         """Generates a grasp of an object at a random pose in the hand.
 
+        Args:
+            model: the object.
+            generator: source of the pose, of the contacts and of all noise.
+            time: time since the biases were those of the error vector, s; None if they do not drift.
+
         Raises:
-            InvalidInputError: if the hand's file has no grip region, or the fingers do not reach the object.
+            InvalidInputError: if the hand's file has no grip region, the fingers do not reach the object, or the time
+                is no finite number.
         """
+        time = None if time is None else float(finite_array("time", time, ()))
         config = self._hand.config
         if not config.grip_low or not config.grip_high:
             raise InvalidInputError(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.errors import InvalidInputError
 from tactopose_drake.hand import (
     ClosedGraspParams,
     GraspCloser,
@@ -52,3 +53,24 @@ def test_readings_scatter_by_degrees_and_of_what_slides_by_as_many_millimetres(s
         readings.append([[grasp.recorded.joint_positions[joint] for joint in errors.joints] for grasp in grasps])
     off = np.subtract(*readings[::-1])
     assert np.sqrt(np.mean(off**2)) == pytest.approx(2e-4 if slides else np.radians(0.2), rel=0.35)
+
+
+def test_impossible_numbers_are_named_before_a_grasp_is_made_of_them(tmp_path: Path) -> None:
+    grip = {"grip_low": [-0.01, -0.01, 0.08], "grip_high": [0.01, 0.01, 0.1]}
+    plant, hand = make_hand_plant(dataclasses.replace(load_hand_config(write_gripper(tmp_path)), **grip))
+    errors = HandErrors.of(plant, hand, HandUncertainty())
+    none = np.zeros(len(errors.sigma))
+    for told, params in {
+        "least_fingers must be an integer >= 1, not 0": ClosedGraspParams(least_fingers=0),
+        "least_force must be a number > 0, not -1": ClosedGraspParams(least_force=-1.0),
+        "most_force must be at least least_force, 3 N, not 2.5": ClosedGraspParams(least_force=3.0),
+        "friction must be a number >= 0, not -0.4": ClosedGraspParams(friction=-0.4),
+        "noise_moment must be a finite number, not nan": ClosedGraspParams(noise_moment=np.nan),
+    }.items():
+        with pytest.raises(InvalidInputError, match=rf"ClosedGraspParams\.{told}"):
+            GraspCloser(plant, hand, errors, none, params)
+    with pytest.raises(InvalidInputError, match=r"vector must have the shape"):
+        GraspCloser(plant, hand, errors, np.zeros(len(errors.sigma) + 1))
+    closer = GraspCloser(plant, hand, errors, none, ClosedGraspParams(least_fingers=1))
+    with pytest.raises(InvalidInputError, match=r"time must be a finite number, not nan"):
+        closer.grasp(ObjectModel.from_sphere(0.03), np.random.default_rng(0), np.nan)
