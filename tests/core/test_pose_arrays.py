@@ -53,5 +53,5 @@ def test_other_arrays_are_read_likewise() -> None:
         ROD.grid.distance(np.zeros((5, 2)))
     with pytest.raises(InvalidInputError, match=r"X_reference must have the shape \(3, 4\), not \(4, 4\)"):
         turn_toward(X_PO, np.eye(4), ROD.symmetries)
-    with pytest.raises(InvalidInputError, match=r"X_PO must have the shape \(3, 4\), not \(4, 4\)"):
-        touch_surface(ROD, np.eye(4), 3, np.random.default_rng(0))
+    with pytest.raises(InvalidInputError, match=r"X_PO must have the shape \(3, 4\) or \(4, 4\), not \(3, 3\)"):
+        touch_surface(ROD, np.eye(3), 3, np.random.default_rng(0))
