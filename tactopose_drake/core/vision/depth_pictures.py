@@ -20,7 +20,7 @@ from tactopose_drake.errors import InvalidInputError
 
 _DISAGREEMENT = 0.01  # cap on the difference of depths, m
 _MARGIN = 0.004  # beyond three sigma of the noise, by which a surface must be nearer to hide another, m
-_FARTHEST = 65.5  # m, most that 16 bits of millimetres hold; images of larger depths alone must be in millimetres
+_FARTHEST = 66.0  # m, beyond what 16 bits of millimetres hold: an image of larger depths alone is in millimetres
 
 
 @dataclasses.dataclass(kw_only=True, slots=True)
@@ -150,7 +150,7 @@ def take_picture(
 
     Raises:
         InvalidInputError: if the image has another size than the camera's, or is evidently in millimetres: it consists
-            of whole numbers, or of depths of more than 65.5 m only.
+            of whole numbers, or of depths of more than 66 m only.
     """
     depth = checked_depth("depth", depth, camera)
     seen = np.isfinite(depth) & (depth > 0.0)

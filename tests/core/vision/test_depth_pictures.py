@@ -138,3 +138,10 @@ def test_an_image_in_millimetres_is_refused() -> None:
     picture = take_picture((0.001 * millimetres).tolist(), *NO_HAND, CAMERA)
     assert picture.depth[0, 0] == np.inf
     np.testing.assert_allclose(picture.depth.ravel()[1:], 0.5)
+
+
+def test_an_image_in_which_everything_is_too_far_shows_nothing_wrong() -> None:
+    """The largest number of 16 bits, which cameras and Drake give there, in metres."""
+    too_far = np.full((40, 60), 65535, dtype=np.uint16) * np.float32(0.001)
+    picture = take_picture(too_far, *NO_HAND, CAMERA)
+    np.testing.assert_allclose(picture.depth, 65.535, rtol=1e-6)
