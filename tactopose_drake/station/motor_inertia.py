@@ -50,7 +50,7 @@ def add_motor_inertia(plant: MultibodyPlant, hand: Hand, params: GraspController
     }
     added = {name: float(more) for name, more in zip(names, lack, strict=True) if more > 0.0}
     for name, more in added.items():
-        of_hand[name].set_default_rotor_inertia(of_hand[name].default_rotor_inertia() + more)
+        of_hand[name].set_default_rotor_inertia(of_hand[name].default_reflected_inertia() + more)
         of_hand[name].set_default_gear_ratio(1.0)
     return added
 

@@ -89,6 +89,20 @@ def test_light_joints_get_their_motor_s_inertia(tmp_path: Path) -> None:
     assert add_motor_inertia(plant, add_hand(plant, shadow), GraspControllerParams()) == {}
 
 
+def test_a_motor_behind_gears_keeps_its_reflected_inertia(tmp_path: Path) -> None:
+    """A rotor of 1e-4 kg behind a gear ratio of 10 is reflected as 0.01 kg, which is then not added."""
+    plant = MultibodyPlant(0.02)
+    hand = add_hand(plant, load_hand_config(write_gripper(tmp_path)))
+    actuators = {
+        actuator.joint().name(): actuator for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+    }
+    geared = actuators["left_slide"]
+    geared.set_default_rotor_inertia(1e-4)
+    geared.set_default_gear_ratio(10.0)
+    added = add_motor_inertia(plant, hand, GraspControllerParams())
+    assert geared.default_reflected_inertia() == pytest.approx(0.01 + added["left_slide"])
+
+
 def test_a_motor_bears_what_follows_it_by_the_square_of_its_ratio(tmp_path: Path) -> None:
     yaml = YAML.replace("joints: [right_slide]", "joints: [left_slide]")
     coupled = "  couplings: [{joint: right_slide, follows: left_slide, ratio: %s}]\n  sensor_frame: right_tip"
