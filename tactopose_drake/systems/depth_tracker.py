@@ -1,7 +1,6 @@
 """A tracker of the object in depth images, with latency, wrong answers and dropouts."""
 
 import dataclasses
-import math
 
 import numpy as np
 from pydrake.common import RandomDistribution
@@ -13,7 +12,7 @@ from pydrake.systems.sensors import ImageDepth32F
 
 from tactopose_drake.core.parameter_checks import params_of
 from tactopose_drake.core.poses import compose, inverse, random_rotations
-from tactopose_drake.core.times import has_passed
+from tactopose_drake.core.times import has_passed, offset_of_delayed
 from tactopose_drake.core.tracking.frame import PoseMeasurement
 from tactopose_drake.core.validation import FloatArray, positive_number
 from tactopose_drake.core.vision.depth_hypotheses import TrackedPoses, track_poses
@@ -127,12 +126,11 @@ class DepthTracker(CollectableSystem):
         self._noise = self.DeclareVectorInputPort("noise", 8, RandomDistribution.kGaussian)
         self._state = self.DeclareAbstractState(AbstractValue.Make(_TrackerState()))
         ticket = {self.abstract_state_ticket(self._state)}
-        period, latency = self._params.period, self._params.latency
+        period = self._params.period
         self._sampled = SampleTime(self)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._take_picture)
         # If delivery coincides with a picture, that event delivers: of two simultaneous updates only one would count.
-        offset = latency - period * math.floor(latency / period + 1e-6)
-        if offset > 1e-6 * period:
+        if (offset := offset_of_delayed(self._params.latency, period)) > 0.0:
             self.DeclarePeriodicUnrestrictedUpdateEvent(period, offset, self._deliver)
         self.declare_output("vision", None, lambda context: self._get(context).measurement, ticket)
         self.declare_output("prior", None, self._prior, ticket)

@@ -13,6 +13,7 @@ from tactopose_drake.core.posterior.moved_origin import about_middle
 from tactopose_drake.core.posterior.plausibility import may_be_touched
 from tactopose_drake.core.posterior.posterior_params import DEFAULT_PARAMS
 from tactopose_drake.core.shape.object_model import ObjectModel
+from tactopose_drake.core.times import offset_of_delayed
 from tactopose_drake.core.tracking.frame import Frame
 from tactopose_drake.core.tracking.pose_belief import PoseBelief
 from tactopose_drake.core.tracking.pose_tracker import PoseTracker
@@ -142,7 +143,8 @@ class PoseBeliefEstimator(CollectableSystem):
         self._remembered = self.DeclareAbstractState(make(Remembered()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, 0.0, self._update)
         if self._params.latency > 0.0:
-            self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, self._params.latency, self._show)
+            offset = offset_of_delayed(self._params.latency, self._params.period)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(self._params.period, offset, self._show)
         shown = {self.abstract_state_ticket(self._shown)}
         self.declare_output("object_pose", RigidTransform(), lambda context: _pose(self._belief(context)), shown)
         self.declare_output("hypotheses", None, self._estimate, shown)

@@ -181,6 +181,13 @@ def test_it_is_late_by_the_latency_but_stamped_with_its_pictures_time(object_mod
         assert vision.time == pytest.approx(stamp)
 
 
+def test_no_answer_is_late_by_another_picture_where_the_plant_steps_at_its_time(object_model: ObjectModel) -> None:
+    """Drake skips an event at 0.3 s + 0.03 s if the plant steps at 0.33 s, which differs by rounding."""
+    vision = Bench(object_model, latency=0.03).run(0.35).vision
+    assert vision is not None
+    assert vision.time == pytest.approx(0.3)
+
+
 def test_a_latency_of_whole_periods_keeps_what_was_tracked(object_model: ObjectModel, tracked: Tracked) -> None:
     prompt, late = tracked.vision, Bench(object_model, latency=0.2).run(0.55).vision
     assert prompt is not None

@@ -161,6 +161,16 @@ def test_the_outputs_appear_after_the_latency(box: ObjectModel) -> None:
         assert first == pytest.approx(latency, abs=0.0015)
 
 
+def test_no_belief_is_late_by_another_period_where_the_clock_stops_at_its_time(box: ObjectModel) -> None:
+    """Drake skips an event at 0.07 s + 0.008 s if the clock has stopped at 0.078 s, which differs by rounding."""
+    bench = Bench(PoseBeliefEstimator(box, PoseBeliefParams(latency=0.008)))
+    bench.fix(vision=SEEN, contacts=Contacts.empty(), fingers_in_contact=())
+    for step in range(1, 121):
+        bench.simulator.AdvanceTo(0.001 * step)
+        if step >= 20 and step % 10 == 9:  # 1 ms after the belief of 9 ms ago is due
+            assert bench.read("belief").time == pytest.approx(0.001 * (step - 9))
+
+
 def test_a_late_belief_is_the_same_one(box: ObjectModel) -> None:
     beliefs = []
     for latency, duration in ((0.0, 0.1), (0.025, 0.12)):
