@@ -35,8 +35,8 @@ def write_csv(run: RecordedRun, path: Path) -> None:
     Changes of different things within 1 us are in one row, with the time of the first. A cell is empty if its column
     has no new value at that time, and "nan" if there was no reading, or a pose is no longer known. Columns are named
     `<what>/<part>_<unit>`: `time_s`, `joint/<joint>_rad`, `wrench/<finger>/f_x_N`, `pressure/<pad>/<cell>_Pa`,
-    `prior/p_x_m`, `true/p_x_m`, `object/p_x_m` of the best hypothesis, `status`, `sense_status` of a run on devices,
-    and with tracking `tracked/p_x_m` and `tracked_status`.
+    `prior/p_x_m`, `true/p_x_m`, `object/p_x_m` of the best hypothesis, `status`, `sense_status`, and with tracking
+    `tracked/p_x_m` and `tracked_status`.
 
     Args:
         run: the recording.

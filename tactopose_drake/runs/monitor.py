@@ -152,7 +152,7 @@ def _title(view: RunView) -> str:
 
 
 def wrong_senses(view: RunView) -> str:
-    """Each sense without readings, and why; "ok" if all have readings or are simulated."""
+    """Each sense without readings, and why; "ok" if all have readings."""
     return str(view.value("sense_status", "ok"))
 
 

@@ -31,7 +31,7 @@ from tactopose_drake.systems.played_signal import PlayedValue, PlayedVector
 from tactopose_drake.systems.ports import connect_known, export_outputs
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.pose_tracking import PoseTrackingParams
-from tactopose_drake.systems.sense_status import SenseStatus
+from tactopose_drake.systems.sense_status import export_sense_statuses
 from tactopose_drake.systems.signals import Signal
 from tactopose_drake.systems.touch_sensing import corrected_joints
 
@@ -109,7 +109,9 @@ def make_hardware_station(
         senses |= {finger: builder.GetSubsystemByName(f"sensor_{finger}") for finger in devices.boards}
     for name, port in known.items():
         builder.ExportOutput(port, name)
-    _export_statuses(builder, senses)
+    export_sense_statuses(builder, {sense: system.GetOutputPort("status") for sense, system in senses.items()})
+    for sense, system in senses.items():
+        builder.ExportOutput(system.GetOutputPort("age"), f"age_{sense}")
 
     estimation = AddPoseEstimation(builder, config, model, scenario.estimation)
     felt = {name: port for name, port in known.items() if name != "palm_pose"}
@@ -215,16 +217,6 @@ def _connect_palm_pose(builder: DiagramBuilder, known: OutputPort | None) -> Non
             builder.ExportInput(port, "palm_pose")
         else:
             builder.ConnectInput("palm_pose", port)
-
-
-def _export_statuses(builder: DiagramBuilder, senses: Mapping[str, System]) -> None:
-    """Exports status and age of each device, and all statuses joined in one line."""
-    joined = builder.AddNamedSystem("sense_status", SenseStatus(tuple(senses)))
-    for sense, system in senses.items():
-        builder.Connect(system.GetOutputPort("status"), joined.GetInputPort(sense))
-        for name in ("status", "age"):
-            builder.ExportOutput(system.GetOutputPort(name), f"{name}_{sense}")
-    builder.ExportOutput(joined.get_output_port(), "sense_status")
 
 
 def _add_tracking(

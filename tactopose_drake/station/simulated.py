@@ -43,6 +43,7 @@ from tactopose_drake.systems.ports import connect_known, export_outputs
 from tactopose_drake.systems.pose_display import PoseDisplay, PoseDisplayParams
 from tactopose_drake.systems.pose_estimation import AddPoseEstimation
 from tactopose_drake.systems.random_sources import seed_random_sources
+from tactopose_drake.systems.sense_status import export_sense_statuses
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +51,9 @@ class Station:
     """The diagram of a scenario, and the parts of it that users need.
 
     Attributes:
-        diagram: The diagram, with output ports `hand_state`, `joint_positions`, `wrench_<finger>`, `pressures_<pad>`,
-            `holding`, `grasp_status`, `prior`, `hidden_share`, all outputs of `AddPoseEstimation`, `contact_results`,
+        diagram: The diagram, with output ports `hand_state`, `joint_positions`, `wrench_<finger>`, `status_<finger>`
+            of its force-torque sensor, all of these joined in `sense_status`, `pressures_<pad>`, `holding`,
+            `grasp_status`, `prior`, `hidden_share`, all outputs of `AddPoseEstimation`, `contact_results`,
             `body_poses`, `query`, and for a planned grasp `actuation`. With tracking, it also has `object_pose`,
             `object_pose_in_world`, `covariance`, `hypotheses`, `status` and `belief` of `AddPoseTracking` as
             `tracked_object_pose` and so on; with exploration, all outputs of `AddTouchExploration` as
@@ -251,10 +253,12 @@ def finish_station(
     scene_graph: SceneGraph,
     hand: Hand,
 ) -> Diagram:
-    """Adds noise and the ground-truth ports, builds the diagram, and filters collisions that exist at rest."""
+    """Adds noise, the sensors' statuses and the ground truth, builds, and filters collisions that exist at rest."""
     for port in ("contact_results", "body_poses"):
         builder.ExportOutput(plant.GetOutputPort(port), port)
     builder.ExportOutput(scene_graph.get_query_output_port(), "query")
+    sensors = {finger: builder.GetSubsystemByName(f"sensor_{finger}") for finger in hand.sensor_frames}
+    export_sense_statuses(builder, {finger: sensor.GetOutputPort("status") for finger, sensor in sensors.items()})
     add_noise(builder, scenario, hand)
     diagram = builder.Build()
     diagram.set_name(name)

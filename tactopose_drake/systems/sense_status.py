@@ -1,9 +1,9 @@
 """The joint status of all of a hand's sensors, in one line."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
 
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_input
@@ -34,3 +34,12 @@ class SenseStatus(CollectableSystem):
     def _joined(self, context: Context) -> str:
         statuses = {name: eval_input(port, context, str) for name, port in self._statuses.items()}
         return "; ".join(f"{name}: {status}" for name, status in statuses.items() if status != "ok") or "ok"
+
+
+def export_sense_statuses(builder: DiagramBuilder, statuses: Mapping[str, OutputPort]) -> None:
+    """Exports each sensor's status as `status_<sense>`, and all of them joined as `sense_status`."""
+    joined = builder.AddNamedSystem("sense_status", SenseStatus(tuple(statuses)))
+    for sense, port in statuses.items():
+        builder.Connect(port, joined.GetInputPort(sense))
+        builder.ExportOutput(port, f"status_{sense}")
+    builder.ExportOutput(joined.get_output_port(), "sense_status")

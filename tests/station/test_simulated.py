@@ -90,7 +90,7 @@ def test_ports_carry_what_they_say(result):
     diagram, context = result.station.diagram, result.context
     kinds = {
         "object_pose": RigidTransform, "prior": PosePrior, "contacts": Contacts, "status": str, "grasp_status": str,
-        "contact_status": str, "fingers_in_contact": tuple,
+        "contact_status": str, "sense_status": str, "fingers_in_contact": tuple,
     }  # fmt: skip
     for name, kind in kinds.items():
         assert isinstance(diagram.GetOutputPort(name).Eval(context), kind), name
@@ -153,6 +153,27 @@ def test_every_scenario_runs_a_moment(path):
     assert senses
     for name in ("joint_positions", *senses):
         assert np.all(np.isfinite(station.diagram.GetOutputPort(name).Eval(simulator.get_context()))), name
+
+
+def test_a_simulated_sensor_s_status_says_why_it_gives_no_wrench(scenario, plan, result, tmp_path):
+    """As on devices: the sensors have a range here that their own fingertips' weight exceeds along one axis."""
+    zeros = [0.0] * 6
+    limits = f"{{range: [1, 1, 1, 17, 17, 0.001], resolution: {zeros}, noise: {zeros}}}"
+    (tmp_path / "weak.yaml").write_text(f"calibrations: {{limits: {limits}}}\n")
+    sensor = dataclasses.replace(scenario.sensor, file=str(tmp_path / "weak.yaml"), calibration="limits")
+    station = make_station(dataclasses.replace(scenario, sensor=sensor), plan, model=result.station.model)
+    context = station.diagram.CreateDefaultContext()
+    station.start(context)
+
+    def value(name):
+        return station.diagram.GetOutputPort(name).Eval(context)
+
+    assert value("status_thumb") == "no sample yet"
+    simulator = Simulator(station.diagram, context)
+    simulator.AdvanceTo(0.05)
+    assert np.isnan(value("wrench_thumb")).all()
+    assert value("status_thumb") == "saturated: f_z"
+    assert value("sense_status") == "; ".join(f"{finger}: saturated: f_z" for finger in station.hand.sensor_frames)
 
 
 def test_an_object_too_large_for_the_hand_is_refused_by_its_name_wherever_its_files_are(scenario, result, tmp_path):
