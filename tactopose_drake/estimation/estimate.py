@@ -70,7 +70,8 @@ def estimate_pose(
             found by then, and may be wrong.
         outlier_probability: prior probability that a contact is not on this object, from 0 to 0.99. It also scales the
             probabilities of contacts on the object that are displaced, flipped, wrongly oriented, or useless; see
-            `SCEPTICAL`. 0 trusts every contact, and only allows that all noise may be larger than stated.
+            `SCEPTICAL`. 0 trusts every contact, and only allows that all noise may be larger than stated, less than
+            other values allow.
         planes: known planes of the world, in the palm frame, that the lowest point of the held object over each of them
             touches. A table on which it was set down tells how far it has slid in the hand. A pose that does not touch
             them does not explain the touch.

@@ -50,9 +50,11 @@ class RigidityTestParams:
     """When the fingertips' motion is not that of points on one rigid body, so that one of them slides."""
 
     time: float = 0.05  # time over which displacements are compared, s
-    false_alarm_probability: float = 1e-7  # probability at each frame that noise alone is taken for a slip
+    # Probability at each frame that noise alone, independent from frame to frame, is taken for a slip.
+    false_alarm_probability: float = 1e-7
     least_distance: float = 0.0002  # least root mean square of the unexplained displacements, m
     way_share: float = 0.05  # error of the hand's kinematics as a share of the fingertips' paths
     velocity_noise: float = 0.002  # initial standard deviation of the velocities of the touching points, m/s
-    least_velocity_noise: float = 0.0002  # lower bound on the estimate of this standard deviation, m/s
+    # Lower bound on the estimate of this standard deviation, m/s; larger where errors follow those of the frame before.
+    least_velocity_noise: float = 0.0002
     noise_gain: float = 0.1  # gain with which the estimate of the noise follows each frame
