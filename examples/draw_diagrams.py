@@ -102,8 +102,8 @@ def to_dot(
     names = {*systems} | {name for _, out, _, into in connected for name in (out, into)}
 
     def once(name: str) -> str:
-        stem = re.sub(rf"(?<=_)({'|'.join(endings)})$", "", name)
-        return stem + ending if all(stem + each in names for each in endings) else name
+        stem = re.sub(rf"(?<![^_])({'|'.join(endings)})$", "", name)
+        return stem + ending if stem != name and all(stem + each in names for each in endings) else name
 
     edges = {tuple(once(name) for name in edge) for edge in connected}
     lines = [STYLE]

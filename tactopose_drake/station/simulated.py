@@ -52,7 +52,7 @@ class Station:
 
     Attributes:
         diagram: The diagram, with output ports `hand_state`, `joint_positions`, `wrench_<finger>`, `status_<finger>`
-            of its force-torque sensor, all of these joined in `sense_status`, `pressures_<pad>`, `holding`,
+            of its force-torque sensor and all of these joined in `sense_status`, `pressures_<pad>`, `holding`,
             `grasp_status`, `prior`, `hidden_share`, all outputs of `AddPoseEstimation`, `contact_results`,
             `body_poses`, `query`, and for a planned grasp `actuation`. With tracking, it also has `object_pose`,
             `object_pose_in_world`, `covariance`, `hypotheses`, `status` and `belief` of `AddPoseTracking` as
@@ -258,7 +258,8 @@ def finish_station(
         builder.ExportOutput(plant.GetOutputPort(port), port)
     builder.ExportOutput(scene_graph.get_query_output_port(), "query")
     sensors = {finger: builder.GetSubsystemByName(f"sensor_{finger}") for finger in hand.sensor_frames}
-    export_sense_statuses(builder, {finger: sensor.GetOutputPort("status") for finger, sensor in sensors.items()})
+    if sensors:
+        export_sense_statuses(builder, {finger: sensor.GetOutputPort("status") for finger, sensor in sensors.items()})
     add_noise(builder, scenario, hand)
     diagram = builder.Build()
     diagram.set_name(name)
