@@ -1,6 +1,7 @@
 """The state and the parameters of the task of taking and placing a rod."""
 
 import dataclasses
+from collections.abc import Mapping
 
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -65,7 +66,7 @@ class TaskState(SharedState):
         aligned: how often the rod was aligned again above the hole.
         touches: touches of the table by the rod so far.
         above: positions of the arm over the table, shape (nq,), rad, to which the rod is lifted after a touch.
-        carried: upward force of the rod on the hand while nothing else touches it, N.
+        carried: upward force of the rod on each finger while nothing else touches it, N, by finger.
     """
 
     phase: str
@@ -78,7 +79,7 @@ class TaskState(SharedState):
     aligned: int = 0
     touches: tuple[TableTouch, ...] = ()
     above: FloatArray | None = None
-    carried: float = 0.0
+    carried: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     def to(self, phase: str, time: float, motion: PiecewisePolynomial | None = None) -> "TaskState":
         """The state at the start of the next phase, with the arm following a motion or staying where it is."""

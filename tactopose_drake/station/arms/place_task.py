@@ -20,7 +20,7 @@ from tactopose_drake.core.validation import FloatArray
 from tactopose_drake.estimation.results import PoseEstimate
 from tactopose_drake.station.arms.place_planning import PlacePlanner
 from tactopose_drake.station.arms.place_state import PlaceTaskParams, TaskState
-from tactopose_drake.station.arms.table_touch import TableTouch, force_on_hand, touched_planes
+from tactopose_drake.station.arms.table_touch import TableTouch, forces_on_hand, rise_of_force, touched_planes
 from tactopose_drake.systems.collectable_system import CollectableSystem
 from tactopose_drake.systems.ports import eval_fingers, eval_input, eval_optional_input
 
@@ -195,11 +195,11 @@ class PlaceTask(CollectableSystem):
 
     def _lower(self, context: Context, before: TaskState) -> TaskState:
         """Lowers the rod until the table is felt, then lifts it."""
-        time, force = context.get_time(), self._pressed(context)
+        time = context.get_time()
         lost = self._lost(context, before)
         if lost:
             return self._fail(context, before, f"the rod moved in the hand on the table: {lost}")
-        if force - before.carried >= self._params.touch_force:
+        if rise_of_force(before.carried, self._pressed(context)) >= self._params.touch_force:
             assert before.above is not None
             up = self._planner.lift(before.reference(time)[0], before.above)
             return dataclasses.replace(before.to("lift", time, up), touches=(*before.touches, self._table(context)))
@@ -208,10 +208,11 @@ class PlaceTask(CollectableSystem):
             return before
         return self._fail(context, before, "the rod does not reach the table")
 
-    def _pressed(self, context: Context) -> float:
-        """The upward force of the rod on the hand, N."""
+    def _pressed(self, context: Context) -> dict[str, float]:
+        """The upward force of the rod on each finger, N."""
         X_WP = eval_input(self._palm_pose, context, RigidTransform)
-        return force_on_hand(eval_input(self._contacts, context, Contacts), X_WP.rotation().matrix()[2])
+        contacts, fingers = eval_fingers(self._contacts, self._fingers, context)
+        return forces_on_hand(contacts, fingers, X_WP.rotation().matrix()[2])
 
     def _table(self, context: Context) -> TableTouch:
         """The touch of the table at this instant."""

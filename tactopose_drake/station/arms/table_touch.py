@@ -60,12 +60,20 @@ def touched_planes(touches: Sequence[TableTouch], X_PS: Poses, sigma_moved: floa
     return tuple(touch.as_of(X_PS, sigma_moved * count) for touch, count in zip(touches, later, strict=True))
 
 
-def force_on_hand(contacts: Contacts, n_P: np.ndarray) -> float:
-    """Force of the held object on the hand along a direction (3,), N.
+def forces_on_hand(contacts: Contacts, fingers: Sequence[str], n_P: np.ndarray) -> dict[str, float]:
+    """Force of the held object on each finger along a direction (3,), N, by finger; empty without forces.
 
-    Along the table's normal, it is the table's force minus the object's weight.
+    Along the table's normal, they sum to the table's force minus the object's weight.
     """
-    return 0.0 if contacts.f_PC is None else float(np.sum(contacts.f_PC @ n_P))
+    return {} if contacts.f_PC is None else dict(zip(fingers, map(float, contacts.f_PC @ n_P), strict=True))
+
+
+def rise_of_force(before: Mapping[str, float], now: Mapping[str, float]) -> float:
+    """By how much the forces on the fingers that are felt both times have risen in all, N.
+
+    What a finger carried whose sensor has failed since is no force of a table.
+    """
+    return sum(force - before[finger] for finger, force in now.items() if finger in before)
 
 
 def _twist(X: RigidTransform) -> np.ndarray:

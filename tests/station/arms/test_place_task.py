@@ -359,6 +359,18 @@ def test_it_says_why_it_does_not_touch_the_table(planner: Planner, waits: float,
     assert bench.run(waits) == f"failed: {reason}"
 
 
+def test_a_finger_whose_sensor_fails_is_no_touch_of_the_table() -> None:
+    bench = Bench(Planner())
+    three, fingers = touch(3, pressed=-0.75), (*FINGERS, "third")
+    bench.hold(hypotheses=estimate(sigma_end=0.03, up=0.5), contacts=three, fingers_in_contact=fingers)
+    while bench.run(0.02) != "lower":
+        pass
+    bench.set_object(contacts=three[:2], fingers_in_contact=FINGERS)
+    assert bench.run(0.1) == "lower"
+    bench.set_object(contacts=touch(3, pressed=-0.5), fingers_in_contact=fingers)
+    assert bench.run(0.04) == "lift"
+
+
 def test_without_its_slide_the_rod_is_not_taken_to_the_hole() -> None:
     bench = Bench(Planner())
     bench.hold(hypotheses=estimate(sigma_end=0.03))

@@ -1,11 +1,12 @@
 """A touch of the table by what a hand holds."""
 
 import numpy as np
+import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from tactopose_drake.core.evidence.contacts import Contacts
 from tactopose_drake.core.evidence.plane_contact import PlaneContact
-from tactopose_drake.station.arms.table_touch import TableTouch, force_on_hand, touched_planes
+from tactopose_drake.station.arms.table_touch import TableTouch, forces_on_hand, rise_of_force, touched_planes
 
 FINGERS = ("first", "middle", "thumb")
 P_PC = np.array([[0.03, 0.0, 0.1], [-0.03, 0.01, 0.1], [0.0, -0.02, 0.12]])
@@ -37,7 +38,13 @@ def test_the_earlier_a_touch_the_less_it_tells() -> None:
     assert touched_planes([], X_PS, 0.0004) == ()
 
 
-def test_what_presses_is_the_sum_of_the_forces_along_the_normal() -> None:
+def test_what_presses_is_the_rise_of_the_forces_along_the_normal() -> None:
     f_PC = np.array([[1.0, 0.0, -0.2], [-1.0, 0.0, 0.1], [0.0, 0.0, 0.3]])
-    assert np.isclose(force_on_hand(Contacts(P_PC, f_PC=f_PC), np.array([0.0, 0.0, 1.0])), 0.2)
-    assert force_on_hand(Contacts.empty(), np.array([0.0, 0.0, 1.0])) == 0.0
+    forces = forces_on_hand(Contacts(P_PC, f_PC=f_PC), FINGERS, np.array([0.0, 0.0, 1.0]))
+    assert forces == pytest.approx({"first": -0.2, "middle": 0.1, "thumb": 0.3})
+    assert forces_on_hand(Contacts(P_PC), FINGERS, np.array([0.0, 0.0, 1.0])) == {}
+    later = {"first": 0.1, "middle": 0.2, "thumb": 0.3}
+    assert rise_of_force(forces, later) == pytest.approx(0.4)
+    # Of a finger that is felt at one time only nothing is known.
+    assert rise_of_force(forces, {"middle": 0.2, "ring": 3.0}) == pytest.approx(0.1)
+    assert rise_of_force(forces, {}) == rise_of_force({}, forces) == 0.0
