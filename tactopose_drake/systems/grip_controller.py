@@ -74,10 +74,10 @@ class GripController(CollectableSystem):
         - status
 
     - hand_state: measured positions and velocities of the hand's joints, shape (nq + nv,), rad and rad/s, or m and m/s
-      for prismatic joints.
+      for prismatic joints; NaN where unknown, which a closing motor waits for.
     - desired_state: positions, then velocities, of the hand's actuators, shape (2 na,), in the same units; for the
       plant's port of that name. Changes once a period. The first initialisation sets all but the fixed joints to their
-      measured positions, 0 before; a later one changes nothing.
+      measured positions, 0 before and while they are unknown; a later one changes nothing.
     - holding: shape (1,), 1 once every closing motor has stalled, 0 before.
     - status: str, "closing: " and the joints whose motors have not stalled, or "holding".
     """
@@ -112,7 +112,7 @@ class GripController(CollectableSystem):
 
         nx = plant.num_multibody_states(hand.model_instance)
         self._state_port = self.DeclareVectorInputPort("hand_state", nx)
-        # Commanded positions (of closing joints NaN until the initialisation), then which motors have stalled; a motor
+        # Commanded positions (of closing joints NaN until they are measured), then which motors have stalled; a motor
         # that does not close counts as stalled.
         state = self.DeclareDiscreteState(np.concatenate([start, stays]))
         self.DeclareInitializationDiscreteUpdateEvent(self._start)

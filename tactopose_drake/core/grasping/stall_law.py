@@ -17,8 +17,8 @@ def close_until_stalled(
     """One step of the commanded positions.
 
     Args:
-        commanded: positions, shape (k,), rad, or m for sliding joints.
-        measured: positions, shape (k,), rad or m.
+        commanded: positions, shape (k,), rad, or m for sliding joints; NaN to begin at the measured ones.
+        measured: positions, shape (k,), rad or m; NaN where unknown, which such a motor waits for.
         stalled: which motors have stalled before, shape (k,); they hold their command from then on.
         step: increment of a command, a number or shape (k,), rad or m; negative if closing decreases the position.
         reach: how far a command is ahead of its joint when the motor stalls: stall torque over stiffness, a number or
@@ -27,5 +27,6 @@ def close_until_stalled(
     Returns:
         The new commands, and which motors have stalled by now.
     """
+    commanded = np.where(np.isnan(commanded), measured, commanded)
     stalled = stalled | (np.sign(step) * (commanded - measured) >= reach)
-    return np.where(stalled, commanded, commanded + step), stalled
+    return np.where(stalled | np.isnan(measured), commanded, commanded + step), stalled
