@@ -106,7 +106,8 @@ def _of_hand(path: Path, data: dict[str, Any], config: HandConfig | None) -> Han
 def _named_hand(path: Path, name: Any) -> HandConfig:
     if not isinstance(name, str):
         raise InvalidFileError(f"{path}: hand must be a name or a path, not {shown(name)}.")
-    return load_hand_config(path.parent / name if Path(name).suffix else name)
+    with told_of(f"{path}: hand: ", InvalidFileError):
+        return load_hand_config(path.parent / name if Path(name).suffix else name)
 
 
 def _positions(path: Path, joints: Any) -> dict[str, float]:

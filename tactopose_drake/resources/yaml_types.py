@@ -58,7 +58,8 @@ def _load(schema: Any, text: str) -> Any:
     if root is None:
         raise InvalidFileError("the file must not be empty.")
     check_type(schema, root)
-    return yaml_load_typed(schema=schema, data=text)
+    # Drake parses by other rules, tabs for instance, and must read what was checked.
+    return yaml_load_typed(schema=schema, data=yaml.serialize(root))
 
 
 def check_type(kind: Any, node: yaml.Node, place: str = "") -> None:

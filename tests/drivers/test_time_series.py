@@ -74,6 +74,18 @@ def test_what_only_python_takes_for_a_number_is_refused(tmp_path: Path, cell: st
         load_time_series(tmp_path / "load.csv", 1)
 
 
+def test_cells_may_be_in_quotes(tmp_path: Path) -> None:
+    (tmp_path / "load.csv").write_text('"time, s", "f_x"\n"0.0","1.5"\n0.5, "2"\n')
+    series = load_time_series(tmp_path / "load.csv", 1)
+    assert [series(time) for time in (0.1, 0.6)] == [1.5, 2.0]
+    (tmp_path / "load.csv").write_text('time, f_x\n0.0, "1.5, 2.0"\n')
+    with pytest.raises(InvalidFileError, match=r"load\.csv: row 2: f_x must be a finite number, not '1.5, 2.0'"):
+        load_time_series(tmp_path / "load.csv", 1)
+    (tmp_path / "load.csv").write_text(f"time, f_x\n0.0, {'1' * 200_000}\n")
+    with pytest.raises(InvalidFileError, match=r"load\.csv cannot be read \(field larger"):
+        load_time_series(tmp_path / "load.csv", 1)
+
+
 def test_missing_files_are_one_clear_error(tmp_path: Path) -> None:
     with pytest.raises(InvalidFileError, match="nowhere"):
         load_time_series(tmp_path / "nowhere.csv", 6)

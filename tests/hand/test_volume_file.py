@@ -102,7 +102,7 @@ def test_a_hand_s_own_file_is_told_from_one_that_names_it(tmp_path: Path) -> Non
         ("{hand: shadow_like}", "the content must have the key 'joints', but lacks it"),
         (
             "{hand: no_such_hand, joints: {}}",
-            "no_such_hand must be .* one of the package's hands, .*, but there is no such file",
+            r"^[^:]*volume\.yaml: hand: no_such_hand must be .* one of the package's hands, .*, but there is no such",
         ),
         ("{hand: 5, joints: {}}", "hand must be a name or a path, not 5"),
         ("{hand: shadow_like, joints: 5}", "joints must be a mapping of names to positions, not 5"),

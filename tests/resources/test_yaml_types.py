@@ -28,6 +28,15 @@ def test_what_was_read_before_is_neither_shared_nor_stale(tmp_path: Path) -> Non
             load_typed_yaml(Box, path)
 
 
+def test_what_the_check_takes_is_read(tmp_path: Path) -> None:
+    """Libyaml takes a tab for white space, which the parser that Drake uses does not."""
+    path = tmp_path / "box.yaml"
+    path.write_text("sides:\t[1.0,\t2.0]\t# in metres\n")
+    assert load_typed_yaml(Box, path).sides == [1.0, 2.0]
+    path.write_text("_side: &side 0.25\nsides: [*side, *side, 1e-1]\n")
+    assert load_typed_yaml(Box, path).sides == [0.25, 0.25, 0.1]
+
+
 def test_a_text_is_read_by_drakes_loader_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[object] = []
     read = yaml_types.yaml_load_typed

@@ -1,5 +1,6 @@
 """Reading CSV files of time series; errors name the row and the allowed values."""
 
+import csv
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -13,7 +14,7 @@ from tactopose_drake.errors import InvalidFileError
 def read_csv_table(path: Path, columns: int | None = None) -> tuple[list[str], FloatArray]:
     """Reads a file of a header and rows of finite numbers, the first of which, the time, increases.
 
-    The text is UTF-8, with or without a byte order mark. Empty lines are ignored.
+    The text is UTF-8, with or without a byte order mark; cells may be in quotes. Empty lines are ignored.
 
     Args:
         path: the file.
@@ -28,9 +29,9 @@ def read_csv_table(path: Path, columns: int | None = None) -> tuple[list[str], F
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
+        lines = [(number, _cells(line)) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    except (OSError, ValueError, csv.Error) as error:
         raise InvalidFileError(f"{path} cannot be read ({' '.join(str(error).split())}).") from None
-    lines = [(number, line.split(",")) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not lines:
         raise InvalidFileError(f"{path} must have a header and rows of numbers, but is empty.")
     (number, header), *rows = lines
@@ -64,6 +65,11 @@ def _numbers(path: Path, names: Sequence[str], rows: Sequence[tuple[int, list[st
             )
         last = values[0]
         yield values
+
+
+def _cells(line: str) -> list[str]:
+    """The cells of a row; one in quotes may hold commas."""
+    return next(csv.reader([line], skipinitialspace=True))
 
 
 def _number(text: str) -> float | None:
