@@ -22,18 +22,18 @@ _REFRESH = 5.0  # updates of the table per second
 class Monitor:
     """Shows a run: a live table on a terminal, or otherwise one line per second.
 
-    It is a context manager; pass `show` as the observer to `run_scenario` and `replay`.
+    It is a context manager, for one run after another; pass `show` as the observer to `run_scenario` and `replay`.
     """
 
     def __init__(self, console: Console) -> None:
         """Keeps the console."""
         self._console = console
         self._live = Live(console=console, auto_refresh=False) if console.is_terminal else None
+
+    def __enter__(self) -> Self:
         self._rates = _Rates()
         self._next = self._time = 0.0
         self._said = ""
-
-    def __enter__(self) -> Self:
         if self._live is not None:
             self._live.start()
         return self

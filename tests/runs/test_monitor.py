@@ -47,6 +47,18 @@ def test_a_line_a_second_without_a_terminal(cube: ObjectModel) -> None:
     assert re.search(r"object at -?\d+\.\d -?\d+\.\d -?\d+\.\d mm; \d+ hypothes[ie]s", lines[-1])
 
 
+def test_one_run_after_another(cube: ObjectModel) -> None:
+    """Rates are not counted from the samples of the run before, whose clock may be any other."""
+    console = Console(file=io.StringIO(), width=80)
+    monitor = Monitor(console)
+    for duration in (2.5, 1.5):
+        with fingers_running(cube) as running, monitor:
+            for _ in range(round(duration / 0.1)):
+                running.run(0.1)
+                monitor.show(view_of(running))
+    assert "thumb 4.89 N 200 Hz" in console.file.getvalue().splitlines()[-1]
+
+
 def test_a_table_on_a_terminal(cube: ObjectModel) -> None:
     console = Console(file=io.StringIO(), force_terminal=True, width=120)
     with fingers_running(cube) as running:
